@@ -31,7 +31,7 @@ explore: setup ## run the property tests on examples drawn at random; add what f
 
 # Rooms with a library at home that has a lower bound in pyproject.toml.
 LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting tests/diff tests/policy tests/gym tests/fit \
-  tests/study tests/evaluation tests/sim tests/task tests/model/sources tests/cli
+  tests/study tests/evaluation tests/physics tests/task tests/model/sources tests/cli
 
 test-lowest: setup ## run the tests of what libraries do, with the lowest version of each that mjrun accepts: .venv-lowest
 	.venv/bin/python scripts/lowest_versions.py > .venv/lowest.txt

@@ -33,9 +33,9 @@ from scipy import optimize, special
 from mjrun.errors import MjrunError
 from mjrun.fit.fit import Fit
 from mjrun.fit.free_parameter import FreeParameter, free_parameters, overrides
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.override import apply
+from mjrun.simulation.simulation import Simulation
 
 STARTS = 3
 STATE_SCALE = 10.0

@@ -17,12 +17,12 @@ import mujoco
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
-from mjrun.job.simulation import Simulation
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
+from mjrun.simulation.simulation import Simulation
 
 ROOT = Path(__file__).resolve().parents[1]
 MODELS = [ROOT / "scenes/dominos.xml", ROOT / "../shared/models/humanoid/22_humanoids.xml"]

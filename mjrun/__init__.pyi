@@ -22,29 +22,25 @@ from mjrun.formats.table import Table as Table
 from mjrun.formats.table_reader import read_table as read_table
 from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video
-from mjrun.job.diff import Diff as _Diff
-from mjrun.job.image import Image as _Image
-from mjrun.job.image import ImageResult as ImageResult
-from mjrun.job.input_snapshot import InputSnapshot
-from mjrun.job.keyframe import Keyframe as _Keyframe
-from mjrun.job.keyframe import KeyframeResult as KeyframeResult
-from mjrun.job.perform import perform as perform
-from mjrun.job.plot import Plot as _Plot
-from mjrun.job.plot import PlotResult as PlotResult
-from mjrun.job.recording import Recording as _Recording
-from mjrun.job.recording import RecordingResult as RecordingResult
-from mjrun.job.simulation import Simulation as _Simulation
-from mjrun.job.trace import Trace as _Trace
-from mjrun.job.trace import TraceResult as TraceResult
-from mjrun.job.verification import VerificationResult as VerificationResult
-from mjrun.job.verification import verify as verify
-from mjrun.job.video import Video as _Video
-from mjrun.job.video import VideoResult as VideoResult
 from mjrun.model.info import Info as Info
 from mjrun.model.info import InfoResult as InfoResult
 from mjrun.model.load import load as load
 from mjrun.model.source import Source
 from mjrun.options.push import Push
+from mjrun.outputs.diff import Diff as _Diff
+from mjrun.outputs.image import Image as _Image
+from mjrun.outputs.image import ImageResult as ImageResult
+from mjrun.outputs.keyframe import Keyframe as _Keyframe
+from mjrun.outputs.keyframe import KeyframeResult as KeyframeResult
+from mjrun.outputs.perform import perform as perform
+from mjrun.outputs.plot import Plot as _Plot
+from mjrun.outputs.plot import PlotResult as PlotResult
+from mjrun.outputs.recording import Recording as _Recording
+from mjrun.outputs.recording import RecordingResult as RecordingResult
+from mjrun.outputs.trace import Trace as _Trace
+from mjrun.outputs.trace import TraceResult as TraceResult
+from mjrun.outputs.video import Video as _Video
+from mjrun.outputs.video import VideoResult as VideoResult
 from mjrun.plotting.table_plot import TablePlot as _TablePlot
 from mjrun.plotting.table_plot import TablePlotResult as TablePlotResult
 from mjrun.policy.load import load_policy as load_policy
@@ -53,6 +49,10 @@ from mjrun.policy.policy import Policy as Policy
 from mjrun.rendering.render import render as render
 from mjrun.rendering.segmentation import Segmentation as Segmentation
 from mjrun.rendering.visual import Visual as Visual
+from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.simulation import Simulation as _Simulation
+from mjrun.simulation.verification import VerificationResult as VerificationResult
+from mjrun.simulation.verification import verify as verify
 from mjrun.study.study import Study as _Study
 from mjrun.study.study import StudyResult as StudyResult
 from mjrun.task.task import Task as Task

@@ -33,12 +33,12 @@ from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
 from mjrun.options import evaluation, fit, sweep, task
 from mjrun.packages import installed_wrong, require
+from mjrun.physics import warp_device
 from mjrun.platform.cores import available_cores
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
 from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
 from mjrun.rendering.install_advice import VULKAN, install_advice
-from mjrun.sim import warp_device
 from mjrun.version import __version__
 
 OK, WARNING, MISSING = "ok", "warning", "missing"

@@ -33,7 +33,7 @@ from typing import Literal
 from mujoco import MjModel
 
 from mjrun.camera.script import CameraScript, Event
-from mjrun.job.input_snapshot import InputSnapshot
+from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.model.source import Source
 from mjrun.options.push import Push
 '''

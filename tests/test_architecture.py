@@ -20,10 +20,11 @@ HOUSE = (
     ("document",),
     ("doctor", "check", "bench", "fit", "evaluation", "viewer"),
     ("study",),
-    ("job",),
+    ("outputs",),
+    ("simulation",),
     ("rendering", "plotting", "diff", "policy"),
     ("task",),
-    ("sim", "probe", "camera", "formats"),
+    ("physics", "probe", "camera", "formats"),
     ("model",),
     ("options", "child_process"),
     ("python_code",),
@@ -57,7 +58,7 @@ LIBRARIES = {
     "scipy": (
         "formats.tables.mat",
         "evaluation.statistics",
-        "sim.distribution",
+        "physics.distribution",
         "study.design",
         "plotting.study.correlations",
         "fit",
@@ -68,15 +69,15 @@ LIBRARIES = {
     "torch": ("policy",),
     "gymnasium": ("gym", "model.sources.gym", "task.gymnasium"),
     "OpenGL": ("rendering",),
-    "warp": ("sim.warp_device",),
-    "mujoco_warp": ("sim.warp_device",),
+    "warp": ("physics.warp_device",),
+    "mujoco_warp": ("physics.warp_device",),
     "mujoco": (
-        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer", "job"),
-        *("rendering", "plotting", "diff", "policy", "task", "sim", "probe", "camera", "formats", "model"),
+        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer", "outputs", "simulation"),
+        *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats", "model"),
     ),
     "numpy": (
-        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer", "job"),
-        *("rendering", "plotting", "diff", "policy", "task", "sim", "probe", "camera", "formats", "model"),
+        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer", "outputs", "simulation"),
+        *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats", "model"),
     ),
 }
 
@@ -155,27 +156,27 @@ def plant(folder: Path, module: str, source: str) -> Path:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("sim/observe.py", "from mjrun.camera.motion import CameraMotion"),
-        ("sim/observe.py", "import mjrun.formats.video_writer"),
-        ("sim/observe.py", "from mjrun import rendering"),
-        ("sim/observe.py", "from ..rendering import camera"),
-        ("sim/__init__.py", "from ..rendering import camera"),
-        ("sim/observe.py", "from .. import job"),
-        ("model/load.py", "from mjrun.sim.initial_state import InitialState"),
+        ("physics/observe.py", "from mjrun.camera.motion import CameraMotion"),
+        ("physics/observe.py", "import mjrun.formats.video_writer"),
+        ("physics/observe.py", "from mjrun import rendering"),
+        ("physics/observe.py", "from ..rendering import camera"),
+        ("physics/__init__.py", "from ..rendering import camera"),
+        ("physics/observe.py", "from .. import outputs"),
+        ("model/load.py", "from mjrun.physics.initial_state import InitialState"),
         ("model/load.py", "from mjrun import Video"),
         ("model/load.py", "import mjrun"),
-        ("job/video.py", "def f():\n    from mjrun.cli import main"),
-        ("job/video.py", "if TYPE_CHECKING:\n    from mjrun.document import run"),
-        ("job/video.py", "import_module('mjrun.cli.video')"),
-        ("job/video.py", "class A:\n    async def f(self):\n        import mjrun.cli.main"),
+        ("outputs/video.py", "def f():\n    from mjrun.cli import main"),
+        ("outputs/video.py", "if TYPE_CHECKING:\n    from mjrun.document import run"),
+        ("outputs/video.py", "import_module('mjrun.cli.video')"),
+        ("outputs/video.py", "class A:\n    async def f(self):\n        import mjrun.cli.main"),
         ("errors.py", "from mjrun.timeline import rational"),
         ("errors.py", "import numpy"),
         ("timeline.py", "import mujoco"),
         ("timeline.py", "from mjrun.errors import clean"),
-        ("job/video.py", "import click"),
-        ("job/video.py", "from rich.console import Console"),
+        ("outputs/video.py", "import click"),
+        ("outputs/video.py", "from rich.console import Console"),
         ("cli/video.py", "import yaml"),
-        ("job/run.py", "from pydantic import BaseModel"),
+        ("outputs/run.py", "from pydantic import BaseModel"),
         ("formats/codecs.py", "import imageio_ffmpeg"),
         ("formats/video_writer.py", "from OpenGL import GL"),
         ("cli/video.py", "import requests"),
@@ -192,15 +193,15 @@ def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str)
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("sim/observe.py", "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable"),
-        ("sim/observe.py", "from mjrun.sim.stepper import Stepper\nfrom . import state_buffer"),
-        ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.job.video import Video\nimport click"),
-        ("job/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
+        ("physics/observe.py", "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable"),
+        ("physics/observe.py", "from mjrun.physics.stepper import Stepper\nfrom . import state_buffer"),
+        ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.outputs.video import Video\nimport click"),
+        ("outputs/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
         ("formats/ffmpeg.py", "import imageio_ffmpeg"),
         ("rendering/try_backend.py", "def f():\n    from OpenGL import GL"),
-        ("document/run.py", "import yaml\nfrom mjrun.job.video import Video"),
+        ("document/run.py", "import yaml\nfrom mjrun.outputs.video import Video"),
         ("__main__.py", "from mjrun.cli.main import run"),
-        ("__init__.py", "from mjrun.job.video import Video"),
+        ("__init__.py", "from mjrun.outputs.video import Video"),
     ],
 )
 def test_a_planted_good_import_is_allowed(tmp_path: Path, module: str, source: str) -> None:
@@ -283,10 +284,10 @@ def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:
 def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
     arguments = ["mjrun", "trace", "scene:pendulum", "--steps", "1", "-o", str(tmp_path / "t.csv")]
     loaded = loaded_by(f"sys.argv = {arguments!r}; import runpy; runpy.run_module('mjrun', run_name='__main__')")
-    assert {"mujoco", "mjrun.job.trace"} <= loaded
+    assert {"mujoco", "mjrun.outputs.trace"} <= loaded
     rooms = {module.split(".")[1] for module in loaded if module.startswith("mjrun.")}
     assert rooms.isdisjoint({"rendering", "camera", "document", "plotting", "diff", "check", "bench"})
-    unused = ("probe.parser", "probe.event", "job.column_map", "sim.motion", "formats.codecs")
+    unused = ("probe.parser", "probe.event", "simulation.column_map", "physics.motion", "formats.codecs")
     assert loaded.isdisjoint(f"mjrun.{module}" for module in unused)
 
 

@@ -14,8 +14,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from mjrun.document.study import read_study
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 from tests.conftest import Command
 from tests.processes import without_progress
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 
 Vector = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ import pytest
 from numpy.typing import NDArray
 
 from mjrun.errors import UnstableError
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 
 Vector = NDArray[np.float64]
 

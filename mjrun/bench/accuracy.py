@@ -7,7 +7,7 @@ from fractions import Fraction
 import mujoco
 import numpy as np
 
-from mjrun.sim.stepper import PhysicsStepper
+from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import nearest, rational
 
 

@@ -32,9 +32,6 @@ from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
 from mjrun.formats.destinations import StagedFile
-from mjrun.job.manifest import origin
-from mjrun.job.shared_rendering import RendererRequest, SharedRendering
-from mjrun.job.simulation import Simulation
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import names
 from mjrun.model.override import overrides_of
@@ -44,10 +41,13 @@ from mjrun.options.bench import BenchOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import is_given, options
 from mjrun.options.view import ViewOptions
+from mjrun.outputs.shared_rendering import RendererRequest, SharedRendering
+from mjrun.physics.parameter_grid import points, scan_values, settings
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.reporter import Reporter, WarningReporter, pass_on
-from mjrun.sim.parameter_grid import points, scan_values, settings
+from mjrun.simulation.manifest import origin
+from mjrun.simulation.simulation import Simulation
 
 TEST = "test"  # the keyframe that testspeed starts from
 HORIZON = Fraction(1)  # [s] simulated

@@ -17,8 +17,8 @@ from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
 from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members
+from mjrun.physics.initial_state import InitialState
 from mjrun.reporter import Reporter
-from mjrun.sim.initial_state import InitialState
 from mjrun.timeline import nearest, rational
 
 FINER = 8  # the default finer run takes so many times the steps of the finest point of the grid

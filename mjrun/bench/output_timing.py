@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 from mjrun.bench.rollout_timing import Clock
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
-from mjrun.job.video import Video
 from mjrun.options.view import ViewOptions
+from mjrun.outputs.trace import Trace
+from mjrun.outputs.video import Video
 from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
 
 
 class SilentReporter(WarningReporter):

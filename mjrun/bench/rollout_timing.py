@@ -14,9 +14,9 @@ from mujoco.batch import Batch
 
 from mjrun.bench.step_phases import Phase, phases
 from mjrun.model import state
-from mjrun.sim.control import ControlSignal
-from mjrun.sim.control_table import ControlArray
-from mjrun.sim.stepper import BAD, PhysicsStepper
+from mjrun.physics.control import ControlSignal
+from mjrun.physics.control_table import ControlArray
+from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.timeline import rational
 
 Clock = Callable[[], float]  # wall time [s], from anywhere on

@@ -8,8 +8,8 @@ import numpy as np
 from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.step_timing import StepTimer, ThreadScaling
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
-from mjrun.sim.warp_device import WarpDevice
-from mjrun.sim.warp_worlds import WarpWorlds
+from mjrun.physics.warp_device import WarpDevice
+from mjrun.physics.warp_worlds import WarpWorlds
 
 C, WARP = ENGINES = ("c", "warp")
 ON_GPU, ON_CPU = 4096, 8  # worlds, if nobody says how many

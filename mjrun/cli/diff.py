@@ -53,7 +53,7 @@ def diff(console: Console, command_line: CommandLine) -> None:
     check_report_options(command_line)
     console.guard_stdout()
     import_mujoco()
-    from mjrun.job.diff import Diff
+    from mjrun.outputs.diff import Diff
 
     result = command_line.make(Diff, a=command_line.argument("a"), b=command_line.argument("b")).run(console)
     show(console, command_line, result)

@@ -36,7 +36,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     check_report_options(command_line)
     console.guard_stdout()
     import_mujoco()
-    from mjrun.job.trace import Trace, TraceResult
+    from mjrun.outputs.trace import Trace, TraceResult
 
     job = command_line.make(Trace, simulation=simulation(command_line), written=False, command=console.command)
     try:

@@ -40,7 +40,7 @@ def image(console: Console, command_line: CommandLine) -> None:
     payload_on_stdout(command_line)
     console.guard_stdout()
     import_mujoco()
-    from mjrun.job.image import Image
+    from mjrun.outputs.image import Image
 
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.png"))
     job = command_line.make(Image, simulation=simulation(command_line), command=console.command)

@@ -19,8 +19,8 @@ def show_columns(
 
     Those of a task do not depend on the policy.
     """
-    from mjrun.job.simulation import Simulation
-    from mjrun.job.trace import columns
+    from mjrun.outputs.trace import columns
+    from mjrun.simulation.simulation import Simulation
     from mjrun.task.task import Task
 
     listed = columns(Simulation(source, policy=ZERO if isinstance(source, Task) else policy), probes)

@@ -7,13 +7,13 @@ from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
-    from mjrun.job.image import ImageResult
-    from mjrun.job.keyframe import KeyframeResult
-    from mjrun.job.plot import PlotResult
-    from mjrun.job.recording import RecordingResult
-    from mjrun.job.task import OutputResult
-    from mjrun.job.trace import TraceResult
-    from mjrun.job.video import VideoResult
+    from mjrun.outputs.image import ImageResult
+    from mjrun.outputs.keyframe import KeyframeResult
+    from mjrun.outputs.plot import PlotResult
+    from mjrun.outputs.recording import RecordingResult
+    from mjrun.outputs.task import OutputResult
+    from mjrun.outputs.trace import TraceResult
+    from mjrun.outputs.video import VideoResult
     from mjrun.plotting.table_plot import TablePlotResult
     from mjrun.probe.verdict import Verdict
 

@@ -18,8 +18,8 @@ from mjrun.options.console import ConsoleOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
-    from mjrun.job.perform import PassPreview
-    from mjrun.job.task import OutputResult
+    from mjrun.outputs.perform import PassPreview
+    from mjrun.outputs.task import OutputResult
 
 ARGUMENTS = (
     click.Argument(["document"], type=click.Path()),
@@ -40,8 +40,8 @@ def run(console: Console, command_line: CommandLine) -> None:
     console.guard_stdout()
     import_mujoco()
     from mjrun.document.run import read_run
-    from mjrun.job.perform import perform, preview
-    from mjrun.job.run_page import run_page
+    from mjrun.outputs.perform import perform, preview
+    from mjrun.outputs.run_page import run_page
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     as_json = command_line.make(ConsoleOptions).json

@@ -26,9 +26,9 @@ from mjrun.options.trace import TraceOptions
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.job.simulation import Simulation
-    from mjrun.job.task import Job, OutputResult
     from mjrun.model.source import Source
+    from mjrun.outputs.task import Job, OutputResult
+    from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")
 
@@ -73,8 +73,8 @@ def stem(command_line: CommandLine) -> str:
 
 def simulation(command_line: CommandLine) -> "Simulation":
     """The simulation that a command line describes."""
-    from mjrun.job.simulation import Simulation
     from mjrun.model.sources import names_task
+    from mjrun.simulation.simulation import Simulation
 
     text = command_line.argument("model")
     model = _source(command_line) if names_task(text) else text
@@ -113,17 +113,17 @@ def make(
     Args:
       time, step: of the keyframe; the last instant when both are None.
     """
-    from mjrun.job.perform import perform
+    from mjrun.outputs.perform import perform
 
     options = command_line.make(CommandOptions)
     jobs: list[Job[OutputResult]] = [job]
     if options.recording is not None:
-        from mjrun.job.recording import Recording
+        from mjrun.outputs.recording import Recording
 
         partial = command_line.make(TraceOptions, simulation=None).keep_partial
         jobs.append(Recording(job.simulation, options.recording, keep_partial=partial, command=console.command))
     if options.save_key is not None:
-        from mjrun.job.keyframe import Keyframe
+        from mjrun.outputs.keyframe import Keyframe
 
         path, name = _saved_key(options.save_key)
         jobs.append(Keyframe(job.simulation, path, name=name, time=time, step=step, command=console.command))

@@ -114,7 +114,7 @@ def _start_early(command_line: CommandLine) -> None:
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
     """The study of a command line, or of the file that it names; and what locates its errors there."""
-    from mjrun.sim.parameter_grid import scan_values
+    from mjrun.physics.parameter_grid import scan_values
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")

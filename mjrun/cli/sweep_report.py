@@ -12,7 +12,7 @@ from mjrun.options.option import is_given, options_of
 from mjrun.options.simulation import SimulationOptions
 
 if TYPE_CHECKING:
-    from mjrun.job.simulation import Simulation
+    from mjrun.simulation.simulation import Simulation
     from mjrun.study.preview import StudyPreview
     from mjrun.study.study import StudyResult
 

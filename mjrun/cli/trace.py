@@ -43,7 +43,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
         _verify(console, command_line)
         return
     piped = payload_on_stdout(command_line, "-")
-    from mjrun.job.trace import Trace
+    from mjrun.outputs.trace import Trace
 
     if options.csv:
         command_line = _as_csv(command_line)
@@ -56,7 +56,7 @@ def trace(console: Console, command_line: CommandLine) -> None:
 
 
 def _list(console: Console, command_line: CommandLine) -> None:
-    from mjrun.job.trace import Trace
+    from mjrun.outputs.trace import Trace
 
     _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
     probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
@@ -67,7 +67,7 @@ def _list(console: Console, command_line: CommandLine) -> None:
 def _verify(console: Console, command_line: CommandLine) -> None:
     _require_no_output(command_line, f"{option('verify')} compares states and measures nothing")
     from mjrun.cli.verification_report import lines
-    from mjrun.job.verification import verify
+    from mjrun.simulation.verification import verify
 
     result = verify(simulation(command_line), console)
     if command_line.make(ConsoleOptions).json:

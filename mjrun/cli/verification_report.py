@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
-    from mjrun.job.verification import FieldDifference, VerificationResult
+    from mjrun.simulation.verification import FieldDifference, VerificationResult
 
 
 def lines(result: "VerificationResult") -> Iterator[str]:

@@ -29,7 +29,7 @@ def video(console: Console, command_line: CommandLine) -> None:
     payload_on_stdout(command_line)
     console.guard_stdout()
     import_mujoco()
-    from mjrun.job.video import Video
+    from mjrun.outputs.video import Video
 
     command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.mp4"))
     job = command_line.make(Video, simulation=simulation(command_line), command=console.command)

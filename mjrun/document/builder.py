@@ -11,10 +11,10 @@ from mjrun.document.reader import document_error
 from mjrun.document.tree import Fault, ListNode, MappingNode, find, key_mark, path_text, plain, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import DocumentError, Problem, UsageError
-from mjrun.job.simulation import Simulation
 from mjrun.options.kinds import Several
 from mjrun.options.option import Options, document_options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.simulation.simulation import Simulation
 
 # Places below which names stand that may hold dots.
 NAMED = (

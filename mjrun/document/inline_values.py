@@ -21,10 +21,10 @@ from mjrun.document.document_model import (
 from mjrun.document.field_types import Exact, Instant
 from mjrun.document.yaml_writer import number
 from mjrun.errors import UsageError, quoted
-from mjrun.job.scene_decorations import MOTIONS, NO_MAP
 from mjrun.options.kinds import ExpectedError
 from mjrun.options.push import Push, PushKind
 from mjrun.options.variations import DISTRIBUTIONS
+from mjrun.outputs.scene_decorations import MOTIONS, NO_MAP
 
 
 class InlineCamera(CameraDocument):

@@ -46,7 +46,6 @@ from mjrun.document.inline_values import (
 from mjrun.document.output_folder import Folders
 from mjrun.errors import BadValueError, concerning, option
 from mjrun.formats.format_lists import with_formats
-from mjrun.job.view import check_segmentation_name
 from mjrun.options import kinds as option_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.evaluation import Thresholds
@@ -64,6 +63,7 @@ from mjrun.options.policy import NONE, NormalizationKind, PolicyKind, is_code, i
 from mjrun.options.push import PushKind
 from mjrun.options.task import Limits, RandomValue, Schedule, VectorOrKey
 from mjrun.options.variations import Variations, with_paths
+from mjrun.outputs.view import check_segmentation_name
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
 from mjrun.suffixes import is_yaml

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from mjrun.errors import UsageError, clean, quoted
-from mjrun.job.output_files import ReservedFiles
 from mjrun.model.sources import is_file
+from mjrun.outputs.output_files import ReservedFiles
 
 
 def refusal(text: str) -> str:

@@ -15,8 +15,8 @@ from mjrun.errors import Failure
 from mjrun.evaluation.result import EvaluationResult
 from mjrun.fit.excitation import ExcitationResult
 from mjrun.fit.result import FitResult
-from mjrun.job.verification import VerificationResult
 from mjrun.plotting.table_plot import TablePlotResult
+from mjrun.simulation.verification import VerificationResult
 from mjrun.study.study import StudyResult
 from mjrun.viewer.viewer import ViewerResult
 

@@ -36,20 +36,20 @@ from mjrun.document.reader import document_error, read_placed
 from mjrun.document.tree import Fault, MappingNode, find, path_text, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import InvalidJobsError, UsageError
-from mjrun.job.golden import golden_files
-from mjrun.job.image import Image
-from mjrun.job.keyframe import Keyframe
-from mjrun.job.plot import Plot
-from mjrun.job.recording import Recording
-from mjrun.job.simulation import Simulation
-from mjrun.job.task import Job, OutputResult
-from mjrun.job.trace import Trace
-from mjrun.job.video import Video
 from mjrun.options.option import Options, options
 from mjrun.options.plot import PageOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
+from mjrun.outputs.golden import golden_files
+from mjrun.outputs.image import Image
+from mjrun.outputs.keyframe import Keyframe
+from mjrun.outputs.plot import Plot
+from mjrun.outputs.recording import Recording
+from mjrun.outputs.task import Job, OutputResult
+from mjrun.outputs.trace import Trace
+from mjrun.outputs.video import Video
 from mjrun.plotting.page_writer import check_page_name
+from mjrun.simulation.simulation import Simulation
 
 # What a document can make, by key.
 OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording | Keyframe]] = {

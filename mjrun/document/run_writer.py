@@ -11,12 +11,12 @@ from mjrun.document.tree import Mapped, Plain
 from mjrun.document.yaml_scalars import meaning
 from mjrun.document.yaml_writer import exact, number, yaml_text
 from mjrun.errors import UsageError, clean, option
-from mjrun.job.simulation import Simulation
-from mjrun.job.task import Job, OutputResult
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
+from mjrun.outputs.task import Job, OutputResult
+from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 
 

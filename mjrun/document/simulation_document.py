@@ -14,9 +14,9 @@ from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import read_placed
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place
-from mjrun.job.simulation import Simulation
 from mjrun.options.option import Options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.simulation.simulation import Simulation
 
 Made = TypeVar("Made")
 

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.model.source import Source
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
 from mjrun.python_code import ModuleSource
+from mjrun.simulation.input_snapshot import InputSnapshot
 
 
 @dataclass(frozen=True)

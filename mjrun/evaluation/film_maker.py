@@ -9,11 +9,11 @@ from mjrun.evaluation.folder import ResultsFolder
 from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.evaluation.result import Film
 from mjrun.evaluation.table import PlayedEpisodes
-from mjrun.job.perform import perform, preview
-from mjrun.job.simulation import Simulation
-from mjrun.job.video import Video
 from mjrun.options.evaluation import FilmOptions
+from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.video import Video
 from mjrun.reporter import Reporter, WarningReporter
+from mjrun.simulation.simulation import Simulation
 
 Failures = list[tuple[str, MjrunError]]
 

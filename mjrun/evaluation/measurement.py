@@ -10,13 +10,13 @@ import numpy as np
 from mjrun.errors import SimulationError, concerning, option
 from mjrun.evaluation.episode import Episode, EpisodeSpec
 from mjrun.evaluation.player import EpisodePlayer
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace_rows import ProbeSampler
 from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.policy.policy import Policy
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
+from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
 from mjrun.timeline import Timeline, rational
 

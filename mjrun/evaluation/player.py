@@ -10,12 +10,12 @@ import numpy as np
 
 from mjrun.errors import InvalidActionError, MjrunError
 from mjrun.evaluation.episode import Episode, EpisodeSpec
-from mjrun.job.episode import UNLIMITED
 from mjrun.model.source import Source
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.simulation.episode import UNLIMITED
 from mjrun.task.episode import Ending
 from mjrun.task.gymnasium import Environment
 from mjrun.task.task import Task

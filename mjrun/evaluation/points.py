@@ -8,7 +8,7 @@ from mjrun.evaluation.episode import PolicyChoice
 from mjrun.model.override import ELEMENTS, ROOTS, Override
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EvaluationOptions
-from mjrun.sim.parameter_grid import SHORT
+from mjrun.physics.parameter_grid import SHORT
 from mjrun.study.design import Design, design
 from mjrun.task.task import Task
 

@@ -10,8 +10,6 @@ from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.points import POLICY, Rewritten, points_of, policy_at, task_at
 from mjrun.evaluation.table import OUTCOMES, OWN, REWARD
-from mjrun.job.episode import policy_files
-from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
@@ -19,6 +17,8 @@ from mjrun.options.option import is_given
 from mjrun.options.policy import is_code
 from mjrun.packages import require_all
 from mjrun.python_code import module_sources
+from mjrun.simulation.episode import policy_files
+from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.design import Design, numbers
 from mjrun.task.task import Task
 

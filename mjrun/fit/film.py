@@ -18,12 +18,12 @@ from mjrun.formats.destinations import StagedFile
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.job.perform import perform, preview
-from mjrun.job.simulation import Simulation
-from mjrun.job.video import Video
 from mjrun.options.fit import FitOptions
+from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.video import Video
 from mjrun.probe.fields import field_probe
 from mjrun.reporter import Reporter, WarningReporter
+from mjrun.simulation.simulation import Simulation
 
 TEXT = "fitted model; ghost: as measured"
 

@@ -30,7 +30,6 @@ from mjrun.fit.shooting import EXPLAINED, SHORTEST, Search, Shooting
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.verdict import Misfit, all_at_bounds, improvement, misfit
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import control_names
@@ -38,6 +37,7 @@ from mjrun.options.fit import EXTRAS, FitOptions
 from mjrun.options.option import options
 from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
+from mjrun.simulation.simulation import Simulation
 
 ENOUGH = 4  # measured numbers for each unknown
 TOLERANCE = 1e-3  # relative difference of costs that rounding makes

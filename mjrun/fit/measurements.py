@@ -10,14 +10,14 @@ import numpy as np
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, listing, option
 from mjrun.fit.rotations import normalize, rotations
 from mjrun.formats.table_reader import open_table, read_table
-from mjrun.job.column_map import map_entries
 from mjrun.model.names import control_names
+from mjrun.physics.table_times import SLACK, require_times
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import select
-from mjrun.sim.table_times import SLACK, require_times
+from mjrun.simulation.column_map import map_entries
 
 TIME, CONTROLS = "time", "ctrl/"
 GAP = 5  # usual times between rows; a longer one ends a segment

@@ -18,12 +18,12 @@ from mjrun.fit.solution import Solution
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.tables import output_format
-from mjrun.job.output_files import ReservedFiles, named_files
-from mjrun.job.simulation import Simulation
 from mjrun.options.fit import FitOptions
+from mjrun.outputs.output_files import ReservedFiles, named_files
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.page_writer import check_page_name
 from mjrun.reporter import Reporter
+from mjrun.simulation.simulation import Simulation
 
 Solutions = Mapping[tuple[str, str], Solution]
 

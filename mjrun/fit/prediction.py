@@ -11,14 +11,14 @@ from mjrun.errors import ModelError, counted, listing
 from mjrun.fit.free_parameter import FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
 from mjrun.fit.rotations import align, rotations
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import ModelVariants
+from mjrun.physics.c_engine import AUTORESET, CEngine
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
-from mjrun.sim.c_engine import AUTORESET, CEngine
+from mjrun.simulation.simulation import Simulation
 
 CONSTRAINTS = "nefc"  # MuJoCo's name for the number of rows of constraints, which contacts and limits change
 ALIKE = 1.25  # lengths of rollouts that are simulated side by side differ by this factor at most

@@ -13,12 +13,12 @@ from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concern
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
+from mjrun.physics.distribution import Distribution, parse_distribution
+from mjrun.physics.parameter_grid import scan_values
 from mjrun.probe.evaluation import evaluate_truth
 from mjrun.probe.expression import BooleanExpression
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText, Vocabulary
-from mjrun.sim.distribution import Distribution, parse_distribution
-from mjrun.sim.parameter_grid import scan_values
 
 EACH = "each:"
 COMBINATIONS = {"grid": product, "zip": zip}

@@ -15,8 +15,8 @@ from mjrun.errors import MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
 from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
+from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
-from mjrun.sim.warp_device import require_library
 from mjrun.study.isolation import Chunk, ChunkResult, run_chunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjrun.child_process import ExitStatus
-from mjrun.job.input_snapshot import InputSnapshot
 from mjrun.python_code import Sealed
+from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.proof import Proof
 from mjrun.study.simulate import PointResult, Status, StudyPoint, StudySpec
 from mjrun.study.worker_process import new_process

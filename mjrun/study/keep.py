@@ -57,7 +57,7 @@ class PointKeeper:
             with concerning("contact_sheet"):
                 encoding(options.contact_sheet).check_fps(options.fps)
         if self.kinds:
-            from mjrun.job.perform import preview
+            from mjrun.outputs.perform import preview
 
             first = self._outputs(0, PointResult(0, "ok", (), 0))
             preview(replaced(first, simulation=prepared.first).jobs(self.kinds), WarningReporter())

@@ -8,11 +8,11 @@ from typing import Any
 import mujoco
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.job.simulation import Simulation
 from mjrun.model.override import Override, apply
 from mjrun.options.kinds import AnyKind, ExpectedError, Integer, Numbers, Optional
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
+from mjrun.simulation.simulation import Simulation
 
 BY_NAME = ("qpos", "qvel", "ctrl")  # written `qpos/hip`
 # Options of a simulation that may vary as a whole.

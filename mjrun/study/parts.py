@@ -21,11 +21,11 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_folder
 from mjrun.formats.temporary_output import remove_left_behind
-from mjrun.job.input_snapshot import InputSnapshot
-from mjrun.job.manifest import plain
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource
+from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.simulation.manifest import plain
 from mjrun.study.parameters import FILES, MODEL, simulation_at
 from mjrun.study.proof import code_hash, versions
 from mjrun.study.simulate import PointResult, Status, StudySpec

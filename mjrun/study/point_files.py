@@ -14,12 +14,12 @@ from mjrun.child_process import ChildProcess, limit_this_process, python_call
 from mjrun.errors import MjrunError
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.point_manifest import NAME, read_point
-from mjrun.job.manifest import plain
-from mjrun.job.simulation import Simulation
-from mjrun.job.task import Job, OutputResult
 from mjrun.options.keep import KeepOptions
 from mjrun.options.option import options_of
+from mjrun.outputs.task import Job, OutputResult
 from mjrun.python_code import Sealed
+from mjrun.simulation.manifest import plain
+from mjrun.simulation.simulation import Simulation
 
 FOLDER = "points"
 NAMES = {"trace": "trace.parquet", "recording": "recording.npz", "video": "video.mp4"}
@@ -69,7 +69,7 @@ class PointOutputs:
         Raises:
           MjrunError: one could not be made; none of them is there then, unless it was before.
         """
-        from mjrun.job.perform import perform
+        from mjrun.outputs.perform import perform
 
         kinds, known = self.missing(), read_point(self.folder)
         files = known.get("files") if known.get("key") == self.key else None
@@ -88,15 +88,15 @@ class PointOutputs:
         options = self.options
         match kind:
             case "trace":
-                from mjrun.job.trace import Trace
+                from mjrun.outputs.trace import Trace
 
                 return Trace(self.simulation, path, probe=options.probe, every=self.every)
             case "recording":
-                from mjrun.job.recording import Recording
+                from mjrun.outputs.recording import Recording
 
                 return Recording(self.simulation, path)
             case "video":
-                from mjrun.job.video import Video
+                from mjrun.outputs.video import Video
 
                 return Video(
                     self.simulation,

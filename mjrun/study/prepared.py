@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError, UsageError, clean, concerning, option
-from mjrun.job.simulation import Simulation
 from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
 from mjrun.probe.assertion import parse
@@ -21,6 +20,7 @@ from mjrun.probe.metric import parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME
 from mjrun.reporter import Reporter
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_sizes import ChunkSizes
 from mjrun.study.design import Design, design
 from mjrun.study.executors import SLURM, completed, open_executor, require_extra

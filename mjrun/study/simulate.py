@@ -16,25 +16,25 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, concerning, flag, option
-from mjrun.job.episode import Episode
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace_rows import ProbeSampler, RowBuffer
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
 from mjrun.model.variants import BYTES, Compilation, ModelVariant, ModelVariants
+from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
+from mjrun.physics.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
+from mjrun.physics.engine import Engine, joined
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.stepper import PhysicsStepper
+from mjrun.physics.warp_device import WarpDevice
+from mjrun.physics.warp_engine import WarpEngine
+from mjrun.physics.warp_fields import WarpFields
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
-from mjrun.sim.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
-from mjrun.sim.engine import Engine, joined
-from mjrun.sim.observe import Tap, observe
-from mjrun.sim.stepper import PhysicsStepper
-from mjrun.sim.warp_device import WarpDevice
-from mjrun.sim.warp_engine import WarpEngine
-from mjrun.sim.warp_fields import WarpFields
+from mjrun.simulation.episode import Episode
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.parameters import MODEL, simulation_at
 from mjrun.timeline import Timeline
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError, clean
 from mjrun.formats.atomic_output import OutputWriter, written_file
-from mjrun.job.simulation import Simulation, require_simulation
 from mjrun.model.column import Column
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
 from mjrun.probe.assertion import Verdict, parse
 from mjrun.reporter import Reporter, WarningReporter
+from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.study.design import Design
 from mjrun.study.executors import WARP
 from mjrun.study.failures import FailureNotes, PointFailure, point_failures

@@ -5,7 +5,7 @@ import numpy as np
 
 from mjrun.errors import InvalidActionError, UsageError, clean
 from mjrun.model import state
-from mjrun.sim.stepper import PhysicsStepper
+from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstant, EpisodeOver
 from mjrun.task.gymnasium import Environment, EnvironmentStep
 

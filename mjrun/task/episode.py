@@ -6,7 +6,7 @@ from typing import Literal, Protocol, overload, runtime_checkable
 
 import numpy as np
 
-from mjrun.sim.stepper import Stepper
+from mjrun.physics.stepper import Stepper
 
 EndingKind = Literal["success", "failure", "timeout"]
 

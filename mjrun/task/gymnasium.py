@@ -15,8 +15,8 @@ from mjrun.errors import ControllerError, FailedStepError, MjrunError, UsageErro
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.sources.gym import GymSource, control_steps, make_environment, mujoco_environment
+from mjrun.physics.stepper import BAD
 from mjrun.probe.fields import extents, field_probe
-from mjrun.sim.stepper import BAD
 from mjrun.task.episode import Ending, EpisodeNames
 from mjrun.task.terms import TIMED_OUT
 from mjrun.timeline import rational

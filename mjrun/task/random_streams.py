@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjrun.sim.distribution import draw_numbers
+from mjrun.physics.distribution import draw_numbers
 
 MODEL, START, COMMANDS, OBSERVATIONS = range(4)
 BLOCK = 16  # control periods whose noise is drawn at once

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import mujoco
 
-from mjrun.sim.replay import RecordedStates, ReplayStepper
-from mjrun.sim.stepper import Stepper
+from mjrun.physics.replay import RecordedStates, ReplayStepper
+from mjrun.physics.stepper import Stepper
 from mjrun.task.episode import ControlInstant, EpisodeNames, EpisodeStepper
 
 

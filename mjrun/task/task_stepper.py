@@ -7,8 +7,8 @@ import numpy as np
 
 from mjrun.errors import FailedStepError, InvalidActionError, SimulationError, UnstableError
 from mjrun.model import state
-from mjrun.sim.push_forces import PushForces
-from mjrun.sim.stepper import PhysicsStepper, instant_of
+from mjrun.physics.push_forces import PushForces
+from mjrun.physics.stepper import PhysicsStepper, instant_of
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames
 from mjrun.task.worlds import TaskWorlds
 

@@ -17,7 +17,7 @@ from mjrun.options.task import (
     RewardOptions,
     TerminationOptions,
 )
-from mjrun.sim.distribution import parse_distribution
+from mjrun.physics.distribution import parse_distribution
 from mjrun.task.episode import Ending, EndingKind
 
 TIMED_OUT, UNSTABLE = Ending("timeout", "timeout"), Ending("unstable", "failure")  # which every task has

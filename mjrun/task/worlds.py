@@ -21,9 +21,9 @@ from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.task import CURRENT, LAGGED
+from mjrun.physics.c_engine import AUTORESET, ENERGY, RK4, SLEEP
+from mjrun.physics.stepper import BAD
 from mjrun.probe.task_expression import TaskColumns
-from mjrun.sim.c_engine import AUTORESET, ENERGY, RK4, SLEEP
-from mjrun.sim.stepper import BAD
 from mjrun.task.action_map import ActionMap, TargetTorques
 from mjrun.task.command_signals import CommandSignals
 from mjrun.task.episode import Ending, Endings

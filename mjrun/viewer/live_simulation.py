@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import SimulationError
-from mjrun.job.episode import EpisodeResult
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.physics.replay import ReplayStepper
+from mjrun.physics.stepper import EditableStepper, Stepper
 from mjrun.reporter import Reporter
-from mjrun.sim.replay import ReplayStepper
-from mjrun.sim.stepper import EditableStepper, Stepper
+from mjrun.simulation.episode import EpisodeResult
+from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.viewer.session_recording import SessionRecording
 from mjrun.viewer.window import Edit, Pull, Refuse

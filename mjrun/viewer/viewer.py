@@ -9,16 +9,16 @@ from fractions import Fraction
 import mujoco
 
 from mjrun.errors import NoWindowError, UsageError, concerning, option
-from mjrun.job.episode import EpisodeResult
-from mjrun.job.manifest import origin
-from mjrun.job.output_files import ReservedFiles
-from mjrun.job.simulation import Simulation, require_simulation
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.viewer import ViewerOptions
+from mjrun.outputs.output_files import ReservedFiles
 from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.simulation.episode import EpisodeResult
+from mjrun.simulation.manifest import origin
+from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import rational
 from mjrun.viewer import browser_window, native_window
 from mjrun.viewer.live_simulation import LiveSimulation

@@ -17,7 +17,7 @@ from mjrun.bench.rollout_timing import BatchRoller, Clock
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UsageError
 from mjrun.model.sources.file import FileSource
-from mjrun.sim.parameter_grid import settings
+from mjrun.physics.parameter_grid import settings
 
 sys.path.append(str(Path(__file__).parent))
 

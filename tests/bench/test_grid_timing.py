@@ -15,7 +15,7 @@ from mjrun.bench.step_timing import StepTimer
 from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import BadValueError, UnstableError
 from mjrun.model.sources.file import FileSource
-from mjrun.sim.parameter_grid import settings
+from mjrun.physics.parameter_grid import settings
 
 sys.path.append(str(Path(__file__).parent))
 

@@ -10,7 +10,7 @@ import pytest
 from mjrun.bench.load_timing import timed_load
 from mjrun.errors import ModelError
 from mjrun.model.sources import source_of
-from mjrun.sim.parameter_grid import settings
+from mjrun.physics.parameter_grid import settings
 
 sys.path.append(str(Path(__file__).parent))
 

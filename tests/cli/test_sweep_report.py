@@ -10,7 +10,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
 from mjrun.cli.sweep_report import point_command
 from mjrun.cli.trace import trace
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.parameters import simulation_at
 
 

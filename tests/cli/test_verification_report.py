@@ -1,7 +1,7 @@
 """The sentences about a verified recording."""
 
 from mjrun.cli.verification_report import lines
-from mjrun.job.verification import FieldDifference, VerificationResult
+from mjrun.simulation.verification import FieldDifference, VerificationResult
 
 SAME = VerificationResult("r.npz", True, 1001, 1000, 2.0, [], [])
 

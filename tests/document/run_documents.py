@@ -7,8 +7,8 @@ import pytest
 
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError
-from mjrun.job.simulation import Simulation
 from mjrun.options.run import RunOptions
+from mjrun.simulation.simulation import Simulation
 
 HEAD = "model: m.xml\n"
 

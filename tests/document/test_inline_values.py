@@ -8,7 +8,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
 from mjrun.errors import DocumentError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from tests.document.run_documents import jobs, problems
 
 

@@ -10,7 +10,7 @@ import pytest
 from mjrun.document.plan import read_folder, read_plan, write_plan
 from mjrun.document.study_writer import portable_document
 from mjrun.errors import DocumentError, FileError, UsageError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.plan import StudyPlan, plan
 from mjrun.study.study import Study
 from tests.study.models import BALL

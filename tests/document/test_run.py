@@ -15,15 +15,15 @@ from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.document import run
 from mjrun.document.run import read_run
 from mjrun.errors import DocumentError, FileError, UsageError, listing
-from mjrun.job.image import Image
-from mjrun.job.keyframe import Keyframe
-from mjrun.job.perform import perform, preview
-from mjrun.job.plot import Plot
-from mjrun.job.recording import Recording
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
-from mjrun.job.video import Video
 from mjrun.options.run import RunOptions
+from mjrun.outputs.image import Image
+from mjrun.outputs.keyframe import Keyframe
+from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.plot import Plot
+from mjrun.outputs.recording import Recording
+from mjrun.outputs.trace import Trace
+from mjrun.outputs.video import Video
+from mjrun.simulation.simulation import Simulation
 from tests.document.run_documents import HEAD, OUT, job, jobs, problems, simulation
 
 MODEL = """

@@ -19,18 +19,18 @@ from mjrun.camera.shake import Shake
 from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text
 from mjrun.errors import UsageError
-from mjrun.job.image import Image
-from mjrun.job.keyframe import Keyframe
-from mjrun.job.plot import Plot
-from mjrun.job.recording import Recording
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
-from mjrun.job.video import Video
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.outputs.image import Image
+from mjrun.outputs.keyframe import Keyframe
+from mjrun.outputs.plot import Plot
+from mjrun.outputs.recording import Recording
+from mjrun.outputs.trace import Trace
+from mjrun.outputs.video import Video
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.text import CORNERS
 from mjrun.rendering.visual import flags
+from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import rational
 from tests.document.camera_strategies import events, maybe, names, numbers, positives, scripts, texts
 

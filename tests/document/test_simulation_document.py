@@ -6,9 +6,9 @@ import pytest
 
 from mjrun.document.simulation_document import SimulationDocument
 from mjrun.errors import DocumentError, UsageError
-from mjrun.job.simulation import Simulation
 from mjrun.options.fit import FitOptions
 from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import write_model
 
 Made = tuple[Simulation, dict[str, object]]

@@ -14,8 +14,8 @@ from mjrun.cli.main import group
 from mjrun.document.study import read_study
 from mjrun.document.study_writer import study_text
 from mjrun.errors import DocumentError, UsageError
-from mjrun.job.simulation import Simulation
 from mjrun.options.sweep import MOST_POINTS
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 from tests.document.camera_strategies import names, texts
 from tests.study.models import BALL

@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.document.study_writer import portable_document, study_document, study_text
 from mjrun.errors import UsageError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 
 

@@ -8,8 +8,8 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.formats.video_reader import read_video
-from mjrun.job.simulation import Simulation
-from mjrun.job.video import Video
+from mjrun.outputs.video import Video
+from mjrun.simulation.simulation import Simulation
 from tests.evaluation.tasks import cart_task, play_here, write_policies
 
 SMALL = {"size": (64, 48), "fps": 20, "quality": "draft"}

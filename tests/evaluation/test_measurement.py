@@ -9,9 +9,9 @@ from mjrun.errors import UnknownNameError
 from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
 from mjrun.formats.table_reader import read_table
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
 from mjrun.model.sources import parse_source
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 from tests.evaluation.tasks import cart_task, write_policies
 
 METRICS = {

@@ -12,8 +12,8 @@ from mjrun.fit.noise import first_noise
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.starting_states import StartingStates
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.simulation.simulation import Simulation
 
 FRICTION, NOISE = 0.33, 1e-3  # [m, rad]
 SIGNALS = [f"qpos/box/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]

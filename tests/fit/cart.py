@@ -11,8 +11,8 @@ from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.starting_states import StartingStates
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.simulation.simulation import Simulation
 
 SIGNALS = ["qpos/pole"]
 FREE = (("joint/cart.damping", "log:0.1..10"), ("scale:actuator/push.gear[0]", "0.3..3"))

@@ -14,8 +14,8 @@ from mjrun.fit.prediction import Predictor
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import noisy, simulate, write_model
 
 THREE = (

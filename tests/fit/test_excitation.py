@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import MjrunWarning, UnidentifiableError, UsageError
 from mjrun.fit.excitation import ExcitationResult, excite
 from mjrun.fit.fit import Fit
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import NOISE, PENDULUM, TRUTH, simulate, write_log
 
 LIMITED = PENDULUM.replace('axis="0 1 0"', 'axis="0 1 0" range="-60 60"').replace(

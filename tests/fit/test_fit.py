@@ -9,9 +9,9 @@ import pytest
 
 from mjrun.errors import MjrunWarning, UnidentifiableError, UnimprovedFitError, UsageError
 from mjrun.fit.fit import Fit
-from mjrun.job.simulation import Simulation
 from mjrun.model.sources.file import FileSource
 from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
 from tests.fit.problems import THREE
 

@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.fit.fit import Fit
 from mjrun.fit.result import FitResult
-from mjrun.job.simulation import Simulation
 from mjrun.model.sources.file import FileSource
+from mjrun.simulation.simulation import Simulation
 from tests.fit.arm import ARM, NOMINAL, TRUTH, log
 from tests.fit.logs import write_log
 

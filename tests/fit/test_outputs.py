@@ -9,7 +9,7 @@ import pytest
 from mjrun.errors import EncoderError, FileError, UsageError
 from mjrun.fit.film import FitFilm
 from mjrun.fit.fit import Fit
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import TRUTH, noisy, simulate, write_log, write_model
 from tests.fit.problems import THREE
 

@@ -9,8 +9,8 @@ import pytest
 from mjrun.fit.free_parameter import free_parameters
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Predictor, Rollout, States, chunks
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import TRUTH, simulate, write_model
 
 

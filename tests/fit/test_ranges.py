@@ -10,7 +10,7 @@ from mjrun.errors import UsageError
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.ranges import write_ranges
 from mjrun.fit.result import FittedParameter
-from mjrun.sim.distribution import parse_distribution
+from mjrun.physics.distribution import parse_distribution
 
 FREE = [
     FreeParameter("joint/hinge.damping", 0.001, 1.0, 0.3),

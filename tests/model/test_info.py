@@ -9,12 +9,12 @@ import mujoco
 import pytest
 
 from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import columns
 from mjrun.model.description.model_description import SECTIONS
 from mjrun.model.info import Info
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.outputs.trace import columns
+from mjrun.simulation.simulation import Simulation
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
 

@@ -8,10 +8,10 @@ import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats.table_reader import read_table
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
 from mjrun.model.names import control_names, control_slices
+from mjrun.outputs.trace import Trace
 from mjrun.probe.fields import field_probe
+from mjrun.simulation.simulation import Simulation
 from tests.check.models import lint_file
 
 TEXT = """

@@ -10,7 +10,7 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.options.bench import ENGINES, BenchOptions, EngineOptions, ReportOptions
 from mjrun.options.option import options_of
 from mjrun.options.view import ViewOptions
-from mjrun.sim.parameter_grid import scan_values
+from mjrun.physics.parameter_grid import scan_values
 
 
 def test_engines_are_those_that_bench_knows() -> None:

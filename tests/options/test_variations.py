@@ -4,7 +4,7 @@ import pytest
 
 from mjrun.options.kinds import ExpectedError
 from mjrun.options.variations import DISTRIBUTIONS, Variations, with_paths
-from mjrun.sim.distribution import parse_distribution
+from mjrun.physics.distribution import parse_distribution
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.rigs import registry
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats import calibration_writer, image_format
-from mjrun.job.view import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.options.option import options_of
 from mjrun.options.view import (
     BACKENDS,
@@ -24,6 +23,7 @@ from mjrun.options.view import (
     VIEWS,
     ViewOptions,
 )
+from mjrun.outputs.view import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering import backend, text
 from mjrun.rendering.layout import columns
 from mjrun.rendering.segmentation import groupings

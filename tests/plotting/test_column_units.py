@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import columns
+from mjrun.outputs.trace import columns
 from mjrun.plotting.column_units import with_units
+from mjrun.simulation.simulation import Simulation
 
 SCENES = Path(__file__).parents[2] / "scenes"
 

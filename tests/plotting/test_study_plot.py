@@ -6,8 +6,8 @@ import pytest
 from PIL import Image
 
 from mjrun.errors import UsageError
-from mjrun.job.simulation import Simulation
 from mjrun.plotting.study_plot import StudyPlot
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 
 

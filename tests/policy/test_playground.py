@@ -15,8 +15,8 @@ from onnx import helper
 
 from mjrun.document.task import read_task
 from mjrun.formats.table_reader import read_table
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 from tests.policy.networks import value, write
 
 MODEL = """

@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, UsageError, clean
-from mjrun.job.trace_rows import ProbeSampler
+from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.stepper import PhysicsStepper
 from mjrun.probe.assertion import parse
 from mjrun.probe.event import Condition, RisingEdgeDetector, condition
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, available_columns
-from mjrun.sim.observe import Tap, observe
-from mjrun.sim.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 
 SCENE = mujoco.MjModel.from_xml_string(

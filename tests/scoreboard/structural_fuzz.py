@@ -197,5 +197,12 @@ KINDS: dict[str, Callable[[Path, int], Iterator[_Case]]] = {
     "table": _tables,
     "expression": _expressions,
 }
-QUICK_IMPORTS = ("mjrun.cli.info", "mjrun.cli.trace", "mjrun.cli.run", "mjrun.document.run", "mjrun.job.trace", "yaml")
+QUICK_IMPORTS = (
+    "mjrun.cli.info",
+    "mjrun.cli.trace",
+    "mjrun.cli.run",
+    "mjrun.document.run",
+    "mjrun.outputs.trace",
+    "yaml",
+)
 MEASURE = Measure("structural fuzz", "0 exceptions that are not ours: no 70, traceback, signal or hang", 2500, run)

@@ -54,11 +54,18 @@ DRAW, OTHER, DAMPED = "--size 32x24", "--qpos hinge=0.5", "--set joint/hinge.dam
 TRACE, IMAGE = "trace ../inputs/model.xml --duration 0.1", f"image ../inputs/model.xml {DRAW}"
 VIDEO = f"video ../inputs/model.xml {DRAW} --duration 0.2 --fps 20"
 LIMIT = 240.0  # [s], far more than any of them takes on a busy machine
-QUICK, QUICK_IMPORTS = ("contacts",), ("orjson", "mjrun.job.perform", "mjrun.job.trace")
+QUICK, QUICK_IMPORTS = ("contacts",), ("orjson", "mjrun.outputs.perform", "mjrun.outputs.trace")
 IMPORTS = (  # what they import, once for all
     *("pyarrow.parquet", "orjson", "h5py", "scipy.io", "scipy.optimize", "yaml", "PIL.Image", "rich.console"),
     *("matplotlib.figure", "matplotlib.backends.backend_agg", "imageio_ffmpeg"),
-    *("mjrun.job.perform", "mjrun.job.trace", "mjrun.job.image", "mjrun.job.video", "mjrun.job.plot", "mjrun.job.diff"),
+    *(
+        "mjrun.outputs.perform",
+        "mjrun.outputs.trace",
+        "mjrun.outputs.image",
+        "mjrun.outputs.video",
+        "mjrun.outputs.plot",
+        "mjrun.outputs.diff",
+    ),
     *("mjrun.study.study", "mjrun.evaluation.evaluation", "mjrun.fit.fit", "mjrun.document.run"),
 )
 TEXT = (".json", ".jsonl", ".csv", ".html", ".svg", ".xml", ".yaml", ".md")

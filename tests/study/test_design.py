@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import FileError, MjrunError, UsageError
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
-from mjrun.sim.distribution import Distribution
+from mjrun.physics.distribution import Distribution
 from mjrun.study.design import COMBINATIONS, SAMPLERS, Design, _sampled, design
 from tests.study.models import BALL
 

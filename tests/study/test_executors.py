@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import MissingExtraError, MjrunError, UsageError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import QUEUED, open_executor, process_count
 from mjrun.study.isolation import Chunk, ShippedStudy, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
@@ -88,6 +88,6 @@ def test_one_process_has_all_of_a_gpu() -> None:
 
 
 def test_warp_without_its_library_is_told_before_any_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mjrun.sim.warp_device.LIBRARIES", ("not_installed",))
+    monkeypatch.setattr("mjrun.physics.warp_device.LIBRARIES", ("not_installed",))
     with ExitStack() as stack, pytest.raises(MissingExtraError, match="mjrun\\[warp\\]"):
         open_executor("warp", 1, tmp_path, stack)

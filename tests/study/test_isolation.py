@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.isolation import Chunk, IsolatedSimulator, ShippedStudy, end_process, run_chunk
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, DEADLY

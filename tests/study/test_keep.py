@@ -11,8 +11,8 @@ import pytest
 from mjrun.errors import FailedPointsError, LostFilesError, UnknownNameError
 from mjrun.formats.study_results import read_study
 from mjrun.formats.video_reader import read_video
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 from mjrun.study import keep
 from mjrun.study.study import Study
 from tests.study.models import BALL

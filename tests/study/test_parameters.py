@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.parameters import simulation_at
 from tests.study.models import PENDULUM
 

@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.parts import PartFiles, point_keys, study_identity
 from mjrun.study.simulate import PointResult, StudySpec
 from tests.study.models import BALL

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import FailedPointsError, FileError, UsageError
-from mjrun.job.simulation import Simulation
 from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.plan import StudyPlan, TaskResult, plan, run_task, task_points
 from mjrun.study.simulate import StudyPoint
 from mjrun.study.study import Study

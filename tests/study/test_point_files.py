@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from mjrun.formats.point_manifest import read_point
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
 from mjrun.options.keep import KEPT, KeepOptions
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.point_files import PointOutputs, keep_options, make_isolated, up_to
 from tests.study.models import BALL, DEADLY
 

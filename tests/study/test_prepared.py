@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import FailedPointsError, UsageError
-from mjrun.job.simulation import Simulation
 from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.chunk_sizes import ChunkSizes
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.study import Study

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 from tests.study.models import BALL, DEADLY
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnstableError
-from mjrun.job.recording import Recording
-from mjrun.job.simulation import Simulation
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariant, ModelVariants
-from mjrun.sim.c_engine import CEngine
-from mjrun.sim.engine import RolloutBlock
-from mjrun.sim.warp_engine import WarpEngine
+from mjrun.outputs.recording import Recording
+from mjrun.physics.c_engine import CEngine
+from mjrun.physics.engine import RolloutBlock
+from mjrun.physics.warp_engine import WarpEngine
+from mjrun.simulation.simulation import Simulation
 from mjrun.study import simulate
 from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
 from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM

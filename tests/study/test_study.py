@@ -18,9 +18,9 @@ import pytest
 
 from mjrun.cli.controller_loader import load_controller
 from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
-from mjrun.job.simulation import Simulation
-from mjrun.job.trace import Trace
+from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
 from mjrun.study import isolation
 from mjrun.study.executors import open_executor
 from mjrun.study.plan import plan, run_task

@@ -4,7 +4,7 @@ from multiprocessing.connection import Pipe
 from pathlib import Path
 
 from mjrun.child_process import ChildProcess, python_call
-from mjrun.job.simulation import Simulation
+from mjrun.simulation.simulation import Simulation
 from mjrun.study.isolation import ShippedStudy
 from mjrun.study.proof import Proof
 from mjrun.study.simulate import StudyPoint, StudySpec

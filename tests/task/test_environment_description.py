@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.model.sources.gym import GymSource
+from mjrun.physics.initial_state import InitialState
 from mjrun.probe.fields import field_probe
-from mjrun.sim.initial_state import InitialState
 from mjrun.task.environment_description import describe_environment
 from tests.task.environments import registered
 

@@ -14,7 +14,7 @@ from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.override import Override
 from mjrun.model.sources.gym import GymSource, quiet
-from mjrun.sim.stepper import PhysicsStepper
+from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.environment_stepper import EnvironmentStepper
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
 from mjrun.task.gymnasium import Environment

@@ -5,10 +5,10 @@ from contextlib import closing
 import mujoco
 import numpy as np
 
-from mjrun.sim.observe import Tap, observe
-from mjrun.sim.replay import ReplayStepper
-from mjrun.sim.state_buffer import StateBuffer
-from mjrun.sim.stepper import PhysicsStepper
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.replay import ReplayStepper
+from mjrun.physics.state_buffer import StateBuffer
+from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.replayed_episode import ControlInstants, ReplayedEpisode
 from mjrun.task.task_stepper import TaskStepper
 from mjrun.task.worlds import TaskWorlds

@@ -9,8 +9,8 @@ import pytest
 from mjrun.errors import InvalidActionError, UnstableError
 from mjrun.model import state
 from mjrun.options.push import Push
-from mjrun.sim.observe import Tap, observe
-from mjrun.sim.push_forces import PushForces
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.push_forces import PushForces
 from mjrun.task.episode import Ending
 from mjrun.task.task import Task
 from mjrun.task.task_stepper import TaskStepper

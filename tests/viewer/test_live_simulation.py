@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.job.recording import Recording
-from mjrun.job.simulation import Simulation
 from mjrun.model import state
+from mjrun.outputs.recording import Recording
+from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 from mjrun.task.terms import Action, Observation
 from mjrun.viewer.live_simulation import RECORDED, REPLAY, LiveSimulation

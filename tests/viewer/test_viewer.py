@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import NoWindowError, UnstableError, UsageError
-from mjrun.job.recording import Recording
-from mjrun.job.simulation import Simulation
+from mjrun.outputs.recording import Recording
+from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import browser_window, native_window
 from mjrun.viewer.viewer import Viewer
 from mjrun.viewer.window import Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep

@@ -12,7 +12,7 @@ from mjrun.check.rule import Rule
 from mjrun.errors import FailedStepError, SimulationError
 from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.sim.stepper import PhysicsStepper
+from mjrun.physics.stepper import PhysicsStepper
 
 UNSTABLE = Rule("MJ701", "error", "unstable simulation")
 ENERGY_GAIN = Rule("MJ702", "warning", "passive model gains energy")

@@ -1,0 +1,121 @@
+"""Panels of a drawing: each view through each camera, and in which file each stands."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mjrun.camera.script import CameraScript
+from mjrun.errors import UsageError, option
+from mjrun.formats.labels import labels_beside
+from mjrun.options.view import ViewOptions
+from mjrun.outputs.output_files import named_files
+from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel
+from mjrun.rendering.layout import layout_size
+
+
+@dataclass(frozen=True)
+class DrawingFile:
+    """A file of a drawing, with its panels.
+
+    Attributes:
+      exact: whether it holds the numbers of its only panel, depth or ids, rather than colours.
+    """
+
+    path: str
+    panels: Sequence[Panel]
+    exact: bool = False
+
+    @property
+    def target(self) -> str | None:
+        """The path; None for standard output."""
+        return None if self.path == "-" else self.path
+
+    def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> FrameStream:
+        """Its frames.
+
+        Args:
+          legend: whether a coloured segmentation lists what is in view.
+        """
+        style = FrameStyle(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
+        return FrameStream(self.panels, options.size, style, self.exact)
+
+
+def camera_names(options: ViewOptions) -> list[str]:
+    """What the cameras are called."""
+    cameras = options.camera
+    return [camera.name if isinstance(camera, CameraScript) else str(camera).partition(",")[0] for camera in cameras]
+
+
+def panels_of(options: ViewOptions) -> list[Panel]:
+    """Every view through every camera."""
+    return [Panel(index, view) for index in range(len(options.camera)) for view in options.view]
+
+
+def frame_size(options: ViewOptions) -> tuple[int, int]:
+    """Width and height of a frame with its panels, without plots [pixels]."""
+    return layout_size(1 if options.separate else len(panels_of(options)), options.size, options.layout)
+
+
+def panel_files(options: ViewOptions, output: str) -> list[DrawingFile]:
+    """The files of a drawing: one, or one for each panel if they are separate.
+
+    Raises:
+      UsageError: several files are to go to standard output, or numbers to be composed into one picture.
+    """
+    panels = panels_of(options)
+    if not options.separate or len(panels) == 1:
+        return [DrawingFile(output, panels, _is_exact(options, panels))]
+    if output == "-":
+        raise UsageError(f"{option('separate')} makes several files; standard output is one")
+    paths = [_numbered(output, name) for name in _suffixes(options)]
+    return [DrawingFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
+
+
+def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:
+    """Every file that a drawing writes, with what it is: frames, labels, calibration and manifest."""
+    files = panel_files(options, output)
+    labels = [labels_beside(file.path) for file in files if [panel.view for panel in file.panels] == ["seg"]]
+    outputs = [("output", path) for path in [*(file.path for file in files), *labels] if output != "-"]
+    return [*outputs, *named_files(calibration=options.calibration, manifest=manifest)]
+
+
+def unused_options(options: ViewOptions, plot: Sequence[str] = ()) -> list[str]:
+    """The warning that options for pictures were given where there are only numbers; empty if none were."""
+    given = {
+        "text": options.text is not None,
+        "captions": options.captions,
+        "depth_range": options.depth_range is not None,
+        "plot": bool(plot),
+    }
+    names = [option(name) for name, is_given in given.items() if is_given]
+    hint = f"{option('style')} color draws pictures"
+    return [f"{', '.join(names)}: numbers have no room for it; {hint}"] if names else []
+
+
+def _is_exact(options: ViewOptions, panels: Sequence[Panel]) -> bool:
+    exact = options.style == "exact" and any(panel.view != "rgb" for panel in panels)
+    if exact and len(panels) > 1:
+        exact_style = f"{option('style')} exact"
+        raise UsageError(f"{exact_style}: numbers cannot share a picture; add {option('separate')} for a file each")
+    return exact
+
+
+def _suffixes(options: ViewOptions) -> list[str]:
+    """A part of a file's name for each panel, no two alike."""
+    words = ["".join(c if c.isalnum() else "_" for c in name.partition(":")[0]) for name in camera_names(options)]
+    cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
+    suffixes: list[str] = []
+    for panel in panels_of(options):
+        camera = [cameras[panel.camera]] if len(options.camera) > 1 else []
+        view = [panel.view] if len(options.view) > 1 else []
+        suffixes.append("-".join([*camera, *view]))
+    return suffixes
+
+
+def _numbered(output: str, name: str) -> str:
+    """`film.mp4` for one of several: `film-NAME.mp4`."""
+    folder = output.rstrip("/")
+    if folder != output or not Path(output).suffix:
+        return f"{folder}-{name}/"
+    path = Path(output)
+    return str(path.with_name(f"{path.stem}-{name}{path.suffix}"))

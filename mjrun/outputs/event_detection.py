@@ -1,0 +1,117 @@
+"""When events happen in a simulation, with a recording to look at it again."""
+
+from collections.abc import Collection, Mapping, Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import OptionPath, UsageError, concerning, quoted
+from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.replay import ReplayStepper
+from mjrun.physics.state_buffer import StateBuffer
+from mjrun.physics.stepper import Stepper
+from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.event import RisingEdgeDetector, condition
+from mjrun.task.replayed_episode import ControlInstants
+from mjrun.timeline import Timeline
+
+if TYPE_CHECKING:
+    from mjrun.camera.script import Event
+
+
+class EventDetector:
+    """Evaluates conditions at every step, and records the states of all steps. To be closed.
+
+    Args:
+      texts: conditions such as `speed(box) > 0.02`.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str], episode: EpisodeColumns | None = None
+    ) -> None:
+        watched = [condition(text, model, episode=episode) for text in sorted(texts)]
+        self._conditions = [(each, RisingEdgeDetector()) for each in watched]
+        self._tables = [ProbeSampler(model, each.columns, timeline, episode) for each in watched]
+        self._timeline = timeline
+        self._states, self._instants = StateBuffer(model), ControlInstants()
+
+    def taps(self, until: int) -> list[AnyTap]:
+        """What it takes from the simulation up to step `until`."""
+        every = range(until + 1)
+        return [
+            Tap(every, lambda stepper: stepper.state(), self._states.append),
+            Tap(every, self._rows, self._evaluate),
+            Tap(every, self._instants.take, lambda _: None),
+        ]
+
+    @property
+    def event_steps(self) -> Mapping[str, Sequence[int]]:
+        """The steps at which each condition begins to hold."""
+        return {watched.text: onsets.indices for watched, onsets in self._conditions}
+
+    def replay(self, model: mujoco.MjModel) -> ReplayStepper:
+        """Goes through the recorded steps once more."""
+        return self._instants.replay(model, self._states)
+
+    def close(self) -> None:
+        """Frees the recording."""
+        self._states.close()
+
+    def _rows(self, stepper: Stepper) -> list[np.ndarray]:
+        """The columns of each condition `(1, n)`, time first."""
+        time = float(self._timeline.time(stepper.step))
+        return [np.concatenate([[time], table.read(stepper).values])[None] for table in self._tables]
+
+    def _evaluate(self, rows: Sequence[np.ndarray]) -> None:
+        for (watched, onsets), row in zip(self._conditions, rows, strict=True):
+            onsets.feed(watched.holds(row))
+
+
+def conditions(
+    events: Mapping[OptionPath, "Event"], model: mujoco.MjModel, episode: EpisodeColumns | None = None
+) -> list[str]:
+    """The conditions of `events`, each once.
+
+    Args:
+      events: by where their conditions stand.
+
+    Raises:
+      UsageError: one of them cannot be measured in this simulation.
+    """
+    texts: list[str] = []
+    for path, event in events.items():
+        try:
+            with concerning(*path):
+                texts.append(condition(event.when, model, episode=episode).text)
+        except UsageError as error:
+            error.add_note(f"in {quoted(event.when)}")
+            raise
+    return list(dict.fromkeys(texts))
+
+
+def time_of(
+    event: "Event", steps: Sequence[int], timeline: Timeline, where: str, after: Fraction = Fraction(-1)
+) -> Fraction:
+    """When `event` happens [s], of those times that are later than `after`.
+
+    Args:
+      steps: where its condition begins to hold.
+      where: the place that asks, for messages: `camera.yaml: shots[0]`.
+
+    Raises:
+      UsageError: it does not happen, or not often enough, and has no `else` for that case.
+    """
+    times = [timeline.time(step) for step in steps if timeline.time(step) > after]
+    if len(times) >= event.nth:
+        return times[event.nth - 1] + event.offset
+    if event.otherwise is not None:
+        return timeline.duration if event.otherwise == "end" else Fraction(event.otherwise)
+    since = f" after {float(after):g} s" if after >= 0 else ""
+    often = "never happens" if not times else f"happens {len(times)} times only, not {event.nth},"
+    raise UsageError(
+        f"{where}: {quoted(event.when)} {often} in the {float(timeline.duration):g} s of the simulation{since}\n"
+        "`else: end`, or a time, says what counts then"
+    )

@@ -1,0 +1,111 @@
+"""Values written over frames and plotted beside them, measured at the instants that the frames show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, concerning, option, quoted
+from mjrun.outputs.text_template import Template, parse_template
+from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.physics.stepper import Stepper
+from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.select import available_columns, split
+from mjrun.rendering.compositor import Overlay
+from mjrun.rendering.graph import Graph, aligned, graph_size
+from mjrun.timeline import Timeline
+
+# Values of each table at one frame.
+FrameValues = Sequence[np.ndarray]
+
+
+@dataclass(frozen=True)
+class OverlayProbes:
+    """Measures the values in a text and in plots.
+
+    Attributes:
+      text: the template.
+      tables: its columns, then those of each plot.
+      model: with everything switched on that they measure.
+    """
+
+    text: Template
+    tables: Sequence[ProbeSampler]
+    model: mujoco.MjModel
+
+    @property
+    def idle(self) -> bool:
+        """Whether there is nothing to measure."""
+        return all(len(table.columns) == 1 for table in self.tables)
+
+    def read(self, stepper: Stepper) -> list[np.ndarray]:
+        """The values of each table at the instant where `stepper` stands."""
+        return [table.read(stepper).values for table in self.tables]
+
+    def overlay(
+        self,
+        empty: Overlay,
+        rows: Sequence[FrameValues],
+        steps: Sequence[int],
+        speeds: Sequence[float],
+        timeline: Timeline,
+    ) -> Overlay:
+        """`empty` with its texts and graphs.
+
+        Args:
+          rows: what was read at each frame; empty when there is nothing to measure.
+          steps, speeds: of each frame.
+        """
+        times = [float(timeline.time(step)) for step in steps]
+        texts = self._texts(rows, steps, times, speeds) if self.text.parts else []
+        graphs: list[Graph] = []
+        for index, (table, size) in enumerate(zip(self.tables[1:], empty.plots, strict=True), start=1):
+            values = np.array([row[index] for row in rows])
+            names, units = zip(*((column.name, column.unit) for column in table.columns[1:]), strict=True)
+            graphs.append(Graph(np.array(times), values, names, units, size))
+        return replace(empty, texts=texts, graphs=aligned(graphs), times=times)
+
+    def _texts(
+        self, rows: Sequence[FrameValues], steps: Sequence[int], times: Sequence[float], speeds: Sequence[float]
+    ) -> list[str]:
+        names = [column.name for column in self.tables[0].columns[1:]]
+        texts: list[str] = []
+        for index, (step, time, speed) in enumerate(zip(steps, times, speeds, strict=True)):
+            row = dict(zip(names, rows[index][0].tolist(), strict=True)) if names else {}
+            texts.append(self.text.filled({**row, "time": time, "frame": index, "step": step, "speed": speed}))
+        return texts
+
+
+def overlay_probes(
+    model: mujoco.MjModel,
+    timeline: Timeline,
+    text: str | None,
+    plots: Sequence[str] = (),
+    episode: EpisodeColumns | None = None,
+) -> OverlayProbes:
+    """What measures the values in `text` and those of each of `plots`.
+
+    Raises:
+      UnknownNameError: a value that cannot be measured.
+      UsageError: a plot of nothing.
+    """
+    with concerning("text"):
+        columns = [column.name for column in available_columns(model, episode)] if text else []
+        template = parse_template(text, columns) if text else Template([])
+        tables = [ProbeSampler(model, template.columns, timeline, episode)]
+    for index, plot in enumerate(plots):
+        with concerning("plot", index):
+            tables.append(ProbeSampler(tables[-1].model, split(plot), timeline, episode))
+            if len(tables[-1].columns) == 1:
+                raise UsageError(f"{option('plot')} {quoted(plot)}: this model has none of it")
+    return OverlayProbes(template, tables, tables[-1].model)
+
+
+def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:
+    """An overlay without content, whose size is known.
+
+    Args:
+      size: width and height of the frame without it [pixels].
+    """
+    return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side)

@@ -1,0 +1,109 @@
+"""A page of everything that a run makes."""
+
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mjrun.errors import MjrunError, PartlyDoneError
+from mjrun.formats.manifest import with_fingerprints
+from mjrun.formats.table_reader import STDIN
+from mjrun.options.plot import FigureOptions, PageOptions
+from mjrun.outputs.image import ImageResult
+from mjrun.outputs.perform import Published
+from mjrun.outputs.task import Job, OutputResult
+from mjrun.outputs.trace import Trace, TraceResult
+from mjrun.outputs.video import VideoResult
+from mjrun.plotting.figure_writer import require_matplotlib
+from mjrun.plotting.html_page import Page, PageFigure, PageTable
+from mjrun.plotting.page_files import PageFile, page_file
+from mjrun.plotting.page_manifest import PageManifest
+from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.table_figure import TableFigure
+from mjrun.plotting.table_summary import TableSummary
+from mjrun.probe.verdict import Verdict
+
+
+@contextmanager
+def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[Published | None]:
+    """What `perform` tells of each output that is published, so that a page of them follows; None without a page.
+
+    The page is published at the end of the `with` block if anything was made, whatever failed besides.
+
+    Raises:
+      MissingExtraError: there are tables to plot, and no matplotlib.
+      PartlyDoneError: the page cannot be written.
+      MjrunError: nothing can be written where it is to be.
+    """
+    if options.html is None:
+        yield None
+        return
+    if any(isinstance(job, Trace) and job.output != STDIN for job in jobs):
+        require_matplotlib()
+    with PageWriter(options.html) as writer:
+        contents = _Contents(options.html, options.embed_up_to)
+        try:
+            yield contents.add
+        finally:
+            if contents.manifests:
+                _publish(writer, contents, title)
+
+
+def _publish(writer: PageWriter, contents: "_Contents", title: str) -> None:
+    """Publishes the page about what was made, which stays if this fails."""
+    try:
+        writer.write(contents.page(title))
+        writer.publish()
+    except MjrunError as error:
+        partly = PartlyDoneError(contents.made, [(contents.path, error)])
+        partly.results = contents.results
+        raise partly from None
+
+
+@dataclass
+class _Contents:
+    """What was made so far."""
+
+    path: str
+    limit: float
+    figures: list[PageFigure] = field(default_factory=list[PageFigure])
+    tables: list[PageTable] = field(default_factory=list[PageTable])
+    verdicts: list[tuple[str, Verdict]] = field(default_factory=list[tuple[str, Verdict]])
+    files: list[PageFile] = field(default_factory=list[PageFile])
+    manifests: list[PageManifest] = field(default_factory=list[PageManifest])
+    results: list[OutputResult] = field(default_factory=list[OutputResult])
+    made: list[str] = field(default_factory=list[str])
+
+    def add(self, facts: Mapping[str, object], result: OutputResult, files: Sequence[Path]) -> None:
+        """Takes an output that was published."""
+        self.results.append(result)
+        self.made += _paths(result, files) if isinstance(result, VideoResult) else map(str, files)
+        self.manifests.append(PageManifest(result.path, with_fingerprints(facts, files)))
+        for path in _paths(result, files):
+            self.files.append(page_file(path, self.path, self.limit))
+        if isinstance(result, TraceResult):
+            self.verdicts += [(result.path, verdict) for verdict in result.assertions]
+            if result.rows and result.path != STDIN:
+                self._add_table(result.path)
+
+    def page(self, title: str) -> Page:
+        return Page(title, MAKER, self.figures, self.verdicts, self.files, self.tables, self.manifests)
+
+    def _add_table(self, path: str) -> None:
+        with ExitStack() as stack:
+            figure = TableFigure([path], FigureOptions(), stack)
+            summary = TableSummary(path, figure.units[path], None, ())
+            figure.read([summary])
+        self.figures.append(figure.for_page())
+        self.tables.append(PageTable(path, summary.rows, summary.statistics()))
+
+
+def _paths(result: OutputResult, files: Sequence[Path]) -> list[str]:
+    """What a page shows of an output: its files, and a folder for frames in files of their own."""
+    outputs = result.paths if isinstance(result, VideoResult | ImageResult) else [result.path]
+    shown: dict[str, None] = {}
+    for path in outputs:
+        if path != STDIN:
+            exists = Path(path).exists()
+            shown[path if exists else str(files[0].parent)] = None
+    return list(shown)

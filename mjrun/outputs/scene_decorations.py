@@ -1,0 +1,172 @@
+"""Trails and ghosts, which are added to the pictures of a simulation."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.argument import parse_point
+from mjrun.camera.targets import identify_objects
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.formats.recording_reader import RecordingReader, is_recording
+from mjrun.model import state
+from mjrun.model.names import identify
+from mjrun.options.view import ViewOptions
+from mjrun.outputs.view import visual_of
+from mjrun.physics.motion import Motion
+from mjrun.physics.replay import require_model, require_timestep, states_at
+from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
+from mjrun.rendering.visual import Visual
+from mjrun.simulation.simulation import Simulation
+from mjrun.timeline import Timeline, rational
+
+SETTINGS = ("offset", "opacity", "key", "trace", "recording", "map")
+MOTIONS = SETTINGS[2:5]  # each says how a ghost moves
+NO_MAP = "none"
+OPACITY = 0.35
+TRAIL_RATE = Fraction(240)  # [Hz], of the positions on a trail
+DRAFT_LIMIT = 150  # capsules of a trail in a draft
+
+
+@dataclass(frozen=True)
+class GhostPlan:
+    """A ghost, with every name found. Without keyframe, trace and recording it moves as the model does.
+
+    Attributes:
+      offset: how far it is displaced [m].
+      key: id of the keyframe whose pose it keeps.
+      trace: the table that it follows.
+      recording: whose states it follows.
+    """
+
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    opacity: float = OPACITY
+    key: int | None = None
+    trace: Motion | None = None
+    recording: RecordingReader | None = None
+
+    def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
+        """Its integration states at `times` [s], or one for all; None if it moves as the model does."""
+        data = mujoco.MjData(model)
+        if self.key is not None:
+            mujoco.mj_resetDataKeyframe(model, data, self.key)
+            return [state.save(model, data)]
+        if self.recording is not None:
+            return states_at(self.recording, rational(model.opt.timestep), times)
+        return None if self.trace is None else [self.trace.state_at(time) for time in times]
+
+
+@dataclass(frozen=True)
+class SceneDecorations:
+    """Trails and ghosts, with every name found.
+
+    Attributes:
+      trail_objects: kinds and ids of the objects with a trail.
+      trail_span: how much of the past a trail shows [s]; None: all.
+    """
+
+    model: mujoco.MjModel
+    visual: Visual
+    trail_objects: Sequence[tuple[str, int]]
+    trail_span: float | None
+    ghosts: Sequence[GhostPlan]
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the user should know of the tables that ghosts follow."""
+        traces = [ghost.trace for ghost in self.ghosts if ghost.trace]
+        return list(dict.fromkeys(text for trace in traces for text in trace.position_remarks))
+
+    def trail_steps(self, timeline: Timeline) -> Sequence[int]:
+        """The steps at which trails need positions: frames of a video are too far apart for fast spins."""
+        if not self.trail_objects:
+            return []
+        return timeline.rows(rate=TRAIL_RATE) if timeline.steps else [0]
+
+    def decorations(self, trail_states: Iterable[np.ndarray], times: Sequence[float]) -> list[Decoration]:
+        """What is added to frames at `times` [s], given the states at `trail_steps`."""
+        added: list[Decoration] = []
+        if self.trail_objects:
+            limit = DRAFT_LIMIT if self.visual.quality == "draft" else LIMIT
+            added += trails(self.model, self.trail_objects, trail_states, np.array(times), self.trail_span, limit=limit)
+        for ghost in self.ghosts:
+            states = ghost.states(self.model, times)
+            added.append(Ghost(self.model, states, ghost.offset, ghost.opacity, visual=self.visual))
+        return added
+
+
+def scene_decorations(
+    options: ViewOptions, model: mujoco.MjModel, simulation: Simulation | None = None
+) -> SceneDecorations:
+    """The trails and ghosts in `options`.
+
+    Args:
+      simulation: says how tables are read; if None, they have our names for columns.
+
+    Raises:
+      UnknownNameError: an object, keyframe or setting that is not there.
+      UsageError: a setting that cannot be, or a trace that lacks positions.
+      FileError: a trace that cannot be read.
+    """
+    span = None if options.trail_span is None else float(options.trail_span)
+    objects: dict[tuple[str, int], None] = {}
+    for index, text in enumerate(options.trail):
+        with concerning("trail", index):
+            objects |= dict.fromkeys(identify_objects(text, model))
+    ghosts: list[GhostPlan] = []
+    for index, text in enumerate(options.ghost):
+        with concerning("ghost", index):
+            ghosts.append(_ghost(text, model, simulation or Simulation(model)))
+    return SceneDecorations(model, visual_of(options), list(objects), span, ghosts)
+
+
+def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPlan:
+    settings: dict[str, str] = {}
+    for part in filter(None, text.split(",")):
+        name, equals, value = part.partition("=")
+        if name not in SETTINGS:
+            raise UnknownNameError("setting", name, SETTINGS, where=option("ghost"))
+        if not equals or not value or name in settings:
+            raise UsageError(f"{option('ghost')}: write {clean(name)}=VALUE, once")
+        settings[name] = value
+    motions = [name for name in MOTIONS if name in settings]
+    if len(motions) > 1:
+        raise UsageError(f"{option('ghost')}: {' and '.join(motions)} exclude each other: each says how it moves")
+    if "map" in settings and "trace" not in settings:
+        raise UsageError(f"{option('ghost')}: map says what a table means; write trace=FILE with it")
+    return GhostPlan(
+        offset=parse_point(f"{option('ghost')} offset", settings.get("offset", "0/0/0"), "a displacement x/y/z [m]"),
+        opacity=_opacity(settings.get("opacity", str(OPACITY))),
+        key=identify(model, "keyframe", settings["key"]) if "key" in settings else None,
+        trace=_trace(Path(settings["trace"]), settings.get("map"), model, simulation) if "trace" in settings else None,
+        recording=_recording(Path(settings["recording"]), model) if "recording" in settings else None,
+    )
+
+
+def _opacity(text: str) -> float:
+    try:
+        opacity = float(text)
+    except ValueError:
+        opacity = math.nan
+    if not 0 < opacity <= 1:
+        raise BadValueError(f"{option('ghost')} opacity", text, "a number above 0 and up to 1")
+    return opacity
+
+
+def _trace(path: Path, map_file: str | None, model: mujoco.MjModel, simulation: Simulation) -> Motion:
+    """The motion in a table, with the map of its own, if it has one, or else that of the simulation."""
+    if is_recording(path) and path.exists():
+        raise UsageError(f"{clean(str(path))} is a recording, not a table: write recording= instead of trace=")
+    texts = None if map_file is None else [] if map_file == NO_MAP else [f"@{map_file}"]
+    return simulation.motion(path, model, texts)
+
+
+def _recording(path: Path, model: mujoco.MjModel) -> RecordingReader:
+    recording = RecordingReader(path)
+    require_model(model, recording, recording.facts.get("sizes"))
+    require_timestep(model, recording)
+    return recording

@@ -1,0 +1,192 @@
+"""The rows of a trace: which columns, and how they are computed block by block."""
+
+import copy
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import SimulationError, option
+from mjrun.model.column import Column
+from mjrun.physics.native_rollout import blocks
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.stepper import PhysicsStepper, Stepper
+from mjrun.probe.contacts import contact_columns, contacts
+from mjrun.probe.episode import EpisodeColumns, EpisodeProbe
+from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
+from mjrun.probe.select import select
+from mjrun.task.episode import EpisodeStepper
+from mjrun.timeline import Timeline, rational, seconds
+
+TIME = Column("time", "s", "simulated time, exact")
+ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+ROWS = 256  # in a block that is read instant by instant
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Consecutive rows `(n, ncolumns)` of a trace, and of its contact table `(m, ncolumns)`, if it has one."""
+
+    values: np.ndarray
+    contacts: np.ndarray | None = None
+
+
+class ProbeSampler:
+    """The columns that probes select, and their rows, read in blocks or one at a time.
+
+    Energy is computed when it is measured, whatever the model's flag says; that does not change the motion.
+
+    Args:
+      names: of the probes.
+      episode: what a policy that acts adds to what can be measured.
+      with_contacts: whether the contacts of every row are recorded too.
+
+    Attributes:
+      model: the model to simulate: a copy with energy enabled where it is measured, and was not.
+      columns, contact_columns: of the trace, `time` first, and of the contact table.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        names: Sequence[str],
+        timeline: Timeline,
+        episode: EpisodeColumns | None = None,
+        with_contacts: bool = False,
+    ) -> None:
+        self.probes = select(model, names, episode)
+        self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
+        self.contact_columns = contact_columns(model) if with_contacts else []
+        self._timeline = timeline
+        of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
+        self._fields = sorted({name for probe in of_fields for name in probe.fields})
+        self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
+        self.model = model
+        if "energy" in self._fields and not model.opt.enableflags & ENERGY:
+            self.model = copy.copy(model)
+            self.model.opt.enableflags |= ENERGY
+
+    @property
+    def fields(self) -> Sequence[str]:
+        """The fields of MjData that the probes read, those aside that are measured on an MjData."""
+        return self._fields
+
+    def rows(self, steps: np.ndarray, fields: Fields, initial: Fields) -> np.ndarray:
+        """The rows `(n, ncolumns)` at `steps` `(n,)` from recorded fields alone.
+
+        Args:
+          fields: of these instants, `{name: (n, …)}`.
+          initial: the same at step 0, `{name: (1, …)}`.
+        """
+        parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, FieldProbe)]
+        return self._join(steps, parts, None).values
+
+    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+        """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
+        probes = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
+        if self.contact_columns or len(probes) < len(self.probes):
+            yield from self._by_instants(stepper, rows)
+            return
+        initial = self._initial(stepper)
+        for first, count, fields in blocks(stepper, self._fields, self._timeline.steps):
+            steps = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
+            if len(steps):
+                index = slice(None) if len(steps) == count else steps - first
+                yield lambda steps=steps, index=index, fields=fields: self._join(
+                    steps, _columns(probes, {name: values[0, index] for name, values in fields.items()}, initial)
+                )
+
+    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+        """The same, read from one consistent MjData per row."""
+        for start in range(0, len(rows), ROWS):
+            steps, instants = rows[start : start + ROWS], list[Rows]()
+            try:
+                observe(stepper, [Tap(steps, self.read, instants.append)], steps[-1])
+            except SimulationError:
+                if instants:
+                    yield lambda steps=steps, instants=instants: self.stack(steps, instants)
+                raise
+            yield lambda steps=steps, instants=instants: self.stack(steps, instants)
+
+    def stack(self, steps: Sequence[int], instants: Sequence[Rows]) -> Rows:
+        """What `read` gave at `steps`, or at the first of them, as rows with their times."""
+        touching = [row.contacts for row in instants if row.contacts is not None]
+        values = np.stack([row.values for row in instants])
+        return self._join(np.array(steps[: len(instants)]), [values], np.concatenate(touching) if touching else None)
+
+    def read(self, stepper: Stepper) -> Rows:
+        """The row of the instant where `stepper` stands, without its time."""
+        data, initial = stepper.instant(), self._initial(stepper)
+        fields = _fields(stepper.model, data, self._fields)
+        values: list[np.ndarray] = []
+        for probe in self.probes:
+            match probe:
+                case FieldProbe():
+                    values.append(probe.compute(fields, initial))
+                case InstantProbe():
+                    values.append(probe.measure(stepper.model, data))
+                case EpisodeProbe():
+                    assert isinstance(stepper, EpisodeStepper)
+                    values.append(probe.read(stepper.now()))
+        time = float(self._timeline.time(stepper.step))
+        touching = contacts(stepper.model, data, time) if self.contact_columns else None
+        return Rows(np.concatenate([np.empty(0), *values]), touching)
+
+    def _initial(self, stepper: Stepper) -> Fields:
+        """What probes need to know of step 0."""
+        return _fields(stepper.model, stepper.initial(), self._initial_fields) if self._initial_fields else {}
+
+    def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
+        return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
+
+
+class RowBuffer:
+    """Rows that are read one by one, at `steps`, and written block by block."""
+
+    def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
+        self._table, self._steps, self._write = table, steps, write
+        self._rows: list[Rows] = []
+        self._written = 0
+
+    def add(self, row: Rows) -> None:
+        """Adds the next row, as `ProbeSampler.read` returns it."""
+        self._rows.append(row)
+        if len(self._rows) == ROWS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Writes what was taken."""
+        if self._rows:
+            self._write(self._table.stack(self._steps[self._written :][: len(self._rows)], self._rows))
+            self._written, self._rows = self._written + len(self._rows), []
+
+
+def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str:
+    """A warning that `rate` [Hz] asks for more rows than there are steps; empty if it does not."""
+    if rate is None or rational(rate) * timeline.timestep <= 1:
+        return ""
+    steps = f"{float(1 / timeline.timestep):g}"
+    text = f"{option('rate')} {float(rational(rate)):g} is more than the {steps} steps of a simulated second"
+    return f"{text}: every step has one row; a smaller {option('timestep')} has more"
+
+
+def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Fields:
+    if "energy" in names and not model.opt.enableflags & ENERGY:
+        data = _with_energy(model, data)
+    return {name: np.array(getattr(data, name)) for name in names}
+
+
+def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
+    """A copy of an instant of a model that leaves energy out, with energy."""
+    instant = mujoco.MjData(model)
+    mujoco.mj_copyData(instant, model, data)
+    mujoco.mj_energyPos(model, instant)
+    mujoco.mj_energyVel(model, instant)
+    return instant
+
+
+def _columns(probes: Sequence[FieldProbe], fields: Fields, initial: Fields) -> list[np.ndarray]:
+    return [probe.compute(fields, initial) for probe in probes]

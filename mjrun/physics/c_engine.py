@@ -1,0 +1,316 @@
+"""MuJoCo itself as an engine: `mujoco.batch` steps and records in C, on all cores, with the GIL released.
+
+Each of its records is taken after a step: the state is then one step ahead of what was derived from it, so states are
+shifted back by one. With RK4 the derived fields belong to an intermediate stage, and are computed anew from the
+recorded states instead.
+"""
+
+import copy
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from mujoco.batch import SimulationError as BatchError
+
+from mjrun.errors import FailedStepError, SimulationError, UsageError
+from mjrun.model import state
+from mjrun.physics.control import ControlSignal
+from mjrun.physics.control_table import ControlArray
+from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
+from mjrun.physics.stepper import PhysicsStepper
+from mjrun.timeline import rational
+
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+# Fields that are part of the integration state, but for the inputs, which a step does not change.
+STATE_FIELDS = ("qpos", "qvel", "act", "history", "qacc_warmstart", "plugin_state", "plastic")
+
+
+class CEngine:
+    """An `Engine` in which every simulation is bit for bit that of a bare loop of `mj_step` on its model alone.
+
+    Args:
+      threads: how many simulations are stepped at the same time; as many as there are cores when 0.
+    """
+
+    def __init__(self, threads: int = 0) -> None:
+        self._threads = threads
+
+    def rollout(
+        self,
+        models: mujoco.MjModel | Sequence[mujoco.MjModel],
+        starts: np.ndarray,
+        controls: np.ndarray | None,
+        steps: int,
+        record: Sequence[str],
+        every: int = 1,
+    ) -> Iterator[RolloutBlock]:
+        """As `Engine` has it.
+
+        Raises:
+          UsageError: the models are of different sizes.
+        """
+        run = _Run(models_of(models, len(starts)), np.array(starts, float), controls, record, self._threads)
+        size = min(block_steps(run.models[0], record, len(starts)), max(steps, 1))
+        for first in range(0, steps, size):
+            block = run.block(first, min(size, steps - first), every, size)
+            if len(block.steps):
+                yield block
+        yield run.last(steps)
+
+
+@dataclass(frozen=True)
+class StepRecords:
+    """What has come of some steps of n simulations.
+
+    Attributes:
+      fields: of every instant, `(n, rows, …)`.
+      states: after the last step, `(n, nstate)`.
+      completed: which simulations got there, `(n,)`. MuJoCo has warned in the others: they are still where they
+        were, and their rows mean nothing.
+    """
+
+    fields: dict[str, np.ndarray]
+    states: np.ndarray
+    completed: np.ndarray
+
+
+class RecordingBatch:
+    """Steps n simulations in C, and records every instant.
+
+    Args:
+      models: one for each simulation; automatic resets are off in them, and bodies do not sleep.
+      record: names of MjData fields.
+      size: the most steps of one call.
+      threads: as `CEngine` has it.
+    """
+
+    def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], size: int, threads: int = 0) -> None:
+        self._models, self._record = models, record
+        self._derived = None
+        if any(model.opt.integrator == RK4 for model in models):
+            self._derived = DerivedFields(models, record, size, threads)
+            models = with_flags(models, leave_out=ENERGY)
+        self._batch = _batch(models, threads)
+        self._states = {name: self._batch.bind(name) for name in record if name in STATE_FIELDS}
+        self._moving = (self._batch.bind("qpos"), self._batch.bind("qvel"))
+
+    def run(
+        self,
+        states: np.ndarray,
+        count: int,
+        controls: np.ndarray | None,
+        rows: slice = slice(None),
+        ids: np.ndarray | None = None,
+    ) -> StepRecords:
+        """Takes `count` steps from `states` `(n, nstate)`.
+
+        Args:
+          controls: `(n, count, nu)`; those in the states throughout when None.
+          rows: which instants are of interest.
+          ids: which simulations are to move; all when None.
+        """
+        batch, n = self._batch, len(states)
+        ids = np.arange(n) if ids is None else ids
+        batch.state[:] = states
+        before = {name: values.copy() for name, values in self._states.items()}
+        warnings = batch.warning.copy()
+        record = [state.STATE] if self._derived else self._record
+        try:
+            out = batch.rollout(count, None if controls is None else controls[ids], record=record, ids=ids)
+        except BatchError as error:  # the records of the others are lost with it
+            return self.run(states, count, controls, rows, np.setdiff1d(ids, error.ids))
+        completed = np.zeros(n, bool)
+        completed[ids] = True
+        completed &= (batch.warning == warnings).all(axis=(1, 2))
+        for vectors in self._moving:  # MuJoCo would warn of the last state only at the start of the next step
+            completed &= (abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
+        if self._derived:
+            instants = shifted(states[ids], out[state.STATE])
+            if controls is not None:  # a record holds the controls that led to it
+                instants[:, :, state.controls(self._models[0])] = controls[ids]
+            fields = self._derived.of(instants[:, rows], ids)
+        else:
+            moved = {name: shifted(values[ids], out[name]) for name, values in before.items()}
+            fields = {name: moved.get(name, out[name])[:, rows] for name in self._record}
+        fields = {name: _spread(values, ids, n) for name, values in fields.items()}
+        return StepRecords(fields, np.where(completed[:, None], batch.state, states), completed)
+
+
+class DerivedFields:
+    """Fields of recorded states of n simulations, computed by `mj_forward` in C.
+
+    Args:
+      rows: the most states of a simulation in one call.
+    """
+
+    def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], rows: int, threads: int = 0) -> None:
+        self._count = len(models)
+        self._batch = _batch([*models] * rows, threads)
+        self._fields = {name: self._batch.bind(name) for name in record}
+
+    def error(self, simulation: int) -> str:
+        """Why MuJoCo gave up on the first state of `simulation`."""
+        return self._batch.error(simulation)
+
+    def of(self, states: np.ndarray, ids: np.ndarray) -> dict[str, np.ndarray]:
+        """The fields `(k, rows, …)` of the states `(k, rows, nstate)` of the simulations `ids` `(k,)`.
+
+        Raises:
+          mujoco.batch.SimulationError: MuJoCo gave up on some of them.
+        """
+        k, rows, size = states.shape
+        slots = (np.arange(rows)[:, None] * self._count + ids).ravel()
+        self._batch.state[slots] = states.swapaxes(0, 1).reshape(-1, size)
+        self._batch.forward(slots)
+        return {
+            name: values[slots].reshape(rows, k, *values.shape[1:]).swapaxes(0, 1)
+            for name, values in self._fields.items()
+        }
+
+
+class _Run:
+    """Simulations on their way through a rollout."""
+
+    def __init__(
+        self,
+        models: Sequence[mujoco.MjModel],
+        starts: np.ndarray,
+        controls: np.ndarray | None,
+        record: Sequence[str],
+        threads: int,
+    ) -> None:
+        self.models = with_flags(models, disable=AUTORESET)
+        self._states, self._controls, self._record, self._threads = starts, controls, record, threads
+        self._stable = np.ones(len(models), bool)
+        self._failures: dict[int, SimulationError] = {}  # since the last block
+        self._shortages: dict[int, int] = {}  # likewise
+        self._initial: Fields = {}
+        self._batch: RecordingBatch | None = None
+        # Which bodies sleep is in no state: these simulations stay in one MjData throughout, and out of the batch.
+        sleepy = [index for index, model in enumerate(models) if model.opt.enableflags & SLEEP]
+        self._awake = with_flags(self.models, leave_out=SLEEP) if sleepy else self.models
+        self._sleepers = {index: self._stepper(index, 0) for index in sleepy}
+
+    def block(self, first: int, count: int, every: int, size: int) -> RolloutBlock:
+        """The rows of the `count` steps from `first` on, at most `size` of them."""
+        self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads)
+        rows = slice(-first % every, count, every)
+        steps = np.arange(first, first + count)[rows]
+        controls = None if self._controls is None else self._controls[:, first : first + count]
+        recorded = self._batch.run(self._states, count, controls, rows, self._ids())
+        self._states = recorded.states
+        counts = np.where(recorded.completed, len(steps), 0)
+        for index in np.flatnonzero(self._stable & ~recorded.completed).tolist():
+            stepper = self._sleepers.get(index) or self._stepper(index, first)
+            try:
+                for row, step in enumerate(steps.tolist()):
+                    stepper.advance(step)
+                    _put(recorded.fields, index, row, stepper.instant())
+                    counts[index] += 1
+                    self._note_shortage(index, step, stepper)
+                stepper.advance(first + count)
+                self._note_shortage(index, first + count, stepper)
+            except SimulationError as error:
+                self._fail(index, error)
+            self._states[index] = stepper.state()
+        return self._block(steps, recorded.fields, counts)
+
+    def last(self, step: int) -> RolloutBlock:
+        """The row at the end, at `step`."""
+        ids = self._ids()
+        derived = DerivedFields(self._awake, self._record, 1, self._threads)
+        try:
+            fields = derived.of(self._states[ids][:, None], ids)
+        except BatchError as error:
+            for index in error.ids.tolist():
+                time = float(self._states[index, 0])  # which comes first in a state
+                self._fail(index, FailedStepError(step, time, derived.error(index)))
+            return self.last(step)
+        fields = {name: _spread(values, ids, len(self.models)) for name, values in fields.items()}
+        for index, stepper in self._sleepers.items():
+            if self._stable[index]:
+                _put(fields, index, 0, stepper.instant())
+        return self._block(np.array([step]), fields, self._stable.astype(int))
+
+    def _ids(self) -> np.ndarray:
+        """The simulations that go on in C."""
+        return np.array([index for index in np.flatnonzero(self._stable) if index not in self._sleepers], int)
+
+    def _stepper(self, index: int, step: int) -> PhysicsStepper:
+        """Simulation number `index`, to be taken on step by step from `step`."""
+        model, data = self.models[index], mujoco.MjData(self.models[index])
+        state.restore(model, data, self._states[index])
+        control = None
+        if self._controls is not None and self._controls.shape[1]:
+            table = ControlArray(self._controls[index])
+            control = ControlSignal(rational(model.opt.timestep), np.zeros(model.nu), table)
+        stepper = PhysicsStepper(model, data, control)
+        stepper.jump(step, self._states[index])
+        return stepper
+
+    def _fail(self, index: int, error: SimulationError) -> None:
+        self._failures[index] = error
+        self._stable[index] = False
+
+    def _note_shortage(self, index: int, step: int, stepper: PhysicsStepper) -> None:
+        if stepper.lacks_memory:
+            self._shortages.setdefault(index, step)
+
+    def _block(self, steps: np.ndarray, fields: dict[str, np.ndarray], counts: np.ndarray) -> RolloutBlock:
+        self._initial = self._initial or {name: values[:, :1].copy() for name, values in fields.items()}
+        failures, shortages = self._failures, self._shortages
+        if len(steps):
+            self._failures, self._shortages = {}, {}
+        return RolloutBlock(steps, fields, self._initial, counts, failures, shortages)
+
+
+def with_flags(models: Sequence[mujoco.MjModel], disable: int = 0, leave_out: int = 0) -> Sequence[mujoco.MjModel]:
+    """`models` with `disable` among their disable flags and without `leave_out` among their enable flags.
+
+    Those that differ are copied, once where several are the same.
+    """
+    changed: dict[int, mujoco.MjModel] = {}
+    for model in models:
+        if id(model) not in changed:
+            changed[id(model)] = model
+            if ~model.opt.disableflags & disable or model.opt.enableflags & leave_out:
+                changed[id(model)] = copy.copy(model)
+                changed[id(model)].opt.disableflags |= disable
+                changed[id(model)].opt.enableflags &= ~leave_out
+    return [changed[id(model)] for model in models]
+
+
+def _batch(models: Sequence[mujoco.MjModel], threads: int) -> Batch:
+    """A batch of a simulation of each of `models`."""
+    batch = Batch(models[0], len(models), threads if len(models) > 1 else 1)
+    if any(model is not models[0] for model in models):
+        try:
+            batch.set_models(models)
+        except (ValueError, mujoco.FatalError) as error:
+            raise UsageError(f"models of different sizes cannot be simulated side by side: {error}") from None
+    return batch
+
+
+def shifted(first: np.ndarray, records: np.ndarray) -> np.ndarray:
+    """Records `(n, rows, …)` that are taken after each step, as they are before it: `first` `(n, …)` leads them."""
+    return np.concatenate([first[:, None], records[:, :-1]], axis=1)
+
+
+def _spread(values: np.ndarray, ids: np.ndarray, count: int) -> np.ndarray:
+    """`values` `(k, …)` of the simulations `ids` among zeros for the others: `(count, …)`."""
+    if len(ids) == count:
+        return values
+    full = np.zeros((count, *values.shape[1:]), values.dtype)
+    full[ids] = values
+    return full
+
+
+def _put(fields: Mapping[str, np.ndarray], index: int, row: int, data: mujoco.MjData) -> None:
+    """Writes the instant in `data` into a row of a simulation."""
+    for name, values in fields.items():
+        values[index, row] = getattr(data, name)

@@ -1,0 +1,132 @@
+"""Pushes in a simulation: which steps they act on, and the forces on the bodies at each."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
+from mjrun.model.names import identify, names
+from mjrun.options.push import Push
+from mjrun.physics.control import NEVER
+from mjrun.timeline import nearest
+
+WORLD = 0  # the body that cannot be pushed
+
+
+@dataclass(frozen=True)
+class _TimedPush:
+    """A push of a body on some steps, at its centre of mass or at a site on it."""
+
+    text: str
+    body: int
+    site: int | None
+    force: np.ndarray
+    steps: range
+
+
+class PushForces:
+    """All pushes of a simulation; those that overlap add up.
+
+    Step k is pushed when round(at / timestep) ≤ k < round((at + duration) / timestep).
+
+    Args:
+      timestep: [s], exact.
+
+    Raises:
+      UsageError: an object that is not there or cannot be pushed, or a push that is too short for any step.
+    """
+
+    def __init__(self, model: mujoco.MjModel, pushes: Sequence[Push], timestep: Fraction) -> None:
+        self._model = model
+        self._pushes: list[_TimedPush] = []
+        for index, push in enumerate(pushes):
+            with concerning("push", index):
+                body, site = _find(model, push.target)
+                self._pushes.append(
+                    _TimedPush(clean(str(push)), body, site, np.array(push.force), _steps(push, timestep))
+                )
+
+    @cached_property
+    def _scratch(self) -> mujoco.MjData:
+        return mujoco.MjData(self._model)
+
+    def __bool__(self) -> bool:
+        return bool(self._pushes)
+
+    def next_change(self, step: int) -> int:
+        """The first step after `step` at which `on_bodies` may give something else."""
+        if any(push.site is not None and step in push.steps for push in self._pushes):
+            return step + 1  # the lever of a force at a site turns with the body
+        edges = [edge for push in self._pushes for edge in (push.steps.start, push.steps.stop)]
+        return min((edge for edge in edges if edge > step), default=NEVER)
+
+    def on_bodies(self, data: mujoco.MjData, step: int) -> np.ndarray:
+        """The forces and torques `(nbody, 6)` [N, N·m] at `step`, as `xfrc_applied` has them.
+
+        A force F at a site s acts on a body with its centre of mass at c as F with the torque (s - c) × F.
+
+        Args:
+          data: in the state at `step`; what is derived from it is not looked at.
+        """
+        wrenches = np.zeros((self._model.nbody, 6))
+        active = [push for push in self._pushes if step in push.steps]
+        if any(push.site is not None for push in active):
+            self._place(data)
+        for push in active:
+            wrenches[push.body, :3] += push.force
+            if push.site is not None:
+                lever = self._scratch.site_xpos[push.site] - self._scratch.xipos[push.body]
+                wrenches[push.body, 3:] += np.cross(lever, push.force)
+        return wrenches
+
+    def remarks(self, steps: int) -> list[str]:
+        """What the user should know of these pushes in a simulation of `steps` steps: those that do nothing."""
+        texts: list[str] = []
+        for push in self._pushes:
+            if push.steps.start >= steps:
+                begin = f"begins at step {push.steps.start}, and the simulation has {steps} step{'s' * (steps != 1)}"
+                texts.append(f"{option('push')} {push.text} does nothing: it {begin}")
+            elif self._model.body_treeid[push.body] < 0:
+                texts.append(f"{option('push')} {push.text} does nothing: no joint lets the body move")
+        return texts
+
+    def _place(self, data: mujoco.MjData) -> None:
+        """Puts bodies and sites where they are in the state of `data`."""
+        scratch = self._scratch
+        scratch.qpos[:], scratch.mocap_pos[:], scratch.mocap_quat[:] = data.qpos, data.mocap_pos, data.mocap_quat
+        mujoco.mj_kinematics(self._model, scratch)
+
+
+def _find(model: mujoco.MjModel, target: str) -> tuple[int, int | None]:
+    """The body that `target` means, and the site on it if it is one."""
+    kind, colon, name = target.partition(":")
+    if colon and kind in ("body", "site"):
+        index = identify(model, kind, name)
+    elif target in (bodies := names(model, "body")):
+        kind, index = "body", bodies.index(target)
+    elif target in (sites := names(model, "site")):
+        kind, index = "site", sites.index(target)
+    else:
+        movable = [site for site, body in zip(sites, model.site_bodyid, strict=True) if body != WORLD]
+        named = [*bodies[1:], *movable]
+        valid = list(dict.fromkeys(named))
+        raise UnknownNameError("body or site", target, valid, option("push"), plural="bodies and sites")
+    body = int(model.site_bodyid[index]) if kind == "site" else index
+    if body == WORLD:
+        what = f"the site {clean(target)} is fixed to the world" if kind == "site" else "the world is not a body"
+        raise UsageError(f"{option('push')}: {what} that a force can move")
+    return body, index if kind == "site" else None
+
+
+def _steps(push: Push, timestep: Fraction) -> range:
+    steps = range(nearest(push.at / timestep), nearest((push.at + push.duration) / timestep))
+    if not steps:
+        raise UsageError(
+            f"{option('push')} {clean(str(push))} is too short: no step of {float(timestep):g} s falls in it\n"
+            f"let it last {float(timestep):g} s or longer"
+        )
+    return steps

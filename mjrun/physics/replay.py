@@ -1,0 +1,204 @@
+"""Replay: an instant of a simulation from its recorded states, instead of from physics."""
+
+import copy
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, clean, listing, option
+from mjrun.model import state
+from mjrun.physics.stepper import derive, instant_of
+from mjrun.timeline import rational
+
+SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+FAR = 1000  # steps from a recorded state to the next that are taken once more at most
+ALIKE = 1e-4  # relative: times of states are sums of floats
+
+
+class RecordedStates(Protocol):
+    """Recorded integration states."""
+
+    @property
+    def steps(self) -> np.ndarray | range:
+        """The step of each state, `(n,)` integers, n ≥ 1, ascending from 0."""
+        ...
+
+    @property
+    def size(self) -> int:
+        """Numbers in a state."""
+        ...
+
+    def state(self, index: int) -> np.ndarray:
+        """State number `index` as a new array `(size,)`."""
+        ...
+
+
+class ReplayStepper:
+    """Moves a copy of `model` along recorded states.
+
+    Every state is bit for bit the recorded one, and every instant that of the simulation that was recorded, if
+    MuJoCo and the machine are the same. Which bodies sleep is in no state: where they may, every step is taken once
+    more to see it, from the recorded state and before the next one takes its place. When inputs changed between two
+    recorded states, bodies may be awake that slept.
+
+    Args:
+      sizes: the `sizes` of the model that was recorded, if it is known.
+      simulated: whether the states come from physics, which says where bodies slept; otherwise they are a table's.
+
+    Raises:
+      UsageError: the recording is of another model, or of another timestep.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        states: RecordedStates,
+        sizes: Mapping[str, Any] | None = None,
+        simulated: bool = True,
+    ) -> None:
+        require_model(model, states, sizes)
+        require_timestep(model, states)
+        self._source = "recording" if simulated else "table"
+        self.model = copy.copy(model)
+        self.step = 0
+        self._states, self._steps = states, states.steps
+        self._timestep = rational(model.opt.timestep)
+        self._sleeps = simulated and bool(model.opt.enableflags & SLEEP)
+        self._data = mujoco.MjData(self.model)
+        self._instant = mujoco.MjData(self.model)
+        self._instant_step = -1
+        self._initial: mujoco.MjData | None = None
+        self._put(0)
+
+    def require(self, steps: Sequence[int]) -> None:
+        """Raises UsageError unless all of `steps` are recorded; the message is about the first that is not."""
+        for step in steps:
+            self._find(step)
+
+    def advance(self, step: int) -> None:
+        """Moves forward to `step`, which must not lie behind.
+
+        Raises:
+          UsageError: the step is not recorded.
+        """
+        if step < self.step:
+            raise ValueError(f"cannot go back from step {self.step} to step {step}")
+        index = self._find(step)
+        if self._sleeps:
+            for following in range(self._index + 1, index + 1):
+                self._follow(following)
+        elif index != self._index:
+            self._put(index)
+
+    def state(self) -> np.ndarray:
+        """The recorded state at `self.step`: a new array `(nstate,)`."""
+        return self._state.copy()
+
+    def instant(self) -> mujoco.MjData:
+        """An MjData in which every field belongs to `self.step`; not to be kept or written to.
+
+        Raises:
+          FailedStepError: MuJoCo gave up.
+        """
+        if self._instant_step != self.step:
+            derive(self.model, self._data, self._instant, self.step)
+            self._instant_step = self.step
+        return self._instant
+
+    def initial(self) -> mujoco.MjData:
+        """An MjData in which every field belongs to step 0, wherever the stepper stands; not to be written to."""
+        self._initial = self._initial or instant_of(self.model, self._states.state(0))
+        return self._initial
+
+    def _put(self, index: int) -> None:
+        """Goes to a state. MuJoCo wakes the bodies in it that move, or are not where they slept."""
+        self._index, self.step = index, int(self._steps[index])
+        self._state = self._states.state(index)
+        state.restore(self.model, self._data, self._state)
+
+    def _follow(self, index: int) -> None:
+        """Goes to the next state by way of physics, so that bodies fall asleep and wake up as they did."""
+        count = int(self._steps[index]) - self.step
+        try:
+            mujoco.mj_step(self.model, self._data, nstep=min(count, FAR))
+        except mujoco.FatalError:
+            self._data = mujoco.MjData(self.model)  # the old one broke off in the middle
+        self._put(index)
+
+    def _find(self, step: int) -> int:
+        """The index of the state at `step`."""
+        steps = self._steps
+        index = bisect_left(steps, step)
+        if index == len(steps):
+            last = int(steps[-1])
+            raise UsageError(
+                f"the {self._source} ends at {self._place(last)}: there is no {self._place(step)} in it\n"
+                f"ask for step {last} or an earlier one"
+            )
+        if steps[index] != step:
+            before = f"{self._place(int(steps[index - 1]))}, and "
+            raise UsageError(
+                f"{self._place(step)} is not in the {self._source}\n"
+                f"the nearest that are: {before if index else ''}{self._place(int(steps[index]))}"
+            )
+        return index
+
+    def _place(self, step: int) -> str:
+        return f"step {step}, time {float(step * self._timestep):.9g} s"
+
+
+def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
+    """Raises UsageError unless `states` may be states of `model`; `recorded` are its `sizes`, if they are known."""
+    ours = state.sizes(model)
+    theirs = recorded if isinstance(recorded, Mapping) else {}  # a recording may say anything
+    differing = [name for name in state.SIZES if theirs.get(name, ours[name]) != ours[name]]
+    if differing:
+        facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
+        raise UsageError(f"the recording is of another model: it has {'; '.join(facts)}")
+    if states.size != state.size(model):
+        facts = [f"{name} {size}" for name, size in ours.items() if size]
+        raise UsageError(
+            f"the recording is of another model: its states have {states.size} numbers, "
+            f"those of this model {state.size(model)}\nthis model has {listing(facts)}"
+        )
+
+
+def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:
+    """Raises UsageError unless `states` are as far apart in time as the steps of `model`."""
+    last = len(states.steps) - 1
+    if not last:
+        return
+    begin, end = (float(states.state(index)[0]) for index in (0, last))  # time is first in a state
+    timestep = (end - begin) / int(states.steps[last])
+    if not math.isclose(timestep, model.opt.timestep, rel_tol=ALIKE):
+        raise UsageError(
+            f"the recording was made with a timestep of {timestep:.6g} s, not {model.opt.timestep:g} s\n"
+            f"give the {option('timestep')} that it was made with, or the model as it was"
+        )
+
+
+def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float | Fraction]) -> list[np.ndarray]:
+    """The last recorded state at or before each of `times` [s]; the first before the beginning.
+
+    Args:
+      timestep: of the recording [s]; step k is at k·timestep.
+      times: a float stands for any number that rounds to it, so that the time of a step finds that step.
+    """
+    rows: list[np.ndarray] = []
+    before, steps = -1, states.steps
+    for time in times:
+        index = max(0, bisect_right(steps, _step(time, timestep)) - 1)
+        rows.append(rows[-1] if index == before else states.state(index))
+        before = index
+    return rows
+
+
+def _step(time: float | Fraction, timestep: Fraction) -> int:
+    """The last step at or before `time`."""
+    step = math.floor(rational(time) / timestep)
+    return step + (isinstance(time, float) and float((step + 1) * timestep) <= time)

@@ -1,0 +1,323 @@
+"""An episode of a policy: which task it acts on, how long it lasts, and how it ends."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+
+from mjrun.errors import SimulationError, UsageError, clean, option
+from mjrun.formats.input_file import is_file
+from mjrun.model.source import Source
+from mjrun.model.variants import ModelVariants
+from mjrun.options.policy import NONE, is_code, is_policy_file
+from mjrun.options.push import Push
+from mjrun.physics.push_forces import PushForces
+from mjrun.probe.episode import EpisodeColumns
+from mjrun.task.episode import Ending, EpisodeStepper
+from mjrun.timeline import Timeline, rational
+
+if TYPE_CHECKING:
+    from mjrun.model.sources.gym import GymSource
+    from mjrun.policy.policy import Policy
+    from mjrun.task.gymnasium import Environment
+    from mjrun.task.task import Task
+    from mjrun.task.worlds import TaskWorlds
+
+REMEMBERED = 8  # policies
+UNLIMITED = 5  # [s] that are simulated of an episode that nothing ends
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """What came of an episode, as far as it was simulated.
+
+    Attributes:
+      policy: its name.
+      seed: of the episode.
+      periods: control periods that were completed, up to the end.
+      time: when it ended, or how long it was simulated [s].
+      simulated: how long it was simulated, beyond its end too [s].
+      total: the sum of all rewards, which is the return if the episode has ended.
+      ending: the name of the termination; None if it has not ended.
+      kind: `success`, `failure` or `timeout`; None if it has not ended.
+    """
+
+    policy: str
+    seed: int
+    periods: int
+    time: float
+    simulated: float
+    total: float
+    ending: str | None
+    kind: str | None
+
+    @property
+    def sentence(self) -> str:
+        """What is told of it."""
+        reached = f"return {self.total:.6g}"
+        if self.ending is None:
+            return f"the episode of seed {self.seed} has not ended after {self.time:g} s: {reached} so far"
+        how = self.ending if self.ending == self.kind else f"{clean(self.ending)} ({self.kind})"
+        sentence = f"the episode of seed {self.seed} ended after {self.time:g} s: {how}, {reached}"
+        if self.simulated <= self.time:
+            return sentence
+        return f"{sentence}; the simulation went on without a reset up to {self.simulated:g} s"
+
+
+@dataclass(frozen=True)
+class EpisodeLength:
+    """How long an episode lasts: physics steps up to where it ends, or, if it does not, up to where one looked."""
+
+    steps: int
+    ending: Ending | None
+
+
+class Episode(ABC):
+    """The episode of a seed.
+
+    Attributes:
+      goes_on: whether the simulation can go on, without a reset, when the episode has ended.
+    """
+
+    goes_on = True
+
+    def __init__(self, policy: "Policy", seed: int) -> None:
+        self.policy, self.seed = policy, seed
+
+    @abstractmethod
+    def model(self) -> mujoco.MjModel:
+        """The model of this episode, which may vary with the seed."""
+
+    def timeline(self, timestep: Fraction, said: Timeline | None) -> Timeline:
+        """How the simulation falls on timesteps [s]: until the episode ends, if nothing is said of how long it lasts.
+
+        Args:
+          said: what is said.
+        """
+        if said is not None and (self.goes_on or said.steps <= self.length.steps):
+            return said
+        return Timeline.of_steps(timestep, self.length.steps)
+
+    def remarks(self, said: Timeline | None) -> list[str]:
+        """What the user should know of the episode before it is simulated; see `timeline`."""
+        if said is None or self.goes_on or said.steps <= self.length.steps:
+            return []
+        end = float(said.time(self.length.steps))
+        return [f"the episode ends at {end:g} s; an environment does not go on without a reset, so all ends there"]
+
+    def result(self, stepper: EpisodeStepper) -> EpisodeResult:
+        """What came of the episode that `stepper` has gone through."""
+        now, timestep = stepper.now(), rational(stepper.model.opt.timestep)
+        return EpisodeResult(
+            policy=self.policy.name,
+            seed=self.seed,
+            periods=stepper.periods,
+            time=float((stepper.step if now.ending is None else stepper.periods * stepper.control_steps) * timestep),
+            simulated=float(stepper.step * timestep),
+            total=now.total,
+            ending=now.ending.name if now.ending else None,
+            kind=now.ending.kind if now.ending else None,
+        )
+
+    def stepper(self, enable_flags: int = 0) -> EpisodeStepper:
+        """The episode from its start.
+
+        Args:
+          enable_flags: of MuJoCo's, for what is measured; they must not change the motion.
+        """
+        stepper = self._start()
+        stepper.model.opt.enableflags |= enable_flags
+        return stepper
+
+    @abstractmethod
+    def _start(self) -> EpisodeStepper:
+        """The episode from its start."""
+
+    @property
+    @abstractmethod
+    def longest(self) -> int:
+        """Physics steps after which an episode ends at the latest, or nobody looks any further."""
+
+    @cached_property
+    def _first(self) -> EpisodeStepper:
+        """A stepper for what is to be known before the simulation."""
+        return self.stepper()
+
+    @cached_property
+    def columns(self) -> EpisodeColumns:
+        """What can be measured besides the model."""
+        names = self._first.names
+        return EpisodeColumns(dict.fromkeys(names.observations, ""), names.actions, names.rewards)
+
+    @cached_property
+    def length(self) -> EpisodeLength:
+        """How long it lasts. The episode is simulated for it; one that fails is taken to last as long as it can."""
+        stepper = self._first
+        try:
+            while stepper.now().ending is None and stepper.step < self.longest:
+                stepper.advance(stepper.step + stepper.control_steps)
+        except SimulationError:  # whoever simulates it again is told
+            return EpisodeLength(self.longest, None)
+        return EpisodeLength(stepper.step, stepper.now().ending)
+
+
+class TaskEpisode(Episode):
+    """An episode of a task. Its steppers have one world in common, so that a new one is the end of those before."""
+
+    def __init__(self, task: "Task", policy: "Policy", seed: int, pushes: Sequence[Push]) -> None:
+        super().__init__(policy, seed)
+        from mjrun.policy.agreement import check_agreement
+
+        check_agreement(task, policy)
+        self._task, self._pushes = task, pushes
+
+    @cached_property
+    def _worlds(self) -> "TaskWorlds":
+        from mjrun.task.worlds import TaskWorlds
+
+        return TaskWorlds(self._task, 1)
+
+    def model(self) -> mujoco.MjModel:
+        from mjrun.task.episode_start import EpisodeModels
+
+        with self._task.located():
+            return EpisodeModels(self._task.model_source, self._task.reset.vary, ModelVariants()).model(self.seed)
+
+    @cached_property
+    def columns(self) -> EpisodeColumns:
+        worlds = self._worlds
+        units = {number.name: number.unit if number.scale == 1 else "" for number in worlds.observed}
+        return EpisodeColumns(units, worlds.action_names, worlds.reward_names)
+
+    def _start(self) -> EpisodeStepper:
+        from mjrun.policy.policy import ActionSpace
+        from mjrun.task.task_stepper import TaskStepper
+
+        worlds = self._worlds
+        space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+        actor = self.policy.episode(self.seed, space)
+        model = self.model()
+        pushes = PushForces(model, self._pushes, rational(model.opt.timestep))
+        return TaskStepper(worlds, actor, self.seed, self.policy.name, pushes)
+
+    @property
+    def longest(self) -> int:
+        return self._task.periods * self._worlds.control_steps
+
+
+class EnvironmentEpisode(Episode):
+    """An episode of an environment of Gymnasium's, which resets, steps and rewards itself."""
+
+    goes_on = False
+
+    def __init__(self, source: "GymSource", policy: "Policy", seed: int) -> None:
+        super().__init__(policy, seed)
+        self._source, self._environment = source, _environment(source)
+
+    def model(self) -> mujoco.MjModel:
+        return self._environment.compiled_model()
+
+    def _start(self) -> EpisodeStepper:
+        from mjrun.policy.policy import ActionSpace
+        from mjrun.task.environment_stepper import EnvironmentStepper
+
+        environment = _environment(self._source)  # nobody else may reset it
+        actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
+        return EnvironmentStepper(environment, self.policy.episode(self.seed, actions), self.seed, self.policy.name)
+
+    @property
+    def longest(self) -> int:
+        environment = self._environment
+        actions = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)
+        return actions * environment.control_steps
+
+
+def _environment(source: "GymSource") -> "Environment":
+    from mjrun.task.gymnasium import Environment
+
+    return Environment(source)
+
+
+def episode_of(
+    source: Source,
+    policy: "Policy",
+    seed: int,
+    pushes: Sequence[Push] = (),
+    control_dt: Fraction | None = None,
+    duration: Fraction | None = None,
+) -> Episode:
+    """The episode of `seed` of what `source` is: an environment, a task, or a model of which the policy says the rest.
+
+    Args:
+      pushes: forces on bodies besides those of the task.
+      control_dt, duration: the control period and the length [s], of a model alone.
+
+    Raises:
+      UsageError: the policy does not fit, or does not say enough.
+    """
+    from mjrun.model.sources.gym import GymSource
+    from mjrun.task.task import Task
+
+    if control_dt is not None and isinstance(source, Task | GymSource):
+        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says its control period")
+    if isinstance(source, Task):
+        return TaskEpisode(source, policy, seed, pushes)
+    if isinstance(source, GymSource):
+        if pushes:
+            raise UsageError(f"{option('push')}: an environment steps itself, and nothing else can push its bodies")
+        return EnvironmentEpisode(source, policy, seed)
+    from mjrun.policy.task_of_policy import task_of_policy
+
+    return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
+
+
+def remembered_policy(
+    policy: object, trust: bool, normalize: str | None, place: Callable[[str | Path], Path] = Path
+) -> "Policy":
+    """Returns the policy that `policy` stands for; one that was read is remembered until its files change.
+
+    Args:
+      place: says where its files are read.
+    """
+    from mjrun.policy import load
+
+    if not isinstance(policy, str) or is_code(policy):
+        return load.load_policy(policy, trust=trust, normalize=normalize, place=place)
+    files = [stored for file in policy_files(policy, normalize) if is_file(stored := place(file))]
+    versions = tuple((str(file.resolve()), file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    return _read_policy(policy, trust, normalize, _Files(place, versions))
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Where the files of a policy are read, and their versions, by which policies are remembered."""
+
+    place: Callable[[str | Path], Path] = field(compare=False)
+    versions: tuple[tuple[str, int, int], ...]
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _read_policy(policy: str, trust: bool, normalize: str | None, files: _Files) -> "Policy":
+    from mjrun.policy import load
+
+    return load.load_policy(policy, trust=trust, normalize=normalize, place=files.place)
+
+
+def policy_files(policy: object, normalize: str | None = None) -> list[Path]:
+    """Returns the files that a policy is read from, those that its files name included."""
+    files: list[Path] = []
+    if isinstance(policy, str) and is_policy_file(policy):
+        from mjrun.policy.load import files_of
+
+        files += files_of(Path(policy))
+    elif isinstance(policy, str) and is_code(policy) and (code := Path(policy.rpartition(":")[0])).suffix == ".py":
+        files.append(code)
+    if normalize not in (None, NONE):
+        files.append(Path(normalize))
+    return files

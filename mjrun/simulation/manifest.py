@@ -1,0 +1,89 @@
+"""What a manifest says: versions, command, model, resolved options, time."""
+
+import dataclasses
+import platform
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import NotRequired, TypedDict, cast
+
+import mujoco
+import numpy as np
+
+from mjrun.confinement.confinement import confinement
+from mjrun.model.fingerprint import model_fingerprint
+from mjrun.model.source import Source
+from mjrun.simulation.simulation import Simulation
+from mjrun.timeline import Timeline
+from mjrun.version import __version__
+
+
+class ModelOrigin(TypedDict):
+    """Where a model comes from, and the fingerprint of its compiled form."""
+
+    path: str
+    sha256: str
+
+
+class Origin(TypedDict):
+    """What makes an output."""
+
+    mjrun: str
+    mujoco: str
+    numpy: str
+    python: str
+    machine: str
+    command: str
+    model: ModelOrigin
+    inputs: Sequence[Mapping[str, object]]
+    untrusted: NotRequired[Mapping[str, object]]
+    options: dict[str, object]
+    seed: int
+    timestep: float
+    steps: int
+
+
+def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
+    """What makes the outputs of `job`, a dataclass, as far as it is known beforehand; plain values, for JSON.
+
+    The model's fingerprint is that of its compiled form, with all its assets and overrides.
+    """
+    options = cast(dict[str, object], plain(job))
+    made: Origin = {
+        "mjrun": __version__,
+        "mujoco": mujoco.mj_versionString(),
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "command": str(options.pop("command", "")),
+        "model": {"path": simulation.source.text, "sha256": model_fingerprint(model)},
+        "inputs": simulation.fingerprints,
+        "options": options,
+        "seed": simulation.seed,
+        "timestep": float(timeline.timestep),
+        "steps": timeline.steps,
+    }
+    if limits := confinement():
+        made["untrusted"] = limits.facts()
+    return made
+
+
+def plain(value: object) -> object:
+    """`value` as JSON holds it: dataclasses by the fields of their repr, exact numbers as they print, code by name."""
+    if isinstance(value, mujoco.MjModel):
+        return "a compiled model"
+    if isinstance(value, Source):
+        return value.text
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.repr}
+    if isinstance(value, Mapping):
+        items = cast(Mapping[object, object], value)
+        return {str(key): plain(item) for key, item in items.items()}
+    if isinstance(value, Fraction):
+        return float(value)
+    if isinstance(value, (str, int, float, type(None))):
+        return value
+    if isinstance(value, Sequence):
+        return [plain(item) for item in cast(Sequence[object], value)]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return cast(object, value.tolist())
+    return getattr(value, "__qualname__", None) or str(value)

@@ -1,0 +1,217 @@
+"""A saved keyframe starts a simulation where the other one ended, to the last bit."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError, ModelError, UnstableError, UsageError
+from mjrun.model import state
+from mjrun.model.load import load
+from mjrun.outputs.keyframe import Keyframe, KeyframeResult
+from mjrun.outputs.perform import perform, preview
+from mjrun.outputs.recording import Recording
+from mjrun.outputs.trace import Trace
+from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
+
+SCENES = Path(__file__).parents[2] / "scenes"
+MOCAP = """<?xml version="1.0" encoding="UTF-8"?>
+<!-- é: what a hand drags -->
+<mujoco>
+  <worldbody>
+    <body name="hand" mocap="true" pos="0 0 1" quat=".6 .8 0 0"><geom size=".05"/></body>
+    <body name="box" pos="0 0 .5"><freejoint/><geom type="box" size=".1 .1 .1"/></body>
+    <body pos="1 0 1"><joint name="arm" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body>
+  </worldbody>
+  <equality><weld body1="hand" body2="box"/></equality>
+  <actuator><general name="lag" joint="arm" dyntype="filter" dynprm=".1"/></actuator>
+</mujoco>
+"""
+KEY_FIELDS = ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")
+
+
+class Listener(WarningReporter):
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+def copied(name: str, folder: Path) -> Path:
+    path = folder / f"{name}.xml"
+    path.write_bytes(MOCAP.encode() if name == "mocap" else (SCENES / f"{name}.xml").read_bytes())
+    return path
+
+
+def last_state(recording: Path) -> np.ndarray:
+    return np.load(recording)["states"][-1]
+
+
+@pytest.mark.parametrize("in_place", [False, True])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("humanoid", {"key": "squat", "perturb": 0.01}),
+        ("car", {"ctrl": {"*": 0.3}}),
+        ("mocap", {"ctrl": {"lag": 0.7}, "qvel": {"box": (1, 2, 3, 1, 2, 3)}}),
+        ("tippe_top", {"key": "spinning"}),
+    ],
+)
+def test_the_next_simulation_starts_where_this_one_ended(
+    tmp_path: Path, name: str, options: dict[str, object], in_place: bool
+) -> None:
+    path = copied(name, tmp_path)
+    before = path.read_bytes()
+    target = path if in_place else tmp_path / "saved.xml"
+    simulation = Simulation(path, steps=123, **options)  # type: ignore[arg-type]
+    perform([Keyframe(simulation, str(target), name="résumé"), Recording(simulation, f"{tmp_path}/r.npz")])
+
+    model = load(target)
+    started = Simulation(target, key="résumé").start.data(model)
+    expected = mujoco.MjData(model)
+    state.restore(model, expected, last_state(tmp_path / "r.npz"))
+    for field in KEY_FIELDS:
+        assert np.asarray(getattr(started, field)).tobytes() == np.asarray(getattr(expected, field)).tobytes(), field
+
+    after = target.read_bytes()
+    start, end = after.index('<key name="résumé"'.encode()), after.rindex(b"/>", 0, after.index(b"</keyframe>")) + 2
+    untouched = after[:start].rstrip() + after[end:]
+    assert b"".join(before.split()) in {
+        b"".join(untouched.split()),
+        b"".join(untouched.replace(b"<keyframe>", b"").replace(b"</keyframe>", b"").split()),
+    }
+    assert path.read_bytes() == (after if in_place else before)
+
+
+def test_a_keyframe_is_an_output_like_others(tmp_path: Path) -> None:
+    path = copied("mocap", tmp_path)
+    target, manifest = tmp_path / "a.xml", tmp_path / "a.json"
+    job = Keyframe(Simulation(path, duration=0.02), str(target), manifest=str(manifest))
+    assert preview([job]).outputs[0].kind == "keyframe"
+    assert not target.exists()
+    result = job.run()
+    assert (result.path, result.name, result.step, result.time) == (str(target), "end", 10, 0.02)
+    facts = json.loads(manifest.read_text())
+    assert facts["result"]["name"] == "end"
+    assert str(target) in json.dumps(facts)
+
+
+@pytest.mark.parametrize(("when", "step"), [({"time": 0}, 0), ({"time": "1/30"}, 17), ({"step": 9}, 9), ({}, 60)])
+def test_it_holds_the_instant_that_is_asked_for(tmp_path: Path, when: dict[str, Any], step: int) -> None:
+    path = copied("mocap", tmp_path)
+    simulation = Simulation(path, steps=60, qvel={"box": (1, 2, 3, 1, 2, 3)})
+    jobs = [Keyframe(simulation, f"{tmp_path}/a.xml", **when), Recording(simulation, f"{tmp_path}/r.npz")]
+    result = perform(jobs)[0]
+    assert isinstance(result, KeyframeResult)
+    assert (result.step, result.time) == (step, step / 500)
+    model = load(tmp_path / "a.xml")
+    part = state.fields(state.sizes(model))["qpos"]
+    assert np.array_equal(model.key("end").qpos, np.load(tmp_path / "r.npz")["states"][step][part])
+
+
+def test_it_is_saved_with_the_controls_and_from_replays_too(tmp_path: Path) -> None:
+    path = copied("mocap", tmp_path)
+
+    def act(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        data.ctrl[0] = round(1 + data.time, 9)
+        data.mocap_pos[0] = 0.1, 0.2, data.time
+
+    driven = Simulation(path, steps=20, controller=act)
+    perform([Keyframe(driven, f"{tmp_path}/a.xml"), Recording(driven, f"{tmp_path}/r.npz")])
+    key = load(tmp_path / "a.xml").key("end")
+    assert key.ctrl[0] == 1.04
+    assert key.mpos[2] == key.time[0]
+
+    Keyframe(Simulation(path, replay=f"{tmp_path}/r.npz"), f"{tmp_path}/b.xml").run()
+    assert (tmp_path / "b.xml").read_bytes() == (tmp_path / "a.xml").read_bytes()
+
+
+def test_overrides_are_not_in_the_file_and_that_is_told(tmp_path: Path) -> None:
+    path, reporter = copied("mocap", tmp_path), Listener()
+    light = Simulation(path, steps=50, set={"opt.gravity": "0,0,-1"}, timestep=0.001)
+    Keyframe(light, f"{tmp_path}/a.xml").run(reporter)
+    (warning,) = reporter.warnings
+    assert warning.endswith("a.xml has the model as it was: opt.gravity=0,0,-1, opt.timestep=0.001 is not in it")
+    assert load(tmp_path / "a.xml").opt.gravity[2] == -9.81
+
+
+def test_what_a_push_leaves_is_told(tmp_path: Path) -> None:
+    path, reporter = copied("mocap", tmp_path), Listener()
+    Keyframe(Simulation(path, steps=50, push="box=1/0/0@0+1"), f"{tmp_path}/a.xml").run(reporter)
+    (warning,) = reporter.warnings
+    assert warning.endswith("a.xml: a keyframe does not hold xfrc_applied: that of this instant is not in it")
+
+
+@pytest.mark.parametrize("suffix", [".mjb", ".mjz", ".urdf"])
+def test_a_model_without_xml_of_its_own_takes_no_key(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"m{suffix}"
+    with pytest.raises(UsageError, match=rf"m{suffix} has no .xml file of its own that a keyframe could stand in"):
+        Keyframe(Simulation(path), f"{tmp_path}/a.xml").run()
+
+
+def test_a_compiled_model_and_standard_input_take_no_key(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(UsageError, match=r"a compiled model has no .xml file of its own"):
+        Keyframe(Simulation(model), f"{tmp_path}/a.xml").run()
+    with pytest.raises(UsageError, match=r": - has no .xml file of its own"):
+        Keyframe(Simulation("-"), f"{tmp_path}/a.xml").run()
+
+
+@pytest.mark.parametrize(
+    ("output", "name", "message"),
+    [
+        ("a.mjb", "end", "a.mjb: a keyframe is saved in the model's XML, an .xml file"),
+        ("-", "end", "-: a keyframe is saved"),
+        ("a.xml", " ", "a keyframe needs a name"),
+    ],
+)
+def test_an_output_that_cannot_be_is_refused(tmp_path: Path, output: str, name: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        Keyframe(Simulation(copied("mocap", tmp_path)), output, name=name).run()
+
+
+def test_a_urdf_that_is_called_xml_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.xml"
+    path.write_text('<robot name="r"><link name="a"/></robot>')
+    with pytest.raises(UsageError, match=r"m.xml cannot take a key: it is not MJCF: its root element is <robot>"):
+        Keyframe(Simulation(path), f"{tmp_path}/a.xml").run()
+
+
+def test_a_key_of_an_included_file_is_not_doubled(tmp_path: Path) -> None:
+    (tmp_path / "keys.xml").write_text('<mujoco><keyframe><key name="home"/></keyframe></mujoco>')
+    path = tmp_path / "m.xml"
+    path.write_text('<mujoco><include file="keys.xml"/></mujoco>')
+    with pytest.raises(UsageError, match=r"the model has a keyframe 'home' in a file that it includes"):
+        Keyframe(Simulation(path), f"{tmp_path}/a.xml", name="home").run()
+    Keyframe(Simulation(path, steps=1), f"{tmp_path}/a.xml").run()
+    assert load(tmp_path / "a.xml").nkey == 2
+
+
+def test_the_model_is_rewritten_by_a_keyframe_alone(tmp_path: Path) -> None:
+    path = copied("mocap", tmp_path)
+    simulation = Simulation(path, steps=1)
+    with pytest.raises(UsageError, match="clashes with the model, which is read"):
+        Trace(simulation, str(path), format="csv").run()
+    with pytest.raises(UsageError, match="each output needs a file of its own"):
+        perform([Keyframe(simulation, str(path)), Trace(simulation, str(path), format="csv")])
+    with pytest.raises(UsageError, match="each output needs a file of its own"):
+        perform([Keyframe(simulation, str(path), name="a"), Keyframe(simulation, str(path), name="b")])
+    assert path.read_text() == MOCAP
+
+
+def test_an_unstable_simulation_leaves_no_keyframe(exploding: Path, tmp_path: Path) -> None:
+    with pytest.raises(UnstableError):
+        Keyframe(Simulation(exploding, key="fast"), f"{tmp_path}/a.xml").run()
+    assert not (tmp_path / "a.xml").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_reported_before_the_first_step(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="is not a folder"):
+        Keyframe(Simulation(copied("mocap", tmp_path)), "/dev/null/a.xml").run()
+    with pytest.raises(ModelError):
+        Keyframe(Simulation(tmp_path / "no.xml"), f"{tmp_path}/a.xml").run()

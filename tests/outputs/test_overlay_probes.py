@@ -1,0 +1,111 @@
+"""Values over frames and graphs beside them, measured at the instants that the frames show."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from mjrun.errors import UnknownNameError, UsageError
+from mjrun.outputs.overlay_probes import empty_overlay, overlay_probes
+from mjrun.outputs.video import Video
+from mjrun.physics.stepper import PhysicsStepper
+from mjrun.rendering.compositor import Overlay
+from mjrun.rendering.graph import Graph, aligned, graph_size
+from mjrun.simulation.simulation import Simulation
+from mjrun.timeline import Timeline
+
+pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+
+SIZE = (160, 120)
+
+
+@pytest.mark.parametrize("side", ["under", "beside"])
+def test_graphs_stand_beside_the_film_and_leave_it_as_it_is(swing: Path, tmp_path: Path, side: str) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    plots = ["energy", "qpos[hinge]"]
+    Video(simulation, f"{tmp_path}/p/", size=SIZE).run()
+    result = Video(simulation, f"{tmp_path}/g/", size=SIZE, plot=plots, plot_side=side).run()
+    width, height = graph_size(SIZE, side)
+    assert result.size == ((SIZE[0], SIZE[1] + 2 * height) if side == "under" else (SIZE[0] + 2 * width, SIZE[1]))
+    for frame in sorted((tmp_path / "p").iterdir()):
+        found = np.array(Pillow.open(tmp_path / "g" / frame.name))
+        assert np.array_equal(found[: SIZE[1], : SIZE[0]], np.array(Pillow.open(frame)))
+
+
+def test_a_plot_of_nothing_and_separate_plots_are_refused(swing: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="this model has none of it"):
+        Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["act"], size=SIZE).run()
+    with pytest.raises(UsageError, match="plot and separate exclude each other"):
+        Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["energy"], separate=True)
+
+
+def test_texts_and_graphs_hold_the_values_of_a_bare_loop(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    timeline = Timeline.of_steps(Fraction(1, 500), 100)
+    text = "{time:.17g} {step} {frame} {speed} {energy/kinetic:.17g}"
+    probes = overlay_probes(model, timeline, text, ["qpos[hinge], qvel[hinge]", "qpos[ball]"])
+    assert not probes.idle
+    data = mujoco.MjData(probes.model)
+    data.qvel[0] = 3
+    stepper = PhysicsStepper(probes.model, data)
+    rows, texts, curves = [], [], []
+    for frame, step in enumerate((0, 40, 100)):
+        stepper.advance(step)
+        rows.append(probes.read(stepper))
+        mujoco.mj_step(probes.model, data, nstep=step - round(data.time * 500))
+        shown = mujoco.MjData(probes.model)
+        mujoco.mj_copyData(shown, probes.model, data)
+        mujoco.mj_forward(probes.model, shown)
+        texts.append(f"{step / 500:.17g} {step} {frame} 0.5 {shown.energy[1]:.17g}")
+        curves.append([shown.qpos[0], shown.qvel[0], *shown.qpos[1:]])
+    empty = empty_overlay(SIZE, "top", ["", ""], "beside")
+    overlay = probes.overlay(empty, rows, [0, 40, 100], [0.5] * 3, timeline)
+    assert overlay.texts == texts
+    assert (overlay.corner, overlay.side, overlay.times) == ("top", "beside", [0.0, 0.08, 0.2])
+    times, size, graphs = np.array(overlay.times), graph_size(SIZE, "beside"), []
+    for table, values in zip(probes.tables[1:], np.split(np.array(curves), [2], axis=1), strict=True):
+        columns = table.columns[1:]
+        names, units = [column.name for column in columns], [column.unit for column in columns]
+        graphs.append(Graph(times, values, names, units, size))
+    for graph, expected in zip(overlay.graphs, aligned(graphs), strict=True):
+        assert np.array_equal(graph.draw(0.08), expected.draw(0.08))
+
+
+def test_what_an_overlay_has_besides_texts_and_graphs_stays(swing: Path) -> None:
+    @dataclass(frozen=True)
+    class WiderOverlay(Overlay):
+        margin: int = 0
+
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    timeline = Timeline.of_steps(Fraction(1, 500), 100)
+    empty = WiderOverlay(corner="bottom", side="beside", margin=3)
+    overlay = overlay_probes(model, timeline, "{step}").overlay(empty, [], [0, 5], [1.0, 1.0], timeline)
+    assert overlay == WiderOverlay(
+        texts=["0", "5"], corner="bottom", side="beside", times=[0.0, 0.01], graphs=[], margin=3
+    )
+
+
+def test_nothing_is_measured_for_a_text_of_time_alone(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    timeline = Timeline.of_steps(Fraction(1, 500), 100)
+    probes = overlay_probes(model, timeline, "{time:.1f} s")
+    assert probes.idle
+    overlay = probes.overlay(empty_overlay(SIZE, "top"), [], [0, 50], [1.0, 1.0], timeline)
+    assert overlay.texts == ["0.0 s", "0.1 s"]
+    assert overlay_probes(model, timeline, None).idle
+    assert not overlay_probes(model, timeline, None).text.parts
+
+
+def test_an_unknown_value_is_named_where_it_was_asked_for(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    timeline = Timeline.of_steps(Fraction(1, 500), 100)
+    with pytest.raises(UnknownNameError, match="energy") as caught:
+        overlay_probes(model, timeline, None, ["energy", "enrgy"])
+    assert caught.value.path == ("plot", 1)
+    with pytest.raises(UnknownNameError) as caught:
+        overlay_probes(model, timeline, "{enrgy/kinetic}")
+    assert caught.value.path == ("text",)

@@ -1,0 +1,154 @@
+"""Which processes draw the frames of a video, and what the user is warned of."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+from mjrun.errors import spelled
+from mjrun.outputs import video_drawing
+from mjrun.outputs.video import Video, VideoResult
+from mjrun.rendering import workers
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import DrawingCosts
+from mjrun.rendering.workers import PainterProcesses, ParallelPainter
+from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
+
+SIZE = (64, 48)
+FRAMES = 6
+
+
+class Warnings(WarningReporter):
+    """Keeps the warnings."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def warn(self, text: str) -> None:
+        self.texts.append(spelled(text))
+
+
+@pytest.fixture
+def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
+    """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
+    monkeypatch.setattr(video_drawing, "available_cores", lambda: 2)
+    monkeypatch.setattr(video_drawing, "LONG", 0.0)
+
+    def made(
+        estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
+    ) -> tuple[VideoResult, str, list[int]]:
+        started: list[int] = []
+
+        class MeasuredPool(ParallelPainter):
+            """A pool on a machine where frames cost what this test says, however busy this one is."""
+
+            @property
+            def answer(self) -> object:  # type: ignore[override]
+                costs = self._answer
+                if not isinstance(costs, DrawingCosts):
+                    return costs
+                return DrawingCosts(measured, None if costs.draft is None else draft)
+
+            @answer.setter
+            def answer(self, answer: object) -> None:
+                self._answer = answer
+
+            _answer: object = None
+
+        class CountedWorkers(PainterProcesses):
+            def __init__(self, count: int, module: str) -> None:
+                started.append(count)
+                super().__init__(count, module)
+
+        monkeypatch.setattr(video_drawing, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(video_drawing, "ParallelPainter", MeasuredPool)
+        monkeypatch.setattr(workers, "PainterProcesses", CountedWorkers)
+        warnings = Warnings()
+        simulation = Simulation(swing, duration=duration)
+        job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
+        result = job.run(warnings)
+        (warning,) = [text for text in warnings.texts if "drawing in software" in text] or [""]
+        return result, warning, started
+
+    return made
+
+
+def pictures(folder: Path) -> np.ndarray:
+    return np.stack([iio.imread(file) for file in sorted(folder.iterdir())])
+
+
+@pytest.mark.parametrize(
+    ("estimated", "measured", "draft", "started", "costs"),
+    [
+        (0.001, 0.001, 0.0009, [], "1 ms per frame, about 0 s in all"),
+        (60.0, 0.5, 0.36, [2], "500 ms per frame, about 2 s in all by 2 processes"),
+        (
+            0.001,
+            60.0,
+            40.0,
+            [2],
+            "60000 ms per frame, less than 360 s in all by 2 processes"
+            "; quality draft takes about 40000 ms, without shadows and reflections",
+        ),
+    ],
+)
+def test_an_estimate_starts_processes_early_and_a_measurement_late(
+    film: Callable,
+    backend: Backend,
+    tmp_path: Path,
+    estimated: float,
+    measured: float,
+    draft: float,
+    started: list[int],
+    costs: str,
+) -> None:
+    result, _, groups = film(estimated, measured, jobs=1)
+    alone = pictures(tmp_path / "f")
+    assert (result.jobs, groups) == (1, [])
+    result, warning, groups = film(estimated, measured, draft)
+    assert len(alone) == result.frames == FRAMES
+    assert np.array_equal(pictures(tmp_path / "f"), alone)
+    if backend.software:
+        assert (result.jobs, groups) == (2 if started else 1, started)
+        assert warning.endswith(f"): {costs}")
+
+
+def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
+    film: Callable, swing: Path, backend: Backend, tmp_path: Path
+) -> None:
+    keyframe = '<keyframe><key name="up" qpos="1 .6 0 .5 1 0 0 0"/></keyframe></mujoco>'
+    swing.write_text(swing.read_text().replace("</mujoco>", keyframe))
+    ghost = ["key=up"]
+    film(0.001, 0.001, jobs=1, ghost=ghost)
+    alone = pictures(tmp_path / "f")
+    result, _, _ = film(0.001, 60.0, ghost=ghost)
+    assert result.jobs == (2 if backend.software else 1)
+    assert np.array_equal(pictures(tmp_path / "f"), alone)
+
+
+@pytest.mark.parametrize("duration", [0.01, 0.05])
+def test_films_of_one_and_two_frames_are_drawn(film: Callable, backend: Backend, duration: float) -> None:
+    result, warning, groups = film(0.001, 60.0, duration=duration)
+    assert (result.frames, result.jobs, groups) == (1 if duration < 0.02 else 2, 1, [])
+    assert ("drawing in software" in warning) == (backend.software and result.frames == 2)
+
+
+def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video_drawing, "LONG", 60.0)
+    assert film(0.001, 0.001)[1] == ""
+
+
+def test_a_draft_is_recommended_where_there_is_none(film: Callable, backend: Backend) -> None:
+    assert ("quality draft" in film(0.001, 0.001)[1]) == backend.software
+    assert "quality" not in film(0.001, 0.001, quality="draft")[1]
+
+
+def test_colours_of_depth_are_chosen_before_anybody_draws(film: Callable, tmp_path: Path) -> None:
+    film(0.001, 0.001, view="depth")
+    alone = pictures(tmp_path / "f")
+    _, _, groups = film(60.0, 60.0, view="depth", jobs=3)
+    assert groups == [3]
+    assert np.array_equal(pictures(tmp_path / "f"), alone)

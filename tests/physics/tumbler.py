@@ -1,0 +1,65 @@
+"""A body that tumbles in a bare loop, with every kind of joint, and its motion as samples."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import mujoco
+import numpy as np
+
+from mjrun.physics.motion_samples import FIELDS, MotionSamples
+from mjrun.probe.fields import field_probe, offered
+
+XML = """<mujoco><option timestep="0.002"/><worldbody>
+<body name="pelvis" pos="0 0 1"><freejoint name="root"/><geom size=".1 .2" type="capsule"/>
+  <body name="thigh" pos=".3 0 0"><joint name="hip" axis="0 1 0" damping=".1"/><geom size=".05"/></body>
+  <body name="head" pos="0 0 .4"><joint name="neck" type="ball"/><geom size=".08 .05 .1" type="ellipsoid"/></body>
+  <body name="mast" pos="0 .3 0"><joint name="lift" type="slide"/><geom size=".05"/></body>
+</body>
+<body name="hand" mocap="true"><geom size=".02" contype="0" conaffinity="0"/></body>
+</worldbody>
+<actuator><motor name="drive" joint="hip"/><general name="soft" joint="lift" dyntype="filter" dynprm=".1"/></actuator>
+<keyframe><key name="bent" qpos="0 0 2 1 0 0 0 .5 1 0 0 0 .1" ctrl=".3 .4" mpos="1 2 3"/></keyframe></mujoco>"""
+
+
+@cache
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Every step of a bare loop: `(steps + 1, size)` each."""
+
+    time: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    act: np.ndarray
+    ctrl: np.ndarray
+    mocap_pos: np.ndarray
+    mocap_quat: np.ndarray
+
+    def sampled(self, rows: slice | np.ndarray, *names: str, source: str = "t.csv") -> MotionSamples:
+        """Some rows of some fields."""
+        values = {name: dict(enumerate(np.array(getattr(self, name)[rows]).T)) for name in names or FIELDS}
+        return MotionSamples(source, self.time[rows].copy(), column_names(), values)
+
+
+def column_names() -> dict[str, list[str]]:
+    known = offered(model())
+    return {name: [c.name for c in field_probe(model(), name).columns] if name in known else [] for name in FIELDS}
+
+
+@cache
+def tumble(steps: int = 500) -> Run:
+    data = mujoco.MjData(model())
+    data.qpos[2] = 1
+    data.qvel[:] = [0.5, -0.2, 4.0, 4.0, -6.0, 2.0, 1.5, -9.0, 4.0, 6.0, 0.3]
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in Run.__annotations__}
+    for step in range(steps + 1):
+        data.ctrl[:] = np.sin(5 * data.time), np.cos(3 * data.time)
+        data.mocap_pos[0] = data.time, 1, 2
+        mujoco.mju_axisAngle2Quat(data.mocap_quat[0], [0, 0, 1], 3 * data.time)
+        for name, kept in rows.items():
+            kept.append(np.array(getattr(data, name)).ravel().copy() if name != "time" else np.array(step * 0.002))
+        mujoco.mj_step(model(), data)
+    return Run(**{name: np.stack(kept) for name, kept in rows.items()})

@@ -1,0 +1,218 @@
+"""Tables of motions, made with pandas and numpy from a bare loop, as states of the model."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import h5py
+import mujoco
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+from scipy.spatial.transform import Rotation
+
+from mjrun.errors import FileError, MjrunError, UsageError
+from mjrun.formats.recording_reader import is_recording
+from mjrun.model import state
+from mjrun.outputs.recording import Recording
+from mjrun.physics.motion import Motion
+from mjrun.simulation.motion_table import MotionReading
+from mjrun.simulation.simulation import Simulation
+from tests.physics.tumbler import column_names, model, tumble
+
+QPOS = column_names()["qpos"]
+FIELDS = state.fields(state.sizes(model()))
+ROWS = np.arange(0, 501, 10)  # 50 Hz
+MAP = (
+    "time=t_ms/1000",
+    *("qpos/root=pelvis", "qpos/neck=head"),
+    *("qpos/hip=hip_deg*pi/180", "qpos/lift='lift [cm]'/100"),
+)
+
+
+def read(path: Path, *texts: str, quat: str = "wxyz", rate: Fraction | None = None) -> Motion:
+    return MotionReading(texts, quat, rate).read(path, model(), mujoco.MjData(model()))
+
+
+def positions(motion: Motion, steps: np.ndarray = ROWS) -> np.ndarray:
+    return np.array([motion.state(int(step))[FIELDS["qpos"]] for step in steps])
+
+
+def xyzw(quaternions: np.ndarray) -> np.ndarray:
+    """As scipy would write them: the scalar last and never negative, so that they jump from sign to sign."""
+    return Rotation.from_quat(quaternions, scalar_first=True).as_quat(canonical=True)
+
+
+def foreign(rows: np.ndarray = ROWS) -> pd.DataFrame:
+    """A log in its own names and units: degrees, centimetres, milliseconds, quaternions xyzw."""
+    qpos = tumble().qpos[rows]
+    table = pd.DataFrame({"frame": np.arange(len(rows)), "t_ms": 2.0 * rows})
+    table[[f"pelvis_{i}" for i in range(7)]] = np.c_[qpos[:, :3], xyzw(qpos[:, 3:7])]
+    table["hip_deg"] = np.degrees(qpos[:, 7])
+    table[[f"head/{i}" for i in range(4)]] = xyzw(qpos[:, 8:12])
+    table["lift [cm]"] = 100 * qpos[:, 12]
+    table["operator"] = "Ann"
+    return table
+
+
+def test_the_oracle_has_quaternions_that_jump() -> None:
+    for names in ([f"pelvis_{i}" for i in range(3, 7)], [f"head/{i}" for i in range(4)]):
+        turned = foreign()[names].to_numpy()
+        assert ((turned[1:] * turned[:-1]).sum(axis=1) < 0).any()
+
+
+def test_a_csv_in_degrees_with_xyzw_quaternions_and_gaps_has_the_true_states_at_its_samples(tmp_path: Path) -> None:
+    table = foreign()
+    table.loc[12:17, "hip_deg"] = np.nan  # empty cells
+    table.loc[30:33, [f"head/{i}" for i in range(4)]] = np.nan
+    table = table.drop(index=[5, 6, 40])  # missing rows
+    table.to_csv(tmp_path / "log.csv", index=False)
+    motion = read(tmp_path / "log.csv", *MAP, quat="xyzw")
+    found, truth = positions(motion), tumble().qpos[ROWS]
+    parts = [([*range(7), 12], []), ([7], range(12, 18)), ([*range(8, 12)], range(30, 34))]
+    for indices, empty in parts:
+        whole = np.setdiff1d(np.arange(51), [5, 6, 40, *empty])
+        assert abs(found[np.ix_(whole, indices)] - truth[np.ix_(whole, indices)]).max() < 1e-9
+    assert found[14, 7] == pytest.approx(np.interp(14, [11, 18], truth[[11, 18], 7]), abs=1e-9)
+    assert any("3 gaps" in text or "4 gaps" in text for text in motion.remarks)
+    assert any("the longest in qpos/hip of 0.14 s from 0.22 s on; interpolated" in text for text in motion.remarks)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather"])
+def test_empty_cells_nulls_and_nans_are_gaps_in_every_format(tmp_path: Path, suffix: str) -> None:
+    table = foreign()
+    table.loc[12:17, "hip_deg"] = np.nan
+    path = tmp_path / f"log.{suffix}"
+    save: dict[str, Callable[[], object]] = {
+        "csv": lambda: table.to_csv(path, index=False),
+        "jsonl": lambda: table.to_json(path, orient="records", lines=True, double_precision=15),
+        "parquet": lambda: table.to_parquet(path),
+        "feather": lambda: table.to_feather(path),
+    }
+    save[suffix]()
+    found = positions(read(path, *MAP, quat="xyzw"))
+    kept = np.delete(np.arange(51), range(12, 18))
+    assert abs(found[kept] - tumble().qpos[ROWS][kept]).max() < 1e-9
+
+
+def save_h5(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    with h5py.File(path, "w") as file:
+        for name, array in arrays.items():
+            file[name] = array
+
+
+ARRAYS: dict[str, Callable[[Path, dict[str, np.ndarray]], object]] = {
+    "npz": lambda path, arrays: np.savez(path, **arrays),  # type: ignore[arg-type]
+    "h5": save_h5,
+    "mat": lambda path, arrays: scipy.io.savemat(path, arrays),
+}
+
+
+@pytest.mark.parametrize("suffix", ARRAYS)
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_arrays_of_positions_and_velocities_are_what_they_are_called(tmp_path: Path, suffix: str, order: Any) -> None:
+    run, path = tumble(), tmp_path / f"run.{suffix}"
+    arrays = {"time": run.time[ROWS], "qpos": np.asarray(run.qpos[ROWS], order=order), "qvel": run.qvel[ROWS]}
+    ARRAYS[suffix](path, {**arrays, "ctrl": run.ctrl[ROWS], "frames": np.zeros((51, 2, 2, 3), np.uint8)})
+    motion = read(path)
+    for step in ROWS:
+        numbers = motion.state(int(step))
+        for name in ("qpos", "qvel", "ctrl"):
+            assert numbers[FIELDS[name]].tobytes() == np.ascontiguousarray(getattr(run, name)[step]).tobytes()
+    assert motion.has_controls
+    assert motion.remarks == ["".join((str(path), " lacks act, mocap: as in the initial state"))]
+
+
+@pytest.mark.parametrize("suffix", ARRAYS)
+def test_arrays_in_other_names_and_orders_are_put_side_by_side(tmp_path: Path, suffix: str) -> None:
+    qpos, path = tumble().qpos[ROWS], tmp_path / f"amp.{suffix}"
+    arrays = {
+        "root_pos": qpos[:, :3],
+        "root_rot": xyzw(qpos[:, 3:7]),
+        "dof": qpos[:, [7, 12]],
+        "head": xyzw(qpos[:, 8:12]),
+    }
+    ARRAYS[suffix](path, arrays)
+    texts = ("qpos/root=root_pos,root_rot", "qpos/hip=dof/0", "qpos/lift=dof/1", "qpos/neck=head")
+    motion = read(path, *texts, quat="xyzw", rate=Fraction(50))
+    assert abs(positions(motion) - tumble().qpos[ROWS]).max() < 1e-14
+
+
+def test_a_trace_of_ours_needs_no_map(tmp_path: Path) -> None:
+    run = tumble()
+    pd.DataFrame(np.c_[run.time, run.qpos], columns=["time", *QPOS]).to_parquet(tmp_path / "t.parquet")
+    motion = read(tmp_path / "t.parquet")
+    assert positions(motion, np.arange(501)).tobytes() == run.qpos.tobytes()
+
+
+def test_a_rate_stands_for_times_that_are_not_there(tmp_path: Path) -> None:
+    foreign().to_csv(tmp_path / "log.csv", index=False)
+    motion = read(tmp_path / "log.csv", *MAP[1:], quat="xyzw", rate=Fraction(50))
+    assert motion.steps == range(501)
+    assert abs(positions(motion) - tumble().qpos[ROWS]).max() < 1e-9
+    assert read(tmp_path / "log.csv", *MAP[1:], rate=Fraction("30000/1001")).steps[-1] == int(50 * 1.001 / 30 / 0.002)
+
+
+def csv(**columns: Any) -> Callable[[], bytes]:
+    return lambda: pd.DataFrame(columns).to_csv(index=False).encode()
+
+
+@dataclass(frozen=True)
+class Bad:
+    """A table, a map, and what is said of them."""
+
+    content: Callable[[], bytes]
+    message: str
+    texts: tuple[str, ...] = ()
+    kind: type[MjrunError] = UsageError
+    rate: Fraction | None = None
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Bad(csv(**{"qpos/hip": [1, 2]}), r"has no column 'time'\nmap says which column it is, or replay_rate how"),
+        Bad(csv(**{"qpos/hip": [1], "t": [0]}), r"has no column 'time'\nmap says which column it is, as in time=t, or"),
+        Bad(csv(**{"qpos/hip": [1], "time": [0]}), r"has a column 'time', and replay_rate is for", rate=Fraction(1)),
+        Bad(csv(time=[0.0, 1], x=[1, 2]), r"t\.csv has no positions of this model\nit has time, x\n"),
+        Bad(lambda: b"", r"t\.csv: is empty: a table begins with", kind=FileError),
+        Bad(csv(**{"time": [], "qpos/hip": []}), r"t\.csv has no rows$"),
+        Bad(lambda: b"time,qpos/hip\n0,1\n1\n", r"t\.csv:3: expected 2 cells", kind=FileError),
+        Bad(lambda: b"time,qpos/hip,qpos/hip\n0,1,2\n", r"two columns are called 'qpos/hip'", kind=FileError),
+        Bad(lambda: b"time,qpos/hip\n0,up\n", r"t\.csv:2: column 'qpos/hip': 'up' is not a number", kind=FileError),
+        Bad(csv(**{"time": [0, 1], "qpos/hip": [None, 1]}), r"t\.csv, row 0: qpos/hip is missing \(empty or nan\)"),
+        Bad(csv(**{"time": [0, None], "qpos/hip": [1, 1]}), r"t\.csv, row 1: time is nan, and must be finite"),
+        Bad(csv(**{"time": [0, 2, 1], "qpos/hip": [1, 1, 1]}), r"t\.csv, row 2: time 1 follows 2, and must grow"),
+        Bad(csv(time=[0], a=[0]), r"row 0: qpos/hip is infinite", texts=("qpos/hip=1/a",)),
+    ],
+)
+def test_tables_that_are_no_motions_are_refused(tmp_path: Path, bad: Bad) -> None:
+    (tmp_path / "t.csv").write_bytes(bad.content())
+    with pytest.raises(bad.kind, match=bad.message) as caught:
+        read(tmp_path / "t.csv", *bad.texts, rate=bad.rate)
+    assert caught.value.exit_code == (7 if bad.kind is FileError else 2)
+
+
+def test_arrays_of_unequal_lengths_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "t.npz", time=np.arange(5.0), qpos=np.zeros((4, 13)))
+    with pytest.raises(FileError, match=r"columns differ in rows: 'time' 5 and 'qpos/0' 4"):
+        read(tmp_path / "t.npz")
+
+
+def test_a_constant_is_an_expression_too(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("n\n1\n2\n")
+    motion = read(tmp_path / "t.csv", "qpos/hip=0.5", rate=Fraction(500))
+    assert [motion.state(step)[FIELDS["qpos"]][7] for step in (0, 1)] == [0.5, 0.5]
+
+
+def test_recordings_are_told_from_tables_by_what_is_in_them(tmp_path: Path) -> None:
+    Recording(Simulation(model(), steps=3), f"{tmp_path}/r.npz").run()
+    np.savez(tmp_path / "t.npz", time=np.zeros(1), states=np.zeros(1))
+    (tmp_path / "broken.npz").write_bytes(b"PK")
+    (tmp_path / "t.csv").write_text("time\n")
+    (tmp_path / "r.bin").write_bytes((tmp_path / "r.npz").read_bytes())
+    names = ("r.npz", "r.bin", "broken.npz", "none.npz", "t.npz", "t.csv", "none.csv")
+    assert [is_recording(tmp_path / name) for name in names] == [True, True, True, True, False, False, False]

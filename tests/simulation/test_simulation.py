@@ -1,0 +1,272 @@
+"""Theorems about a simulation as a value: how long, from where, of what."""
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import BadValueError, ModelNotFoundError, UnknownNameError, UsageError, option
+from mjrun.formats.table_reader import read_table
+from mjrun.model.override import Override
+from mjrun.model.sources.file import FileSource
+from mjrun.outputs.perform import perform
+from mjrun.outputs.recording import Recording
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
+from mjrun.timeline import Timeline
+
+XML = """<mujoco><worldbody><body><joint name="hinge"/><geom size=".1" pos="0 0 -1"/></body></worldbody>
+<actuator><motor name="motor" joint="hinge"/></actuator>
+<keyframe><key/><key name="swing" qpos="1" qvel="2" ctrl="3"/></keyframe></mujoco>"""
+MODEL = mujoco.MjModel.from_xml_string(XML)
+STEP = Fraction(1, 500)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / "model.xml"
+    file.write_text(XML)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("how", "timeline"),
+    [
+        ({}, Timeline(STEP, Fraction(5), 2500)),
+        ({"duration": 2}, Timeline(STEP, Fraction(2), 1000)),
+        ({"duration": 0.3}, Timeline(STEP, Fraction(3, 10), 150)),
+        ({"duration": "1/3"}, Timeline(STEP, Fraction(1, 3), 167)),
+        ({"duration": Fraction(1, 3)}, Timeline(STEP, Fraction(1, 3), 167)),
+        ({"steps": 1}, Timeline(STEP, STEP, 1)),
+        ({"steps": 123456789}, Timeline(STEP, 123456789 * STEP, 123456789)),
+    ],
+)
+def test_a_simulation_lasts_as_asked_or_five_seconds(how: dict[str, Any], timeline: Timeline) -> None:
+    assert Simulation(MODEL, **how).timeline(MODEL) == timeline
+
+
+def test_the_timestep_is_that_of_the_model_which_may_be_overridden(path: Path) -> None:
+    simulation = Simulation(FileSource(path, overrides=(Override("opt.timestep", "0.01"),)), duration=1)
+    assert simulation.timeline(simulation.load()) == Timeline(Fraction(1, 100), Fraction(1), 100)
+
+
+def test_a_duration_and_a_number_of_steps_exclude_each_other() -> None:
+    with pytest.raises(UsageError, match="duration and steps exclude each other"):
+        Simulation(MODEL, duration=1, steps=1)
+
+
+@pytest.mark.parametrize("duration", [0, -1, 0.0, "0", "-1/2", "x", "", "1/0", float("nan"), float("inf"), "inf"])
+def test_a_duration_that_cannot_be_is_refused_before_the_model_is_loaded(duration: float | str) -> None:
+    with pytest.raises(BadValueError) as caught:
+        Simulation("no such model.xml", duration=duration)
+    assert str(caught.value) == f"duration: {str(duration)!r} is not a positive number"
+
+
+@pytest.mark.parametrize("steps", [0, -1, 2.5])
+def test_a_number_of_steps_that_cannot_be_is_refused(steps: Any) -> None:
+    with pytest.raises(BadValueError) as caught:
+        Simulation(MODEL, steps=steps)
+    assert str(caught.value) == f"steps: '{steps}' is not a whole number from 1 on"
+
+
+@pytest.mark.parametrize("how", [{"duration": 1e300}, {"duration": "1e299"}, {"steps": 10**17}])
+def test_more_steps_than_can_be_counted_are_refused_before_the_first(how: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=r"^(duration|steps): more steps than 9e\+15"):
+        Simulation(MODEL, **how).timeline(MODEL)
+
+
+def test_a_compiled_model_is_used_as_it_is() -> None:
+    assert Simulation(MODEL).load() is MODEL
+
+
+@pytest.mark.parametrize("kind", [str, Path, FileSource])
+def test_a_path_is_loaded_however_it_is_given(path: Path, kind: Any) -> None:
+    assert Simulation(kind(path)).load().joint("hinge").id == 0
+
+
+def test_a_source_is_loaded_with_its_overrides(path: Path) -> None:
+    source = FileSource(path, overrides=(Override("opt.gravity", "0,0,1"), Override("joint/hinge.damping", "7")))
+    model = Simulation(source).load()
+    assert model.opt.gravity.tolist() == [0, 0, 1]
+    assert model.dof_damping.tolist() == [7]
+
+
+def test_a_missing_model_is_missed_when_it_is_loaded_not_before() -> None:
+    simulation = Simulation("no such model.xml")
+    with pytest.raises(ModelNotFoundError):
+        simulation.load()
+
+
+@pytest.mark.parametrize("key", ["swing", 1, "1", "keyframe:1"])
+def test_the_stepper_starts_from_the_key_with_names_set_over_it(key: str | int) -> None:
+    data = Simulation(MODEL, key=key, qvel={"hinge": -2}).stepper(MODEL).instant()
+    assert (data.time, data.qpos[0], data.qvel[0], data.ctrl[0]) == (0, 1, -2, 3)
+
+
+def test_without_a_key_the_stepper_starts_from_the_models_own_state_not_from_its_first_key() -> None:
+    data = Simulation(MODEL, qpos={"hinge": 0.5}, ctrl={"*": 4}).stepper(MODEL).instant()
+    assert (data.time, data.qpos[0], data.qvel[0], data.ctrl[0]) == (0, 0.5, 0, 4)
+
+
+def test_an_unknown_key_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="no keyframe 'swng' \\(did you mean 'swing'"):
+        Simulation(MODEL, key="swng").stepper(MODEL)
+
+
+def test_the_same_simulation_moves_the_same_twice_and_as_a_bare_loop_and_leaves_the_model_alone() -> None:
+    model = mujoco.MjModel.from_xml_string(XML)
+    simulation = Simulation(model, key="swing", perturb=0.1, seed=3, steps=300)
+    first, second = simulation.stepper(model), simulation.stepper(model)
+    data = mujoco.MjData(MODEL)
+    data.qpos[:], data.ctrl[:] = 1, 3
+    data.qvel[:] = 2 + 0.1 * np.random.default_rng(3).standard_normal(1)
+    for stepper in (first, second):
+        stepper.advance(simulation.timeline(model).steps)
+    mujoco.mj_step(MODEL, data, 300)
+    assert first.state().tobytes() == second.state().tobytes()
+    assert first.instant().qpos.tolist() == data.qpos.tolist()
+    assert first.instant().qvel.tolist() == data.qvel.tolist()
+    assert model.opt.disableflags == 0
+
+
+def test_two_simulations_that_say_the_same_are_equal() -> None:
+    assert Simulation("a.xml", key=1, duration=2) == Simulation("a.xml", key=1, duration=2)
+    assert Simulation("a.xml", key=1, duration=2) != Simulation("a.xml", key=1, duration=3)
+
+
+def test_a_control_that_is_held_has_no_column_in_the_table_too(tmp_path: Path) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
+        '<actuator><motor name="a" joint="j"/><motor name="b" joint="j"/></actuator></mujoco>'
+    )
+    table = tmp_path / "c.csv"
+    table.write_text("time,ctrl/a\n0,1\n")
+    for ctrl in ({"b": 2.0}, {"*": 2.0}):
+        stepper = Simulation(model, duration=0.1, ctrl=ctrl, ctrl_from=table).stepper(model)
+        stepper.advance(1)
+        assert list(stepper.instant().ctrl) == [1, 2]
+    with pytest.raises(UsageError, match=r"^ctrl and .*c\.csv both drive a$"):
+        Simulation(model, duration=0.1, ctrl={"a": 2.0, "b": 2.0}, ctrl_from=table).stepper(model)
+
+
+def test_pushes_act_on_rows_images_and_recordings_alike(tmp_path: Path) -> None:
+    pushed = Simulation(MODEL, steps=40, push=["body:1=0/0/9@0.02+0.03"])
+    recording, table, rows = (str(tmp_path / name) for name in ("run.npz", "run.csv", "alone.csv"))
+    probe = ["qpos", "qacc", "xfrc_applied"]
+    perform([Recording(pushed, recording), Trace(pushed, table, probe=probe)])
+    Trace(pushed, rows, probe=probe).run()
+    Trace(Simulation(MODEL, replay=recording), str(tmp_path / "again.csv"), probe=probe).run()
+    contents = {(tmp_path / name).read_bytes() for name in ("run.csv", "alone.csv", "again.csv")}
+    assert len(contents) == 1
+
+    forces = read_table(table).columns["xfrc_applied/body:1/fz"]
+    assert np.flatnonzero(forces).tolist() == [*range(10, 25)]
+
+
+def test_a_push_that_is_too_late_or_of_a_body_that_cannot_move_is_remarked_on() -> None:
+    late = Simulation(MODEL, steps=10, push="body:1=0/0/9@1+1")
+    (remark,) = late.remarks(MODEL)
+    assert remark.startswith(option("push"))
+    assert remark.endswith("does nothing: it begins at step 500, and the simulation has 10 steps")
+
+
+def sway(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    data.ctrl[0] = np.sin(9 * data.time)
+    data.xfrc_applied[1, 1] = data.time
+
+
+def test_recorded_controls_run_the_physics_again_bit_for_bit(path: Path, tmp_path: Path) -> None:
+    live = Simulation(path, steps=200, key="swing", controller=sway, control_dt=0.02)
+    perform(
+        [
+            Trace(live, f"{tmp_path}/a.csv", probe=["qpos", "qvel", "ctrl", "energy", "xfrc_applied", "qacc"]),
+            Recording(live, f"{tmp_path}/r.npz"),
+        ]
+    )
+    replay: dict[str, Any] = {"replay": f"{tmp_path}/r.npz", "replay_mode": "controls"}
+    Trace(
+        Simulation(path, **replay),
+        f"{tmp_path}/b.csv",
+        probe=["qpos", "qvel", "ctrl", "energy", "xfrc_applied", "qacc"],
+    ).run()
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
+    longer = Simulation(path, steps=300, **replay)  # states end, physics does not
+    assert longer.stepper(MODEL).step == 0
+    assert longer.remarks(MODEL)[-1].endswith(
+        "r.npz ends at 0.4 s: from then on its last controls, applied forces and mocap poses hold"
+    )
+    assert Simulation(path, **replay).remarks(MODEL) == []
+    heavier = mujoco.MjModel.from_xml_string(XML)
+    heavier.body_mass[1] *= 2
+    (text,) = Simulation(path, **replay).remarks(heavier)
+    assert text == "the recording was made with other physics: the motion is what its inputs make of this model"
+    noisy = Simulation(path, ctrl_noise=0.5, **replay).stepper(MODEL)
+    noisy.advance(200)
+    calm = Simulation(path, **replay).stepper(MODEL)
+    calm.advance(200)
+    assert noisy.instant().qpos[0] != calm.instant().qpos[0]
+    with pytest.raises(UsageError, match="the recording is of another model"):
+        Simulation(path, **replay).stepper(mujoco.MjModel.from_xml_string("<mujoco/>"))
+
+
+def test_controls_of_a_table_start_from_its_first_row(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,qpos/hinge,qvel/hinge,ctrl/motor\n5,1,2,3\n5.1,0,0,-3\n5.2,0,0,0\n")
+    for way, between in (("hold", [3] * 50), ("linear", 3 - 6 * np.arange(50) / 50)):
+        simulation = Simulation(path, replay=f"{tmp_path}/t.csv", replay_mode="controls", ctrl_interpolation=way)
+        assert simulation.timeline(MODEL).steps == 100
+        data = mujoco.MjData(MODEL)
+        data.qpos[:], data.qvel[:] = 1, 2
+        for ctrl in between:
+            data.ctrl[0] = ctrl
+            mujoco.mj_step(MODEL, data)
+        stepper = simulation.stepper(MODEL)
+        stepper.advance(50)
+        assert stepper.instant().qpos[0] == pytest.approx(data.qpos[0], abs=1e-12)
+    (tmp_path / "u.csv").write_text("time,qpos/hinge\n0,1\n1,2\n")
+    with pytest.raises(UsageError, match=r"u\.csv has no controls to replay; the model takes ctrl/motor$"):
+        Simulation(path, replay=f"{tmp_path}/u.csv", replay_mode="controls").stepper(MODEL)
+
+
+def test_a_table_takes_what_it_lacks_from_the_start_that_is_asked_for(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time,qpos/hinge\n0,0.5\n0.1,0.6\n")
+    stepper = Simulation(path, replay=f"{tmp_path}/t.csv", key="swing", ctrl={"motor": 4}).stepper(MODEL)
+    assert (stepper.instant().qpos[0], stepper.instant().ctrl[0]) == (0.5, 4)
+    assert stepper.instant().qvel[0] == pytest.approx(1)
+    with pytest.raises(UsageError, match=r"^the table ends at step 50, time 0\.1 s: there is no step 51"):
+        Simulation(path, replay=f"{tmp_path}/t.csv", steps=51).stepper(MODEL)
+
+
+def test_what_is_read_is_known_by_what_it_is(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,a\n0,1\n")
+    (tmp_path / "n.map").write_text("time=t\nqpos/hinge=a\n")
+    simulation = Simulation(path, replay=tmp_path / "t.csv", map=f"@{tmp_path}/n.map")
+    assert simulation.inputs[-2:] == [("table", tmp_path / "t.csv"), ("file of columns", tmp_path / "n.map")]
+    assert simulation.stepper(MODEL).instant().qpos[0] == 1
+
+
+def test_faults_of_a_table_are_told_at_replay_and_those_of_a_map_at_the_map(path: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("t,a\n0,1\n")
+    for texts, place in ((["time=t"], ("replay",)), (["time=t", "qpos/hinge=b"], ("map", 1))):
+        with pytest.raises(UsageError) as caught:
+            Simulation(path, replay=f"{tmp_path}/t.csv", map=texts).timeline(MODEL)
+        assert caught.value.path == place
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"quat": "xyzw"},
+        {"replay_rate": 50},
+        {"replay_interpolation": "hold"},
+        {"replay_unwrap": True},
+        {"replay_mode": "controls"},
+        {"control_dt": "0.1"},
+    ],
+)
+def test_options_about_a_table_or_a_controller_need_one(path: Path, options: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=rf"^{next(iter(options))} says .*; there is none"):
+        Simulation(path, **options).stepper(MODEL)
+    Simulation(path, quat="wxyz", replay_mode="states").stepper(MODEL)  # as if nothing were said

@@ -1,0 +1,162 @@
+"""A recording against its physics: what differs is named, and so is what else is not as it was."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import FileError, UsageError
+from mjrun.formats.recording_writer import RecordingWriter
+from mjrun.model import state
+from mjrun.outputs.recording import Recording
+from mjrun.simulation.simulation import Simulation
+from mjrun.simulation.verification import UNEXPLAINED, verify
+
+XML = """<mujoco><worldbody>
+<body name="box" pos="0 0 1"><freejoint name="root"/><geom type="box" size=".1 .2 .3" mass="{mass}"/></body>
+<body pos="1 0 1"><joint name="knee" axis="0 1 0"/><geom size=".1" pos=".3 0 0"/></body>
+</worldbody><actuator><general name="lag" joint="knee" dyntype="filter" dynprm=".1"/></actuator></mujoco>"""
+STEPS = 100
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "m.xml"
+    path.write_text(XML.format(mass=2))
+    return path
+
+
+@pytest.fixture
+def recording(model: Path, tmp_path: Path) -> Path:
+    path = tmp_path / "r.npz"
+    Recording(
+        Simulation(model, steps=STEPS, ctrl={"lag": 3}, ctrl_noise=0.5, push="box=1/2/0@0.05+0.03"), str(path)
+    ).run()
+    return path
+
+
+def rewritten(recording: Path, facts: dict[str, Any] | None = None, every: int = 1, **changes: float) -> Path:
+    """The recording once more, with other facts, fewer states, or `flip` of a bit in (step, number)."""
+    with np.load(recording) as file:
+        states, old = file["states"], json.loads(str(file["facts"]))
+    if changes:
+        states[int(changes["step"])].view(np.uint64)[int(changes["number"])] ^= np.uint64(1)
+    with RecordingWriter(str(recording), states.shape[1], {**old, **(facts or {})}) as writer:
+        for step in range(0, len(states), every):
+            writer.write(step, states[step])
+        writer.publish()
+    return recording
+
+
+def test_what_was_recorded_here_is_the_same_again(model: Path, recording: Path) -> None:
+    result = verify(Simulation(model, replay=recording))
+    assert (result.agrees, result.states, result.steps, result.time) == (True, STEPS + 1, STEPS, 0.2)
+    assert result.differences == result.origins == []
+    part = verify(Simulation(model, replay=recording, steps=30))
+    assert (part.agrees, part.states, part.steps) == (True, 31, 30)
+
+
+def test_one_gram_is_found_as_soon_as_it_changes_anything(model: Path, recording: Path) -> None:
+    model.write_text(XML.format(mass=2.001))
+    result = verify(Simulation(model, replay=recording))
+    assert not result.agrees
+    assert result.steps <= 26  # the push of step 25 is the first force that is not its weight
+    assert all("/root/" in each.name for each in result.differences)
+    assert "the physics of the model is not that of the recording, which was made from" in result.origins[0]
+
+
+@pytest.mark.parametrize(
+    ("number", "field", "name"),
+    [(3, "qpos", "qpos/root/z"), (8, "qpos", "qpos/knee"), (13, "qvel", "qvel/root/wy"), (16, "act", "act/lag")],
+)
+def test_one_bit_is_found_and_named(model: Path, recording: Path, number: int, field: str, name: str) -> None:
+    rewritten(recording, step=60, number=number)
+    result = verify(Simulation(model, replay=recording))
+    assert (result.agrees, result.steps, result.time) == (False, 60, 0.12)
+    (difference,) = result.differences
+    assert (difference.field, difference.name, difference.count) == (field, name, 1)
+    assert difference.stepped is not None
+    assert 0 < abs(difference.recorded - difference.stepped) < 1e-12
+    assert result.origins == [UNEXPLAINED]
+
+
+def test_a_damaged_file_is_no_recording(model: Path, recording: Path) -> None:
+    content = bytearray(recording.read_bytes())
+    content[5000] ^= 1
+    recording.write_bytes(content)
+    with pytest.raises(FileError):
+        verify(Simulation(model, replay=recording))
+
+
+def test_what_is_not_as_it_was_is_told_only_where_something_is_not(model: Path, recording: Path) -> None:
+    rewritten(recording, {"mjrun": "0.0.1", "mujoco": "3.9.0", "machine": "Plan9 vax\x1b", "physics": "other"})
+    told = verify(Simulation(model, replay=recording)).origins
+    assert [text.partition(":")[0] for text in told[1:]] == ["mjrun", "MuJoCo", "machine"]
+    assert told[2] == f"MuJoCo: recorded with 3.9.0, verified with {mujoco.mj_versionString()}"
+    assert told[3].startswith(r"machine: recorded with Plan9 vax\x1b, verified with ")
+
+
+def test_overrides_that_differ_are_told(model: Path, recording: Path) -> None:
+    result = verify(Simulation(model, replay=recording, set={"opt.gravity": "0,0,-9"}, integrator="rk4"))
+    assert not result.agrees
+    assert result.origins[-1] == "overrides: recorded with none, verified with opt.gravity=0,0,-9, integrator=rk4"
+
+
+@pytest.mark.parametrize(
+    "facts", [{}, {"options": 3, "model": [], "sizes": "?"}, {"options": {"simulation": {"set": 1}}}]
+)
+def test_a_recording_may_say_anything_or_nothing_of_its_making(
+    model: Path, recording: Path, facts: dict[str, Any]
+) -> None:
+    with np.load(recording) as file:
+        states = file["states"]
+    states[10, 3] += 1
+    with RecordingWriter(str(recording), states.shape[1], facts) as writer:
+        for step, row in enumerate(states):
+            writer.write(step, row)
+        writer.publish()
+    assert verify(Simulation(model, replay=recording)).steps == 10
+
+
+def test_a_recording_without_every_step_says_what_it_cannot_know(model: Path, recording: Path) -> None:
+    rewritten(recording, every=10)  # noise in the controls between its states is lost
+    result = verify(Simulation(model, replay=recording))
+    assert (result.agrees, result.steps, result.states) == (False, 10, 2)
+    assert "inputs that changed between two of its states are not in it" in result.origins[-1]
+
+
+def test_what_steps_to_infinity_is_told_without_a_number(model: Path, recording: Path) -> None:
+    with np.load(recording) as file:
+        states = file["states"][:2]
+    numbers = mujoco.MjModel.from_xml_path(str(model))
+    states[0, state.fields(state.sizes(numbers))["xfrc_applied"]] = 1e300
+    with RecordingWriter(str(recording), states.shape[1], {}) as writer:
+        for step, row in enumerate(states):
+            writer.write(step, row)
+        writer.publish()
+    result = verify(Simulation(model, replay=recording))
+    assert None in [each.stepped for each in result.differences]
+    assert json.dumps(asdict(result), allow_nan=False)
+
+
+def test_without_a_recording_of_this_model_there_is_nothing_to_verify(
+    model: Path, recording: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match="verify compares a recording with its physics: name it by replay"):
+        verify(Simulation(model))
+    (tmp_path / "table.csv").write_text("time,qpos/hinge\n0,1\n")
+    with pytest.raises(
+        UsageError, match=r"steps a recording again, and .*table\.csv is none\nrecording FILE\.npz makes"
+    ):
+        verify(Simulation(model, replay=tmp_path / "table.csv"))
+    with pytest.raises(FileError, match="is not a recording"):
+        verify(Simulation(model, replay=model.rename(tmp_path / "m.npz")))
+    other = tmp_path / "other.xml"
+    other.write_text("<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>")
+    with pytest.raises(UsageError, match="the recording is of another model: it has nq 8, not 1") as caught:
+        verify(Simulation(other, replay=recording))
+    assert caught.value.path == ("replay",)
