@@ -102,6 +102,17 @@ def imported(tree: ast.Module, home: str) -> Iterator[tuple[int, str]]:
             yield node.lineno, str(node.value)
 
 
+def imported_names(tree: ast.Module) -> set[str]:
+    """Everything that a test imports, as modules: `from mjrun.probe import parser` is `mjrun.probe.parser`."""
+    names = {name for _, name in imported(tree, "tests")}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "mjrun":
+            names.add(mjrun._HOMES.get(node.attr, ""))
+    return names
+
+
 def lives_in(module: str, homes: tuple[str, ...]) -> bool:
     return any(module == home or module.startswith(f"{home}.") for home in homes)
 
@@ -208,14 +219,20 @@ def test_a_planted_good_import_is_allowed(tmp_path: Path, module: str, source: s
     assert violations(plant(tmp_path, module, source)) == []
 
 
-def test_every_module_has_its_test_file() -> None:
+def test_a_test_of_its_room_imports_every_module_or_has_its_name() -> None:
     tests = Path(__file__).parent
-    modules = {path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if not path.name.startswith("__")}
-
-    def expected(module: Path) -> Path:
-        return tests / module.parent / f"test_{module.name.lstrip('_')}"
-
-    assert sorted(str(module) for module in modules if not expected(module).exists()) == []
+    missing: list[str] = []
+    for room in sorted({path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("[!_]*.py")}):
+        folder, pattern = (tests, "*.py") if room.endswith(".py") else (tests / room, "**/*.py")
+        trees = (ast.parse(path.read_text("utf-8")) for path in folder.glob(pattern))
+        names = {name for tree in trees for name in imported_names(tree)}
+        modules = [PACKAGE / room] if room.endswith(".py") else (PACKAGE / room).rglob("[!_]*.py")
+        for module in modules:
+            within = module.relative_to(PACKAGE)
+            dotted = ".".join(("mjrun", *within.with_suffix("").parts))
+            if dotted not in names and not (tests / within.with_name(f"test_{within.name}")).exists():
+                missing.append(dotted)
+    assert sorted(missing) == []
 
 
 def test_every_constant_is_used() -> None:
