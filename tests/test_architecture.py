@@ -25,6 +25,7 @@ HOUSE = (
     ("rendering", "plotting", "diff", "policy"),
     ("task",),
     ("physics", "probe", "camera", "formats"),
+    ("worker",),
     ("model",),
     ("options", "child_process"),
     ("python_code",),

@@ -107,7 +107,7 @@ def _start_early(command_line: CommandLine) -> None:
     folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
     is_new = not exists(folder / PARTS) and not exists(Path(command_line.argument("model")) / PARTS)
     if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
-        from mjrun.study.worker_process import start_early
+        from mjrun.study.point_server import start_early
 
         start_early()
 

@@ -7,14 +7,12 @@ reported by `omissions` where nobody asked for it: never left out silently.
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from multiprocessing.connection import Pipe
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.child_process import ChildProcess, python_call
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
@@ -24,12 +22,11 @@ from mjrun.rendering.classic import check_size
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
-from mjrun.rendering.worker_process import Failure
+from mjrun.worker import Worker, WorkerEndedError
 
 # Images drawn by one process: each leaks 1.5 MB with Mesa 22.3, less or nothing with drivers for GPUs. Counted,
 # not measured, so that a video is the same each time.
 LIFETIME = 200
-DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
 MIRRORS = False  # under Vulkan, MuJoCo 4.0.0 draws reflections upside down
 
 CLASSIC = f"{option('renderer')} classic can"
@@ -81,7 +78,7 @@ class FilamentRenderer(Closable):
         self._task = (model, size, visual, segmentation, decorations)
         self._index, self._drawn = 0, 0
         self._shown_warnings: set[str] = set()
-        self._process = _FilamentProcess()
+        self._worker = _started()
         try:
             self._ask("open", *self._task)
         except BaseException:
@@ -101,8 +98,8 @@ class FilamentRenderer(Closable):
         """
         self._index = index
         if self._drawn >= LIFETIME:
-            self._process.close()
-            self._process, self._drawn = _FilamentProcess(), 0
+            self._worker.close()
+            self._worker, self._drawn = _started(), 0
             self._ask("open", *self._task)
         self._ask("look", state, index)
 
@@ -127,57 +124,30 @@ class FilamentRenderer(Closable):
 
     def close(self) -> None:
         """Ends the process."""
-        self._process.close()
+        self._worker.close()
 
     def _ask(self, name: str, *arguments: Any) -> Any:
-        answer, failure, texts = self._process.ask(name, *arguments)
-        for text in texts:
+        self._worker.send(name, *arguments)
+        try:
+            reply = self._worker.receive()
+        except WorkerEndedError as death:
+            raise DrawError(f"filament's process {death}\n{option('renderer')} classic may do better") from None
+        for text in reply.warnings:
             if text not in self._shown_warnings:
                 self._shown_warnings.add(text)
                 warnings.warn(text, stacklevel=3)
-        if failure:
-            raise failure.error(None if name == "open" else f"drawing frame {self._index}")
-        return answer
+        if reply.failure and name == "open":
+            raise reply.failure.error("a drawing process cannot start", DrawError)
+        if reply.failure:
+            raise reply.failure.error(f"a bug in mjrun, drawing frame {self._index}")
+        return reply.value
 
 
-class _FilamentProcess:
-    """Filament's process, which answers one request after the other."""
-
-    def __init__(self) -> None:
-        self._connection, theirs = Pipe()
-        command = python_call("mjrun.rendering.filament_worker:serve")
-        try:
-            self.process = ChildProcess(
-                command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()], stderr="capture"
-            )
-        except OSError as error:
-            self._connection.close()
-            raise DrawError(f"cannot start a process for filament: {error}") from error
-        finally:
-            theirs.close()
-
-    def ask(self, name: str, *arguments: Any) -> tuple[Any, Failure | None, list[str]]:
-        """The answer, or the failure; and what MuJoCo warned of.
-
-        Raises:
-          DrawError: the process has ended.
-        """
-        try:
-            self._connection.send((name, arguments))
-            return self._connection.recv()
-        except (EOFError, OSError):
-            raise self._death() from None
-
-    def close(self) -> None:
-        """Ends the process, even if it is busy."""
-        self.process.end()
-        self._connection.close()
-
-    def _death(self) -> DrawError:
-        ending = self.process.wait(DEATH_GRACE)
-        last = self.process.last_words
-        reason = f"filament's process {ending}" + (f": {last}" if last else "")
-        return DrawError(f"{reason}\n{option('renderer')} classic may do better")
+def _started() -> Worker:
+    try:
+        return Worker("mjrun.rendering.filament_worker:FilamentServer", environment={"MUJOCO_GL": "disable"})
+    except OSError as error:
+        raise DrawError(f"cannot start a process for filament: {error}") from error
 
 
 def check_visual(model: mujoco.MjModel, visual: Visual) -> None:

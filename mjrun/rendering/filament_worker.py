@@ -1,10 +1,8 @@
 """What runs in Filament's process: it draws what `filament.FilamentRenderer` requests."""
 
-import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from multiprocessing.connection import Connection
 
 import mujoco
 import numpy as np
@@ -12,7 +10,6 @@ import numpy as np
 from mjrun.camera.calibration import lens
 from mjrun.camera.pose import Frustum, Pose, pose_of
 from mjrun.errors import DrawError
-from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import restore
@@ -22,7 +19,6 @@ from mjrun.rendering.filament_scene import NUMBERED, FilamentScene, PixelFormat
 from mjrun.rendering.scene import updated_scene
 from mjrun.rendering.segmentation import NOTHING, Segmentation
 from mjrun.rendering.visual import Visual
-from mjrun.rendering.worker_process import Failure
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
 DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value
@@ -30,28 +26,10 @@ DEPTH = PixelFormat("R32F", "DEPTH", 1, np.float32)
 SEGMENTS = PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
 
-def serve(descriptor: str) -> None:
-    """Answers until the other end of the connection behind `descriptor` is closed."""
-    drawing: FilamentServer | None = None
-    with contextlib.suppress(EOFError, ConnectionError), Connection(int(descriptor)) as connection:
-        while True:
-            name, arguments = connection.recv()
-            answer, failure, texts = None, None, []
-            try:
-                with collected_warnings() as texts:
-                    if name == "open":
-                        drawing = FilamentServer(*arguments)
-                    else:
-                        answer = getattr(drawing, name)(*arguments)
-            except Exception as error:
-                failure = Failure.of(error)
-            connection.send((answer, failure, texts))
-
-
 class FilamentServer:
     """Draws states of one model; methods and arguments are those of `FilamentRenderer`."""
 
-    def __init__(
+    def open(
         self,
         model: mujoco.MjModel,
         size: tuple[int, int],

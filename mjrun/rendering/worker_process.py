@@ -1,4 +1,4 @@
-"""What runs in a drawing process, and what it shares with its parent: messages and anonymous memory.
+"""What runs in a drawing process, and the anonymous memory that it shares with its parent.
 
 The painter, the states and the frames lie in memory that only descriptors refer to: whatever happens, nothing is left
 behind in /dev/shm, and its size, 64 MB in many containers, is no limit.
@@ -11,26 +11,12 @@ import math
 import mmap
 import os
 import pickle
-import select
-import sys
 import tempfile
-import threading
-import time
-import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing.connection import Connection
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-
-from mjrun.errors import DrawError, MjrunError, clean
-
-GRACE = 1.0  # [s] that a process gets to end by itself
-
-T = TypeVar("T")
 
 ArraySpec = tuple[tuple[int, ...], np.dtype]  # shape and dtype of an array
 
@@ -99,161 +85,48 @@ def memory_file() -> int:
         return os.dup(file.fileno())
 
 
-@dataclass(frozen=True)
-class Failure:
-    """An exception in a form that can be pickled: not every class can be called with its instances' `args`.
-
-    Attributes:
-      kind: its class; None for a bug, which is anything but an MjrunError.
-      args: of the exception; for a bug, its message alone.
-      attributes: the other attributes of the exception.
-      trace: the traceback as text.
-    """
-
-    kind: type[MjrunError] | None
-    args: tuple[object, ...]
-    attributes: dict[str, Any]
-    trace: str
-
-    @classmethod
-    def of(cls, error: Exception) -> "Failure":
-        trace = "".join(traceback.format_exception(error))
-        if isinstance(error, MjrunError):
-            return cls(type(error), error.args, vars(error), trace)
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(where.filename).name}:{where.lineno}"
-        return cls(None, (f"{type(error).__name__}: {clean(str(error))} ({place})",), {}, trace)
-
-    def error(self, during: str | None) -> MjrunError:
-        """The exception to raise in the parent; `during` is what it interrupted, None the start of the process."""
-        if self.kind is not None:
-            error = self.kind.__new__(self.kind, *self.args)
-            vars(error).update(self.attributes)
-        elif during is None:
-            error = DrawError(f"a drawing process cannot start: {self.args[0]}")
-        else:
-            error = MjrunError(f"a bug in mjrun, {during}: {self.args[0]}")
-        error.__cause__ = RuntimeError(f"in the drawing process:\n{self.trace}")
-        return error
-
-
-class OpenPainter(NamedTuple):
-    """Tells a process to open the painter whose pickle is in the description file."""
-
-
-class Draw(NamedTuple):
-    """Tells a process to draw a frame in the slot with this number."""
-
-    frame: int
-    slot: int
-
-
-class Query(NamedTuple):
-    """Asks a process for the result of a method of the painter's class."""
-
-    question: Callable[[Any], object]
-
-
-class Opened(NamedTuple):
-    """A painter was opened, or failed to; `warnings` are MuJoCo's."""
-
-    failure: Failure | None
-    warnings: Sequence[str]
-
-
-class Drawn(NamedTuple):
-    """A frame was drawn, or failed."""
-
-    frame: int
-    failure: Failure | None
-    warnings: Sequence[str]
-
-
-class Answered(NamedTuple):
-    """A question was answered, or its method failed."""
-
-    answer: object
-    failure: Failure | None
-    warnings: Sequence[str]
-
-
-Reply = Opened | Drawn | Answered
-
-
-def work(module: str, connection: str, description: str, memory: str) -> None:
-    """The main function of a drawing process: does what its parent tells it until the parent hangs up.
+class PaintServer:
+    """Draws in a drawing process.
 
     Args:
-      module: imported at once, since painters will need it.
-      connection, description, memory: descriptors of its end of the pipe, the painter's pickle, and the slots.
+      description: the descriptor of a file with the pickle of the painter.
+      memory: that of the memory of the slots.
     """
-    with contextlib.suppress(OSError):  # without a stderr, what drivers print on stdout is lost
-        os.dup2(2, 1)
-    threading.Thread(target=_end_with_parent, args=(int(connection),), daemon=True).start()
-    with contextlib.suppress(EOFError, ConnectionError):
-        _serve(Connection(int(connection)), int(description), int(memory), module)
-    with contextlib.suppress(OSError):
-        sys.stdout.flush()
-    os._exit(0)  # nothing is left to do, and shutting down an interpreter takes time
 
+    def __init__(self, description: int, memory: int) -> None:
+        self._description, self._memory = description, memory
+        self._described: Painter
+        self._painter: Painter | None = None  # which is open
+        self._slots: list[Slot] = []
 
-def _end_with_parent(connection: int) -> None:
-    """Ends this process, however busy, soon after the parent has hung up."""
-    hung_up = select.poll()
-    hung_up.register(connection, 0)
-    hung_up.poll()
-    time.sleep(GRACE)
-    os._exit(1)
+    def load(self, module: str) -> None:
+        """Imports a module that painters will need."""
+        with contextlib.suppress(ImportError):  # reported when the painter cannot be loaded
+            importlib.import_module(module)
 
+    def unpickle(self) -> None:
+        """Takes the described painter in place of the current one."""
+        if self._painter is not None:
+            self._painter.close()
+            self._painter = None
+        with mmap.mmap(self._description, 0, access=mmap.ACCESS_READ) as content:
+            self._described = pickle.loads(content)
 
-def _serve(connection: Connection, description: int, memory: int, module: str) -> None:
-    with contextlib.suppress(ImportError):  # reported when the painter cannot be loaded
-        importlib.import_module(module)
-    painter: Painter | None = None
-    slots: list[Slot] = []
-    while True:
-        message = connection.recv()
-        if isinstance(message, OpenPainter):
-            if painter is not None:
-                painter.close()
-            painter, failure, texts = _attempt(lambda: _load(description))
-            if painter is not None:
-                _, failure, texts = _attempt(painter.open)
-                painter = painter if failure is None else None
-            connection.send(Opened(failure, texts))
-        elif isinstance(message, SharedMemoryLayout):
-            slots = message.slots(memory)
-        elif painter is None:
-            continue  # the parent has been told why
-        elif isinstance(message, Draw):
-            slot = slots[message.slot]
-            _, failure, texts = _attempt(partial(painter.paint, slot.state, message.frame, slot.frame))
-            connection.send(Drawn(message.frame, failure, texts))
-        elif isinstance(message, Query):
-            answer, failure, texts = _attempt(partial(message.question, painter))
-            connection.send(Answered(answer, failure, texts))
+    def open(self) -> None:
+        """Opens the painter."""
+        self._described.open()
+        self._painter = self._described
 
+    def lay_out(self, layout: SharedMemoryLayout) -> None:
+        """Lays out the slots."""
+        self._slots = layout.slots(self._memory)
 
-def _load(description: int) -> Painter:
-    with mmap.mmap(description, 0, access=mmap.ACCESS_READ) as content:
-        return pickle.loads(content)
+    def paint(self, frame: int, slot: int) -> None:
+        """Draws a frame in a slot."""
+        assert self._painter
+        state, into = self._slots[slot]
+        self._painter.paint(state, frame, into)
 
-
-def _attempt(function: Callable[[], T]) -> tuple[T | None, Failure | None, Sequence[str]]:
-    """The result of `function`, or why it failed, and the warnings of MuJoCo meanwhile."""
-    texts: list[str] = []
-    try:
-        with _collected_warnings() as texts:
-            result = function()
-    except Exception as error:
-        return None, Failure.of(error), texts
-    return result, None, texts
-
-
-def _collected_warnings() -> contextlib.AbstractContextManager[list[str]]:
-    """Collects the warnings of MuJoCo; none for a painter that does not use it."""
-    if "mujoco" not in sys.modules:
-        return contextlib.nullcontext([])
-    from mjrun.model.mujoco_globals import collected_warnings
-
-    return collected_warnings()
+    def ask(self, question: Callable[[Any], object]) -> object:
+        """Returns the result of a method of the painter's class."""
+        return question(self._painter)

@@ -1,7 +1,6 @@
 """Drawing on all cores: the same frames in the same order, whether one process draws them or many.
 
-The processes are new interpreters: forks hang once EGL is in use. They never import `__main__`, so that any script or
-notebook can draw.
+The processes are new interpreters: forks hang once EGL is in use.
 """
 
 import contextlib
@@ -10,40 +9,24 @@ import os
 import pickle
 import selectors
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from multiprocessing.connection import Pipe
 from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from mjrun.activity import doing
-from mjrun.child_process import ChildProcess, python_call
+from mjrun.child_process import ExitStatus
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, option
-from mjrun.rendering.worker_process import (
-    GRACE,
-    Answered,
-    Draw,
-    Drawn,
-    Failure,
-    Opened,
-    OpenPainter,
-    Painter,
-    Query,
-    Reply,
-    SharedMemoryLayout,
-    Slot,
-    memory_file,
-)
+from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
+from mjrun.worker import ENVIRONMENT, Failure, Worker, WorkerEndedError
 
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
 SLOTS = 3  # frames in memory per process; the third waits for its turn
 
-# Mesa and OpenBLAS read theirs as they are loaded: one thread each, since there is a process per core. MuJoCo reads its
-# own as it is imported: else it imports GLFW, which starts a process to look for its library.
-ENVIRONMENT = {"LP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
+# Mesa reads this as it is loaded: one thread each, since there is a process per core.
+ONE_THREAD = {**ENVIRONMENT, "LP_NUM_THREADS": "1"}
 
 P = TypeVar("P", bound=Painter)
 
@@ -61,7 +44,7 @@ class PainterProcesses(Closable):
 
     def __init__(self, count: int, module: str = "numpy") -> None:
         self._module = module
-        self._workers: list[_Worker] = []
+        self._workers: list[Worker] = []
         with contextlib.ExitStack() as stack, _system_errors():
             self._painter = memory_file()
             stack.callback(os.close, self._painter)
@@ -79,12 +62,22 @@ class PainterProcesses(Closable):
         """
         with _system_errors():
             while len(self._workers) < count:
-                self._workers.append(_Worker(self._painter, self.memory, self._module))
+                worker = Worker(
+                    "mjrun.rendering.worker_process:PaintServer",
+                    environment=ONE_THREAD,
+                    descriptors=[self._painter, self.memory],
+                    stderr="inherit",
+                )
+                worker.send("load", self._module)
+                self._workers.append(worker)
 
-    def assign(self, painter: Painter, count: int) -> list["_Worker"]:
-        """Tells `count` processes to open `painter` in place of their current one, and returns them."""
+    def assign(self, painter: Painter, count: int) -> list[Worker]:
+        """Requests `count` processes to open `painter` in place of their current one, and returns them."""
         for worker in [*self._workers]:
-            if not worker.finish_opening():
+            try:
+                while _awaits(worker, "open"):
+                    worker.receive()
+            except WorkerEndedError:
                 self.discard(worker)
         self.grow(count)
         with _system_errors(), open(self._painter, "wb", closefd=False) as file:
@@ -92,24 +85,24 @@ class PainterProcesses(Closable):
             file.truncate()
             pickle.dump(painter, file, pickle.HIGHEST_PROTOCOL)
         for worker in self._workers[:count]:
-            worker.open_painter()
+            worker.send("unpickle")  # which imports what it needs, so that warnings can be collected as it opens
+            worker.send("open")
         return self._workers[:count]
 
-    def discard(self, worker: "_Worker") -> None:
+    def discard(self, worker: Worker) -> None:
         """Kills a process that is no longer of use; `grow` starts another."""
         self._workers.remove(worker)
-        worker.hang_up(kill=True)
-        worker.wait()
+        worker.close()
 
     def close(self) -> None:
-        """Ends the processes; busy ones are killed."""
+        """Ends the processes."""
         self._resources.close()
 
     def _end_all(self) -> None:
         for worker in self._workers:
-            worker.hang_up(kill=not worker.is_idle)
+            worker.process.kill()
         for worker in self._workers:
-            worker.wait()
+            worker.close()
         self._workers = []
 
 
@@ -145,12 +138,12 @@ class ParallelPainter(Closable, Generic[P]):
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, not {jobs}")
         self._painter, self._frame = painter, (shape, np.dtype(dtype))
-        self._is_open, self._is_asked = True, False
+        self._is_open = True
         self._resources = contextlib.ExitStack()
         self._slots: list[Slot] = []
         self._drawn: dict[int, Failure | None] = {}  # frames whose turn has not come
         self._warnings: set[str] = set()
-        self._workers: list[_Worker] = []
+        self._workers: list[Worker] = []
 
         if jobs == 1:
             with doing("drawing"):
@@ -200,8 +193,8 @@ class ParallelPainter(Closable, Generic[P]):
         if not self._workers:
             self.answer = question(self._painter)
             return
-        self.answer, self._is_asked = None, True
-        self._workers[0].send(Query(question))
+        self.answer = None
+        self._workers[0].send("ask", question)
 
     def close(self) -> None:
         """Releases the processes; busy ones are killed."""
@@ -211,7 +204,7 @@ class ParallelPainter(Closable, Generic[P]):
 
     def _discard_busy(self) -> None:
         for worker in self._workers:
-            if worker.drawing or (self._is_asked and worker is self._workers[0]):
+            if _awaits(worker, "paint", "ask"):
                 self._group.discard(worker)
 
     def _check_open(self) -> None:
@@ -234,16 +227,16 @@ class ParallelPainter(Closable, Generic[P]):
             if assigned == turn:
                 break
             if failure := self._drawn.pop(turn):
-                raise failure.error(f"drawing frame {turn}")
+                raise failure.error(f"a bug in mjrun, drawing frame {turn}")
             yield self._slots[turn % len(self._slots)].frame
-        while self._is_asked:
+        while _awaits(self._workers[0], "ask"):
             self._receive(wait=True)
 
     def _assign(self, states: Iterator[np.ndarray], assigned: int, turn: int) -> int:
         """Assigns frames to the least busy processes while slots are free; returns the first one not assigned."""
         while assigned < turn + SLOTS * len(self._workers):
-            worker = min(self._workers, key=lambda worker: len(worker.drawing))
-            if len(worker.drawing) == AHEAD or (state := next(states, None)) is None:
+            worker = min(self._workers, key=lambda worker: len(_drawing(worker)))
+            if len(_drawing(worker)) == AHEAD or (state := next(states, None)) is None:
                 break
             if not self._slots:
                 self._lay_out(state)
@@ -254,8 +247,7 @@ class ParallelPainter(Closable, Generic[P]):
                 raise ValueError(f"a state must be {slot.dtype} {slot.shape}, not {state.dtype} {state.shape}")
             slot[...] = state
 
-            worker.drawing.append(assigned)
-            worker.send(Draw(assigned, number))
+            worker.send("paint", assigned, number)
             assigned += 1
         return assigned
 
@@ -266,94 +258,52 @@ class ParallelPainter(Closable, Generic[P]):
                 os.ftruncate(self._group.memory, layout.size)
             self._slots = layout.slots(self._group.memory)
         for worker in self._workers:
-            worker.send(layout)
+            worker.send("lay_out", layout)
 
     def _receive(self, *, wait: bool) -> bool:
         """Receives one reply from each process that has any; whether there was one."""
         events = self._selector.select(None if wait else 0)
         for key, _ in events:
-            reply = key.data.receive()
+            try:
+                reply = key.data.receive()
+            except WorkerEndedError as death:
+                raise _death(key.data, death.ending) from None
             for text in reply.warnings:
                 if text not in self._warnings:
                     self._warnings.add(text)
                     warnings.warn(text, stacklevel=4)  # where the frame was asked for
-            if isinstance(reply, Drawn):
-                self._drawn[reply.frame] = reply.failure
-            elif reply.failure:
-                raise reply.failure.error("in a drawing process" if isinstance(reply, Answered) else None)
-            elif isinstance(reply, Answered):
-                self.answer, self._is_asked = reply.answer, False
+
+            request, failure = reply.request, reply.failure
+            if request.name == "paint":
+                self._drawn[request.arguments[0]] = failure
+            elif failure and request.name in ("unpickle", "open"):
+                raise failure.error("a drawing process cannot start", DrawError)
+            elif failure:
+                raise failure.error("a bug in mjrun, in a drawing process")
+            elif request.name == "ask":
+                self.answer = reply.value
         return bool(events)
 
 
-class _Worker:
-    """A drawing process, as its parent sees it.
+def _drawing(worker: Worker) -> list[int]:
+    """Returns the frames that are assigned to a process and not drawn yet, oldest first."""
+    return [request.arguments[0] for request in worker.pending if request.name == "paint"]
 
-    Attributes:
-      drawing: the frames assigned to it and not drawn yet, oldest first.
-    """
 
-    def __init__(self, painter: int, memory: int, module: str) -> None:
-        self.drawing: deque[int] = deque()
-        self._opening, self._has_opened = False, False
-        self.connection, theirs = Pipe()
-        with contextlib.closing(theirs):
-            self._process = ChildProcess(
-                python_call("mjrun.rendering.worker_process:work", module),
-                environment=ENVIRONMENT,
-                descriptors=[theirs.fileno(), painter, memory],
-            )
+def _awaits(worker: Worker, *names: str) -> bool:
+    """Whether a process has not answered a request with one of these names."""
+    return any(request.name in names for request in worker.pending)
 
-    @property
-    def is_idle(self) -> bool:
-        """Whether it has opened its painter and has nothing to draw."""
-        return self._has_opened and not self._opening and not self.drawing
 
-    def open_painter(self) -> None:
-        """Tells it to open the painter in the description file."""
-        self._opening, self._has_opened = True, False
-        self.send(OpenPainter())
-
-    def finish_opening(self) -> bool:
-        """Waits until it has tried to open its painter, if it was told to; whether it is still alive."""
-        try:
-            while self._opening:
-                self.receive()
-        except DrawError:
-            return False
-        return True
-
-    def send(self, message: object) -> None:
-        with contextlib.suppress(OSError):  # it has ended, and its last reply, still unread, may say why
-            self.connection.send(message)
-
-    def receive(self) -> Reply:
-        try:
-            reply: Reply = self.connection.recv()
-        except (EOFError, OSError):
-            raise self._death() from None
-        if isinstance(reply, Opened):
-            self._opening, self._has_opened = False, True
-        elif isinstance(reply, Drawn):
-            self.drawing.remove(reply.frame)
-        return reply
-
-    def hang_up(self, *, kill: bool) -> None:
-        """Lets the process end by itself, or kills it."""
-        if kill:
-            self._process.kill()
-        self.connection.close()
-
-    def wait(self) -> None:
-        """Waits until the process has ended, and kills it if that takes long."""
-        self._process.wait(2 * GRACE)
-
-    def _death(self) -> DrawError:
-        doing = f"the process drawing frame {self.drawing[0]}" if self.drawing else "a drawing process"
-        which = doing if self._has_opened else "a drawing process, as it started,"
-        ending = self._process.wait(2 * GRACE)
-        fewer = f"\nthe system does that when memory runs out; fewer {option('jobs')} need less"
-        return DrawError(f"{which} {ending}{fewer if ending.out_of_memory else ''}")
+def _death(worker: Worker, ending: ExitStatus) -> DrawError:
+    """The error that tells of a process that has ended."""
+    if _awaits(worker, "open"):
+        which = "a drawing process, as it started,"
+    else:
+        frames = _drawing(worker)
+        which = f"the process drawing frame {frames[0]}" if frames else "a drawing process"
+    fewer = f"\nthe system does that when memory runs out; fewer {option('jobs')} need less"
+    return DrawError(f"{which} {ending}{fewer if ending.out_of_memory else ''}")
 
 
 @contextlib.contextmanager

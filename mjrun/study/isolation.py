@@ -1,6 +1,5 @@
 """Simulates points in a process of their own, so that one that crashes or hangs MuJoCo costs that point alone."""
 
-import contextlib
 import math
 import threading
 import time
@@ -8,12 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjrun.child_process import ExitStatus
+from mjrun.errors import MjrunError
 from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.study.point_server import new_worker
 from mjrun.study.proof import Proof
 from mjrun.study.simulate import PointResult, Status, StudyPoint, StudySpec
-from mjrun.study.worker_process import new_process
+from mjrun.worker import Worker, WorkerEndedError
 
 TIMEOUT_CODE = 124  # as timeout(1) has it
 SIGNALLED = 128  # plus the number of the signal, as shells have it
@@ -135,7 +135,7 @@ class IsolatedSimulator:
 
     def __init__(self, study: ShippedStudy, root: Path | None = None) -> None:
         self.study, self._root = study, root or study.snapshot.root
-        self._worker: _Worker | None = None
+        self._worker: Worker | None = None
         self._proofs: list[Proof] = []
 
     def run(self, points: Sequence[StudyPoint], time_limit: float = math.inf) -> Iterator[PointResult]:
@@ -160,85 +160,50 @@ class IsolatedSimulator:
 
     def _together(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
         """What results there are until the process dies or takes too long."""
-        with contextlib.suppress(_WorkerDiedError):
+        try:
             yield from self._simulated(points, time_limit)
-            return
-        self.close()
+        except (WorkerEndedError, MjrunError):
+            self.close()
 
     def _by_itself(self, point: StudyPoint, time_limit: float) -> Iterator[PointResult]:
-        start = time.perf_counter()
+        start, nothing = time.perf_counter(), (math.nan,) * self.study.metrics
         try:
             yield from self._simulated([point], time_limit)
-        except _WorkerDiedError as death:
+        except (WorkerEndedError, MjrunError) as error:
             self.close()
-            yield death.result(point, self.study.metrics, time.perf_counter() - start)
+            status, code = _ending(error)
+            message = f"the process that simulated it {error}" if isinstance(error, WorkerEndedError) else str(error)
+            yield PointResult(point.index, status, nothing, 0, code, message, time.perf_counter() - start)
 
     def _simulated(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
-        self._worker = self._worker or _Worker(self.study, self._root)
-        for message in self._worker.run(points, time_limit):
-            if not isinstance(message, Proof):
-                yield message
-            elif message not in self._proofs:
-                self._proofs.append(message)
-
-
-class _WorkerDiedError(Exception):
-    """A process has ended, or was ended since it took too long."""
-
-    def __init__(self, ending: ExitStatus, last_words: str) -> None:
-        self.ending, self.last_words = ending, last_words
-        super().__init__(str(ending))
-
-    def result(self, point: StudyPoint, metrics: int, wall: float) -> PointResult:
-        """What becomes of the point that did it."""
-        status: Status = "timeout" if self.ending.cause == "time" else "crashed"
-        code = TIMEOUT_CODE if status == "timeout" else self.ending.code
-        code = SIGNALLED - code if code < 0 else code
-        words = f": {self.last_words}" if self.last_words and status == "crashed" else ""
-        message = f"the process that simulated it {self.ending}{words}"
-        return PointResult(point.index, status, (math.nan,) * metrics, 0, code, message, wall)
-
-
-class _Worker:
-    """A process, as its parent sees it."""
-
-    def __init__(self, study: ShippedStudy, root: Path) -> None:
-        self._connection, self._process = new_process()
-        self._is_new = True
-        self._send((study.spec, root))
-
-    def run(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult | Proof]:
-        """The results of points, and then what they were simulated with.
+        """The results of points.
 
         Raises:
-          _WorkerDiedError: the process ended, or took longer than the limit for all points that were left.
+          WorkerEndedError: the process ended, or took longer than the limit for all points that were left.
+          MjrunError: it cannot simulate the study.
         """
-        self._send(points)
-        if self._is_new:
-            self._receive(START)
-            self._is_new = False
+        if self._worker is None:
+            self._worker = new_worker()
+            self._worker.send("open", self.study.spec, self._root)
+        self._worker.send("simulate", points)
         left = len(points)
-        while True:
-            message = self._receive(time_limit * max(left, 1))
-            yield message
-            if isinstance(message, Proof):
-                return
-            left -= 1
+        while self._worker.pending:
+            is_new = self._worker.pending[0].name == "open"
+            reply = self._worker.receive(START if is_new else time_limit * max(left, 1))
+            if reply.failure:
+                raise reply.failure.error("the process that simulates cannot do so")
+            if isinstance(reply.value, PointResult):
+                left -= 1
+                yield reply.value
+            elif isinstance(reply.value, Proof) and reply.value not in self._proofs:
+                self._proofs.append(reply.value)
 
-    def close(self) -> None:
-        """Ends the process."""
-        self._connection.close()
-        self._process.end()
 
-    def _send(self, message: object) -> None:
-        with contextlib.suppress(OSError):  # it has ended; `_receive` says why
-            self._connection.send(message)
-
-    def _receive(self, seconds: float) -> PointResult | Proof:
-        try:
-            if self._connection.poll(None if seconds == math.inf else seconds):
-                return self._connection.recv()
-            self._process.kill("time")
-        except (EOFError, OSError):
-            pass
-        raise _WorkerDiedError(self._process.wait(), self._process.last_words)
+def _ending(error: WorkerEndedError | MjrunError) -> tuple[Status, int]:
+    """How a point ended that has cost its process, and the exit code that tells of it."""
+    if isinstance(error, MjrunError):
+        return "failed", error.exit_code
+    if error.ending.cause == "time":
+        return "timeout", TIMEOUT_CODE
+    code = error.ending.code
+    return "crashed", SIGNALLED - code if code < 0 else code

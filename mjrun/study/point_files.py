@@ -3,14 +3,11 @@
 import contextlib
 import hashlib
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import cast
 
-from mjrun.child_process import ChildProcess, limit_this_process, python_call
 from mjrun.errors import MjrunError
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.point_manifest import NAME, read_point
@@ -20,6 +17,7 @@ from mjrun.outputs.task import Job, OutputResult
 from mjrun.python_code import Sealed
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
+from mjrun.worker import Worker, WorkerEndedError
 
 FOLDER = "points"
 NAMES = {"trace": "trace.parquet", "recording": "recording.npz", "video": "video.mp4"}
@@ -119,38 +117,27 @@ class PointOutputs:
         return hashlib.sha256(json.dumps(job, sort_keys=True).encode()).hexdigest()[:16]
 
 
+class PointFileServer:
+    """Makes files of points in a process of their own."""
+
+    def make(self, sealed: Sealed) -> None:
+        """Makes what is missing of a sealed `PointOutputs`."""
+        outputs = cast("PointOutputs", sealed.open())
+        snapshot = outputs.simulation.snapshot
+        with snapshot.original_names_in_errors() if snapshot else contextlib.nullcontext():
+            outputs.make()
+
+
 def make_isolated(outputs: PointOutputs) -> str:
     """Makes the files of a point in a process of its own, and returns why it failed: nothing if it did not."""
-    ours, theirs = Pipe()
-    with contextlib.closing(ours):
-        with contextlib.closing(theirs):
-            child = ChildProcess(
-                python_call("mjrun.study.point_files:main"), descriptors=[theirs.fileno()], stderr="capture"
-            )
-        with child:
-            try:
-                ours.send(Sealed.of(outputs, outputs.simulation.code))
-                return ours.recv()
-            except (EOFError, OSError):
-                words = f": {child.last_words}" if child.last_words else ""
-                return f"the process that simulated it {child.wait()}{words}"
-
-
-def main(connection: str) -> None:
-    """Makes what the other end of this descriptor sends, and answers why it failed."""
-    os.dup2(2, 1)  # MuJoCo's plugins print
-    limit_this_process(core=0)
-    with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
-        sealed: Sealed = parent.recv()
-        outputs, message = cast("PointOutputs", sealed.open()), ""
+    with Worker("mjrun.study.point_files:PointFileServer", environment={}) as worker:
         try:
-            outputs.make()
+            worker.ask("make", Sealed.of(outputs, outputs.simulation.code))
+        except WorkerEndedError as error:
+            return f"the process that simulated it {error}"
         except MjrunError as error:
-            message = str(error)
-        except Exception as error:
-            message = f"{type(error).__name__}: {error}"
-        snapshot = outputs.simulation.snapshot
-        parent.send(snapshot.with_original_names(message) if snapshot else message)
+            return str(error)
+    return ""
 
 
 def up_to(simulation: Simulation, steps: int) -> Simulation:

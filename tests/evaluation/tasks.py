@@ -8,7 +8,7 @@ import pytest
 from mjrun.evaluation import schedule
 from mjrun.evaluation.episode import Episode
 from mjrun.evaluation.player import player_of
-from mjrun.evaluation.processes import Chunk
+from mjrun.evaluation.schedule import Chunk
 from mjrun.task.task import Task
 from mjrun.task.terms import Action, Observation, Reset, Termination
 

@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.errors import MjrunError
+from mjrun.errors import ControllerError, InvalidActionError, LostEpisodesError, MjrunError
 from mjrun.evaluation import player, schedule
 from mjrun.evaluation.episode import Episode, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
 from mjrun.evaluation.prepared import EpisodeGroup
-from mjrun.evaluation.processes import Chunk, played
-from mjrun.evaluation.schedule import play_all
+from mjrun.evaluation.schedule import Chunk, play_all, played
 from mjrun.reporter import WarningReporter
 from tests.evaluation.tasks import cart_task, write_policies
 
@@ -71,6 +70,19 @@ def test_the_failure_told_is_that_of_the_first_episode_that_fails(
         told.add((str(caught.value), *getattr(caught.value, "__notes__", ())))
     assert len(told) == 1
     assert name == "LateCrash" or "in the episode of seed 7" in next(iter(told))
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "match"),
+    [
+        ("Broken", InvalidActionError, r"push = nan[\s\S]*seed 5"),
+        ("raising", ControllerError, "nothing here"),
+        ("Crashing", LostEpisodesError, "the episode of seed 5 was killed by SIGABRT.*"),
+    ],
+)
+def test_what_an_episode_raises_is_raised_here(tmp_path: Path, name: str, error: type[MjrunError], match: str) -> None:
+    with pytest.raises(error, match=match):
+        list(played([Chunk(0, groups(tmp_path, f"{write_policies(tmp_path)}:{name}")[0].spec, [5, 6])], 1))
 
 
 @pytest.mark.usefixtures("half_a_core")

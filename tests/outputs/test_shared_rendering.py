@@ -1,6 +1,7 @@
 """What the outputs of one pass share to draw with."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from mjrun.rendering import backend_detection, workers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.backend_detection import BackendDetection
 from mjrun.simulation.simulation import Simulation
+from mjrun.worker import Worker
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
@@ -37,13 +39,13 @@ def started(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
             count["detections"] += 1
             super().__init__(requested)
 
-    class CountedWorker(workers._Worker):
-        def __init__(self, painter: int, memory: int, module: str) -> None:
+    class CountedWorker(Worker):
+        def __init__(self, *arguments: Any, **how: Any) -> None:
             count["workers"] += 1
-            super().__init__(painter, memory, module)
+            super().__init__(*arguments, **how)
 
     monkeypatch.setattr(backend_detection, "BackendDetection", CountedDetection)
-    monkeypatch.setattr(workers, "_Worker", CountedWorker)
+    monkeypatch.setattr(workers, "Worker", CountedWorker)
     return count
 
 

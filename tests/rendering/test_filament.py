@@ -231,7 +231,7 @@ def test_a_film_is_the_same_each_time_across_processes(
             for steps in range(0, 50, 10):
                 renderer.look(save(room, after(room, steps)))
                 film.append(renderer.picture(view).rgb)
-                processes.add(renderer._process.process.pid)
+                processes.add(renderer._worker.process.pid)
             films.append(np.array(film))
     assert np.array_equal(*films)
     assert len(processes) == 6
@@ -417,7 +417,7 @@ def test_nothing_is_printed(room: mujoco.MjModel, draw: Draw, capfd: pytest.Capt
 
 def test_a_process_that_ends_is_told_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
     with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
-        os.kill(renderer._process.process.pid, signal.SIGABRT)
+        os.kill(renderer._worker.process.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
             renderer.look(save(room, after(room, 0)))
 

@@ -1,8 +1,5 @@
 """Filament's process as its parent talks to it, and its depth against the projections of OpenGL and Vulkan."""
 
-from collections.abc import Iterator
-from multiprocessing.connection import Connection, Pipe
-
 import mujoco
 import numpy as np
 import pytest
@@ -12,13 +9,12 @@ from hypothesis import strategies as st
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Frustum
-from mjrun.child_process import ChildProcess, python_call
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.filament_worker import planar_depth
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
-from tests.processes import PATIENCE
+from mjrun.worker import Worker
 
 SIZE = (48, 32)
 MODEL = """
@@ -44,28 +40,7 @@ def test_depth_is_what_the_projection_maps_to_the_buffer(
     assert found[0, 1] == np.inf
 
 
-@pytest.fixture
-def connection() -> Iterator[Connection]:
-    """One end of a connection to a process that serves at the other."""
-    ours, theirs = Pipe()
-    with theirs:
-        command = python_call("mjrun.rendering.filament_worker:serve")
-        process = ChildProcess(command, environment={"MUJOCO_GL": "disable"}, descriptors=[theirs.fileno()])
-    yield ours
-    ours.close()
-    assert process.wait(PATIENCE).code == 0  # it ends by itself when its parent hangs up
-
-
-def test_what_is_requested_before_anything_is_open_is_a_bug_and_the_process_goes_on(connection: Connection) -> None:
-    for _ in range(2):
-        connection.send(("draft_cost", ()))
-        answer, failure, warnings = connection.recv()
-        assert (answer, warnings) == (None, [])
-        assert failure.kind is None
-        assert "draft_cost" in failure.args[0]
-
-
-def test_a_state_is_drawn_as_rays_meet_it(connection: Connection, vulkan: Backend) -> None:
+def test_a_state_is_drawn_as_rays_meet_it(vulkan: Backend) -> None:
     model = mujoco.MjModel.from_xml_string(MODEL)
     data = mujoco.MjData(model)
     data.qpos[:3] = 0.3, 0.2, 0.2
@@ -73,18 +48,10 @@ def test_a_state_is_drawn_as_rays_meet_it(connection: Connection, vulkan: Backen
     state, segmentation = save(model, data), Segmentation(model)
     pose = CameraMotion(parse_camera("above", model), model, SIZE).pose(state)
 
-    requests = [
-        ("open", (model, SIZE, Visual(), segmentation, [])),
-        ("look", (state, 0)),
-        ("picture", (pose, ("depth", "seg"))),
-    ]
-    answers = []
-    for request in requests:
-        connection.send(request)
-        answer, failure, _ = connection.recv()
-        assert failure is None
-        answers.append(answer)
-    picture = answers[-1]
+    with Worker("mjrun.rendering.filament_worker:FilamentServer", environment={"MUJOCO_GL": "disable"}) as worker:
+        worker.ask("open", model, SIZE, Visual(), segmentation, [])
+        worker.ask("look", state, 0)
+        picture = worker.ask("picture", pose, ("depth", "seg"))
 
     assert not picture.legend  # the parent has it
     assert picture.rgb is None

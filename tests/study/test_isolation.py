@@ -81,7 +81,7 @@ def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> N
     simulator = IsolatedSimulator(shipped(spec, wanted))
     list(simulator.run(wanted))
     assert simulator._worker
-    os.kill(simulator._worker._process.pid, signal.SIGKILL)
+    os.kill(simulator._worker.process.pid, signal.SIGKILL)
     results = list(simulator.run(wanted))
     simulator.close()
     assert [result.status for result in results] == ["ok"] * 5

@@ -1,0 +1,242 @@
+"""Worker processes: each has a server, an object whose methods answer the requests of its parent one after the other.
+
+Workers are new interpreters that never import `__main__`, so that any script or notebook can start them. A worker ends
+when its parent hangs up or dies, however busy it is.
+"""
+
+import contextlib
+import gc
+import math
+import os
+import select
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
+from mjrun.closable import Closable
+from mjrun.errors import MjrunError, clean
+
+# Libraries read these as they are loaded: one thread each, as workers share the cores. MuJoCo reads its own as it is
+# imported: else it imports GLFW, which starts a process to look for its library.
+ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+GRACE = 1.0  # [s] from when the parent hangs up until a busy worker ends
+DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An exception in a form that can be pickled: not every class can be called with its instances' `args`.
+
+    Attributes:
+      kind: its class; None for a bug, which is anything but an MjrunError.
+      args: of the exception; for a bug, its message alone.
+      attributes: the other attributes of the exception.
+      trace: the traceback as text.
+    """
+
+    kind: type[MjrunError] | None
+    args: tuple[object, ...]
+    attributes: dict[str, Any]
+    trace: str
+
+    @classmethod
+    def of(cls, error: Exception) -> "Failure":
+        """Returns the failure that an exception is."""
+        trace = "".join(traceback.format_exception(error))
+        if isinstance(error, MjrunError):
+            return cls(type(error), error.args, dict(vars(error)), trace)
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(where.filename).name}:{where.lineno}"
+        return cls(None, (f"{type(error).__name__}: {clean(str(error))} ({place})",), {}, trace)
+
+    def error(self, beginning: str, bug: type[MjrunError] = MjrunError) -> MjrunError:
+        """Returns the exception to raise in the parent: a bug is a `bug` whose message has this `beginning`."""
+        if self.kind is None:
+            error = bug(f"{beginning}: {self.args[0]}")
+        else:
+            error = self.kind.__new__(self.kind, *self.args)
+            vars(error).update(self.attributes)
+        error.__cause__ = RuntimeError(f"in another process:\n{self.trace}")
+        return error
+
+
+class WorkerEndedError(Exception):
+    """A worker has ended, or was ended since it did not answer in time; as text, the end of a sentence about it.
+
+    Attributes:
+      ending: how it ended.
+    """
+
+    def __init__(self, ending: ExitStatus, last_words: str) -> None:
+        self.ending = ending
+        super().__init__(f"{ending}: {last_words}" if last_words and ending.cause is None else str(ending))
+
+
+class Request(NamedTuple):
+    """A method of the server, by name, and its arguments."""
+
+    name: str
+    arguments: tuple[Any, ...]
+
+
+class Reply(NamedTuple):
+    """A reply to a request.
+
+    Attributes:
+      request: the request.
+      value: what the method returned, or one of the items that it yields.
+      failure: why the method failed.
+      warnings: those of MuJoCo meanwhile.
+      is_last: whether the request is answered; False for an item.
+    """
+
+    request: Request
+    value: Any
+    failure: Failure | None = None
+    warnings: Sequence[str] = ()
+    is_last: bool = True
+
+
+class Worker(Closable):
+    """A worker process, as its parent sees it. The constructor does not wait for it to start. To be closed.
+
+    Args:
+      server: its class, `package.module:name`, which the process calls with the numbers of `descriptors`.
+      environment: variables to change.
+      descriptors: that the process gets, under new numbers.
+      stderr: where its standard error goes, and its standard output with it.
+
+    Attributes:
+      connection: to the process.
+      process: the process.
+      pending: the requests that are not answered, oldest first.
+
+    Raises:
+      FileError: the program may not be executed.
+      OSError: the system refuses.
+    """
+
+    def __init__(
+        self,
+        server: str,
+        *,
+        environment: Mapping[str, str] = ENVIRONMENT,
+        descriptors: Sequence[int] = (),
+        stderr: Stream = "capture",
+    ) -> None:
+        self.pending = deque[Request]()
+        self.connection, theirs = Pipe()
+        with contextlib.ExitStack() as stack, theirs:
+            stack.callback(self.connection.close)
+            self.process = ChildProcess(
+                python_call("mjrun.worker:serve", server),
+                environment=environment,
+                descriptors=[theirs.fileno(), *descriptors],
+                stderr=stderr,
+            )
+            stack.pop_all()
+
+    def send(self, name: str, *arguments: object) -> None:
+        """Requests a method of the server, which `receive` returns the replies of."""
+        self.pending.append(Request(name, arguments))
+        with contextlib.suppress(OSError):  # it has ended; `receive` says how
+            self.connection.send((name, arguments))
+
+    def receive(self, seconds: float = math.inf) -> Reply:
+        """Returns the next reply to the oldest of the pending requests.
+
+        Args:
+          seconds: for which it may be silent, before it is killed.
+
+        Raises:
+          WorkerEndedError: the process has ended.
+        """
+        try:
+            if self.connection.poll(None if seconds == math.inf else seconds):
+                reply = Reply(self.pending[0], *self.connection.recv())
+                if reply.is_last:
+                    self.pending.popleft()
+                return reply
+            self.process.kill("time")
+        except (EOFError, OSError):
+            pass
+        raise WorkerEndedError(self.process.wait(DEATH_GRACE), self.process.last_words)
+
+    def ask(self, name: str, *arguments: object, seconds: float = math.inf) -> Any:
+        """Returns what a method of the server answers, while no other request is pending.
+
+        Raises:
+          WorkerEndedError: as in `receive`.
+          MjrunError: the method raises it; anything else that it raises is a bug.
+        """
+        self.send(name, *arguments)
+        reply = self.receive(seconds)
+        if reply.failure:
+            raise reply.failure.error("a bug in mjrun")
+        return reply.value
+
+    def close(self) -> None:
+        """Ends the process, even if it is busy."""
+        self.process.end()
+        self.connection.close()
+
+
+def serve(server: str, connection: str, *descriptors: str) -> None:
+    """Runs a worker: answers what the other end of the descriptor `connection` requests, until it hangs up."""
+    with contextlib.suppress(OSError):  # without a stderr, what drivers and plugins print on stdout is lost
+        os.dup2(2, 1)
+    limit_this_process(core=0)
+    threading.Thread(target=_end_with_parent, args=(int(connection),), daemon=True).start()
+    gc.disable()  # modules are no garbage
+    module, _, name = server.partition(":")
+    methods = getattr(import_module(module), name)(*map(int, descriptors))
+    gc.freeze()
+    gc.enable()
+    with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
+        while True:
+            _answer(parent, methods, *parent.recv())
+    with contextlib.suppress(OSError):
+        sys.stdout.flush()
+    os._exit(0)  # nothing is left to do, and shutting down an interpreter takes time
+
+
+def _end_with_parent(connection: int) -> None:
+    """Ends this process, however busy, soon after the parent has hung up."""
+    hung_up = select.poll()
+    hung_up.register(connection, 0)
+    hung_up.poll()
+    time.sleep(GRACE)
+    os._exit(1)
+
+
+def _answer(parent: Connection, methods: object, name: str, arguments: tuple[Any, ...]) -> None:
+    value, failure, texts = None, None, list[str]()
+    try:
+        with _collected_warnings() as texts:
+            method: Callable[..., object] = getattr(methods, name)
+            value = method(*arguments)
+            if isinstance(value, Iterator):
+                for item in value:
+                    parent.send((item, None, (), False))
+                value = None
+    except Exception as error:
+        value, failure = None, Failure.of(error)
+    parent.send((value, failure, texts, True))
+
+
+def _collected_warnings() -> contextlib.AbstractContextManager[list[str]]:
+    """Collects the warnings of MuJoCo, where it is used."""
+    if "mujoco" not in sys.modules:
+        return contextlib.nullcontext([])
+    from mjrun.model.mujoco_globals import collected_warnings
+
+    return collected_warnings()
