@@ -16,8 +16,8 @@ from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.drawing import camera_motions, check_drawing, scene_compositor
-from mjrun.outputs.drawing_files import panel_files
+from mjrun.outputs.frames import camera_motions, check_drawing, scene_compositor
+from mjrun.outputs.panel_files import panel_files
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor

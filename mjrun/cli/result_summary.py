@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
     from mjrun.outputs.image import ImageResult
     from mjrun.outputs.keyframe import KeyframeResult
+    from mjrun.outputs.output import OutputResult
     from mjrun.outputs.plot import PlotResult
     from mjrun.outputs.recording import RecordingResult
-    from mjrun.outputs.task import OutputResult
     from mjrun.outputs.trace import TraceResult
     from mjrun.outputs.video import VideoResult
     from mjrun.plotting.table_plot import TablePlotResult

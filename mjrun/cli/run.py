@@ -18,8 +18,8 @@ from mjrun.options.console import ConsoleOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
+    from mjrun.outputs.output import OutputResult
     from mjrun.outputs.perform import PassPreview
-    from mjrun.outputs.task import OutputResult
 
 ARGUMENTS = (
     click.Argument(["document"], type=click.Path()),

@@ -27,7 +27,7 @@ from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.model.source import Source
-    from mjrun.outputs.task import Job, OutputResult
+    from mjrun.outputs.output import Job, OutputResult
     from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")

@@ -63,7 +63,7 @@ from mjrun.options.policy import NONE, NormalizationKind, PolicyKind, is_code, i
 from mjrun.options.push import PushKind
 from mjrun.options.task import Limits, RandomValue, Schedule, VectorOrKey
 from mjrun.options.variations import Variations, with_paths
-from mjrun.outputs.view import check_segmentation_name
+from mjrun.outputs.view_settings import check_segmentation_name
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import Visual, flags, frames, labels
 from mjrun.suffixes import is_yaml

@@ -43,9 +43,9 @@ from mjrun.options.simulation import SimulationOptions
 from mjrun.outputs.golden import golden_files
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
+from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
-from mjrun.outputs.task import Job, OutputResult
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.plotting.page_writer import check_page_name

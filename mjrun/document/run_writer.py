@@ -15,7 +15,7 @@ from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
-from mjrun.outputs.task import Job, OutputResult
+from mjrun.outputs.output import Job, OutputResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 

@@ -26,6 +26,7 @@ class FrameSchedule:
       times: of each frame in the video [s].
       speeds: simulated seconds per second of video, at each frame.
       spans: of each camera, start and end of its shots [s], simulated.
+      observed: the part of the simulation that trails show.
       warnings: what the user should know about it.
     """
 
@@ -33,6 +34,7 @@ class FrameSchedule:
     times: Sequence[float]
     speeds: Sequence[float]
     spans: Sequence[Sequence[tuple[float, float]]]
+    observed: Timeline
     warnings: Sequence[str] = ()
 
 
@@ -57,13 +59,14 @@ def video_schedule(
     pieces = _pieces(scripts, spans, timeline.duration, speed)
     _check_count(fps, pieces)
     steps = timeline.paced(fps, pieces)
-    # Arrays, as a film may have a hundred thousand frames.
+    # Arrays, as a video may have a hundred thousand frames.
     speeds = array("d", (float(pace) for part, (_, pace) in zip(steps, pieces, strict=True) for _ in part))
     return FrameSchedule(
         steps=array("q", (step for part in steps for step in part)),
         times=array("d", (float(k / fps) for k in range(len(speeds)))),
         speeds=speeds,
         spans=_seconds(spans),
+        observed=timeline,
         warnings=[text for part in map(_unseen, scripts, spans, repeat(timeline.duration)) for text in part],
     )
 
@@ -77,7 +80,8 @@ def image_schedule(
       UsageError: an event that does not happen, or a shot that ends before it begins.
     """
     spans = [shot_spans(script, timeline, event_steps) for script in scripts]
-    return FrameSchedule([step], [float(timeline.time(step))], [1.0], _seconds(spans))
+    observed = Timeline.of_steps(timeline.timestep, step)
+    return FrameSchedule([step], [float(timeline.time(step))], [1.0], _seconds(spans), observed)
 
 
 def shot_events(scripts: Sequence[CameraScript]) -> dict[OptionPath, Event]:

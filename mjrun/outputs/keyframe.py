@@ -1,8 +1,9 @@
 """A keyframe: the model's XML with an instant of a simulation in it, to start from."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,10 @@ from mjrun.model.keyframe_text import key_names
 from mjrun.model.names import names
 from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import options
+from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.shared_rendering import SharedRendering
-from mjrun.outputs.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
-from mjrun.physics.observe import Tap
-from mjrun.simulation.manifest import origin
+from mjrun.physics.observe import AnyTap, Tap
 from mjrun.timeline import nearest
 
 SUFFIX = ".xml"
@@ -36,12 +36,11 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
         """The model, which may get the keyframe itself."""
         return [self.output]
 
-    def task(self) -> "KeyframeTask":
-        """Its task, with the text of the model.
+    def check(self) -> None:
+        """Checks the names of the file and of the key, and whether the model has XML.
 
         Raises:
           UsageError: the output is no .xml file, or the model has no XML of its own.
-          FileError: the model cannot be read.
         """
         if Path(self.output).suffix != SUFFIX:
             raise UsageError(
@@ -50,6 +49,10 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
             )
         if not self.name.strip():
             raise UsageError(f"{option('save_key')}: a keyframe needs a name to start from it", path=("name",))
+        self._main_file()
+
+    def _main_file(self) -> Path:
+        """The file that the keyframe is added to."""
         source = self.simulation.source
         main = source.main_file
         if main is None or main.suffix != SUFFIX:
@@ -57,7 +60,37 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
             raise UsageError(
                 f"{option('save_key')}: {model} has no {SUFFIX} file of its own that a keyframe could stand in"
             )
-        return KeyframeTask(self, main)
+        return main
+
+    def plan(self, context: Context) -> "Plan[KeyframeResult]":
+        """Reads the XML, and finds a place in it.
+
+        Raises:
+          FileError: the model cannot be read.
+          UsageError: the XML cannot hold the key.
+        """
+        model, file = context.model, self._main_file()
+        try:
+            xml = file.read_bytes()
+            written = key_names(xml)
+        except OSError as error:
+            raise FileError(file, f"cannot be read: {error.strerror or error}") from None
+        except ValueError as error:
+            raise UsageError(f"{option('save_key')}: {clean(str(file))} cannot take a key: {error}") from None
+        if self.name in names(model, "keyframe") and self.name not in written:
+            raise UsageError(
+                f"{option('save_key')}: the model has a keyframe {quoted(self.name)} in a file that it includes\n"
+                f"give another name, as in {clean(self.output)}:NAME",
+                path=("name",),
+            )
+
+        step, timeline = self.step, context.timeline
+        if step is None:
+            step = timeline.steps if self.time is None else nearest(self.time / timeline.timestep)
+        numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
+        about = f"{clean(self.name)}, {numbers} numbers"
+        preview = Preview("keyframe", self.output, 1, "key", [numbers], about)
+        return Plan(preview, step, partial(KeyframeOutput, self, context, step, file, xml))
 
 
 @dataclass(frozen=True)
@@ -80,95 +113,52 @@ class KeyframeResult(OutputResult):
     warnings: Sequence[str]
 
 
-@dataclass(frozen=True)
-class KeyframeTask:
-    """A keyframe, with the main file of the model."""
-
-    job: Keyframe
-    source: Path
-
-    renderer = None
-
-    def plan(self, context: Context) -> "KeyframePlan":
-        """Reads the XML, and looks for a place in it."""
-        job = self.job
-        try:
-            xml = self.source.read_bytes()
-            written = key_names(xml)
-        except OSError as error:
-            raise FileError(self.source, f"cannot be read: {error.strerror or error}") from None
-        except ValueError as error:
-            raise UsageError(f"{option('save_key')}: {clean(str(self.source))} cannot take a key: {error}") from None
-        if job.name in names(context.model, "keyframe") and job.name not in written:
-            raise UsageError(
-                f"{option('save_key')}: the model has a keyframe {quoted(job.name)} in a file that it includes\n"
-                f"give another name, as in {clean(job.output)}:NAME",
-                path=("name",),
-            )
-        return KeyframePlan(job, self.source, xml, context)
-
-
-@dataclass(frozen=True)
-class KeyframePlan:
-    """A keyframe of a model whose main file holds `xml`."""
-
-    job: Keyframe
-    source: Path
-    xml: bytes
-    context: Context
-
-    keep_partial = False
-    enable_flags = 0
-
-    @property
-    def until(self) -> int:
-        job, timeline = self.job, self.context.timeline
-        if job.step is not None:
-            return job.step
-        return timeline.steps if job.time is None else nearest(job.time / timeline.timestep)
-
-    def preview(self) -> Preview:
-        model = self.context.model
-        numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
-        return Preview("keyframe", self.job.output, 1, "key", [numbers], f"{clean(self.job.name)}, {numbers} numbers")
-
-    def open(self, stack: ExitStack, rendering: SharedRendering) -> "KeyframeOutput":
-        job, context = self.job, self.context
-        model, source = context.model, job.simulation.source
-        if source.overrides:
-            model = replace(source, overrides=()).load()
-            overrides = listing([str(override) for override in source.overrides])
-            context.reporter.warn(f"{job.output} has the model as it was: {overrides} is not in it")
-        facts = origin(job, job.simulation, context.model, context.timeline)
-        writer = stack.enter_context(KeyframeWriter(job.output, self.source, self.xml, job.name, model))
-        return KeyframeOutput(self, facts, writer)
-
-
 class KeyframeOutput(Output[KeyframeResult]):
-    """A keyframe whose file is open."""
+    """A keyframe whose file is open.
 
-    def __init__(self, plan: KeyframePlan, facts: Mapping[str, object], writer: KeyframeWriter) -> None:
-        self._plan, self._facts, self._writer = plan, facts, writer
+    Args:
+      step: the instant that it holds.
+      source, xml: the main file of the model, and its content.
+    """
+
+    def __init__(
+        self,
+        job: Keyframe,
+        context: Context,
+        step: int,
+        source: Path,
+        xml: bytes,
+        stack: ExitStack,
+        _: SharedRendering,
+    ) -> None:
+        self._job, self._context, self._step = job, context, step
         self._state = np.empty(0)
-        self.taps = [Tap([plan.until], lambda stepper: stepper.state(), self._take)]
+        model, origin = context.model, job.simulation.source
+        if origin.overrides:
+            model = replace(origin, overrides=()).load()
+            overrides = listing([str(override) for override in origin.overrides])
+            context.reporter.warn(f"{job.output} has the model as it was: {overrides} is not in it")
+        self.facts = context.facts(job)
+        self._writer = stack.enter_context(KeyframeWriter(job.output, source, xml, job.name, model))
 
-    def finish(self) -> Artifact[KeyframeResult]:
-        context = self._plan.context
-        for text in self._writer.write(context.model, self._state):
-            context.reporter.warn(f"{clean(self._plan.job.output)}: {text}")
+    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+        return [Tap([self._step], lambda stepper: stepper.state(), self._take)]
+
+    def finish(self) -> Sequence[KeyframeWriter]:
+        for text in self._writer.write(self._context.model, self._state):
+            self._context.reporter.warn(f"{clean(self._job.output)}: {text}")
         self._writer.finish()
-        return Artifact(self._facts, [self._writer], self._result)
+        return [self._writer]
 
-    def _take(self, state: np.ndarray) -> None:
-        self._state = state
-
-    def _result(self, files: Sequence[Path], summary: PassSummary) -> KeyframeResult:
-        plan = self._plan
+    def result(self, files: Sequence[Path], summary: PassSummary) -> KeyframeResult:
         return KeyframeResult(
-            path=plan.job.output,
-            name=plan.job.name,
-            time=float(plan.context.timeline.time(plan.until)),
-            step=plan.until,
+            path=self._job.output,
+            name=self._job.name,
+            time=float(self._context.timeline.time(self._step)),
+            step=self._step,
             wall=summary.wall,
             warnings=summary.warnings,
         )
+
+    def _take(self, state: np.ndarray) -> None:
+        self._state = state

@@ -1,4 +1,4 @@
-"""One simulation, any number of outputs, in one pass."""
+"""The pass: one simulation, any number of outputs."""
 
 import copy
 import os
@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
-
-import mujoco
 
 from mjrun.activity import doing
 from mjrun.errors import (
@@ -26,35 +24,23 @@ from mjrun.errors import (
     listing,
     option,
 )
-from mjrun.formats.atomic_output import nobody_else_publishes
+from mjrun.formats.atomic_output import OutputWriter, nobody_else_publishes, publish_together
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
+from mjrun.outputs.output import Context, Job, OutputResult, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import ReservedFiles
 from mjrun.outputs.shared_rendering import SharedRendering
-from mjrun.outputs.task import (
-    Artifact,
-    Context,
-    EventDrivenOutput,
-    EventSteps,
-    Job,
-    Output,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-)
 from mjrun.physics.observe import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 from mjrun.simulation.episode import EpisodeResult
+from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
 
 T = TypeVar("T")
 R = TypeVar("R", bound=OutputResult)
-AnyOutput = Output[R] | EventDrivenOutput[R]
 
-
-# What is told of each output that is published: what its manifest says, its result, and its files.
+# Called with the facts of the manifest, the result and the files of each output that is published.
 Published = Callable[[Mapping[str, object], OutputResult, Sequence[Path]], None]
 
 
@@ -63,7 +49,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
 
     What can fail early fails before the first step, and then nothing is made. Later, an output that fails does not
     cost the others: all are finished before any is published, and those that are complete are published, and
-    `published` is told of each.
+    `published` is called for each.
 
     Raises:
       PartlyDoneError: some outputs were made and some were not.
@@ -72,41 +58,22 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
       SimulationError: nothing was published but what keeps partial results.
       MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
-    reporter, start = reporter or WarningReporter(), time.perf_counter()
+    reporter = reporter or WarningReporter()
     with ExitStack() as stack:
-        manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
         with doing("simulating"), collected_warnings() as warnings, without_timers():
-            simulated = _open(jobs, reporter, stack)
-            simulated.run(stack)
-            artifacts = simulated.finish()
-        if simulated.instability is None:  # which says it better
+            current: _Pass[R] = _Pass(jobs, reporter, stack)
+            current.simulate()
+            current.finish()
+        if current.instability is None:  # which describes it better
             pass_on(warnings, reporter)
-        episode = simulated.episode
-        if episode:
-            reporter.note(episode.sentence)
+        if current.episode:
+            reporter.note(current.episode.sentence)
+        current.publish(tuple(warnings), published)
 
-        results: list[R] = []
-        made: list[str] = []
-        failure = None if simulated.instability is None else str(simulated.instability)
-
-        def told(artifact: Artifact[R], files: Sequence[Path]) -> tuple[R, dict[str, object]]:
-            summary = PassSummary(time.perf_counter() - start, simulated.wall, tuple(warnings))
-            result = replace(artifact.result(files, summary), episode=episode)
-            return result, {**artifact.facts, "result": asdict(result), "failure": failure}
-
-        with nobody_else_publishes([writer for artifact in artifacts.values() for writer in artifact.writers]):
-            for index, artifact in artifacts.items():
-                with simulated.failing(index):
-                    files, result, facts = _publish(artifact, manifests[index], partial(told, artifact))
-                    results.append(result)
-                    made += artifact.paths
-                    if published:
-                        published(facts, result, files)
-
-    if error := simulated.error(made, _verdicts([*artifacts.values()])):
-        error.results = results
+    if error := current.error():
+        error.results = current.results
         raise error
-    return results
+    return current.results
 
 
 @dataclass(frozen=True)
@@ -130,39 +97,52 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     Raises:
       MjrunError: it would fail at once.
     """
-    with collected_warnings(), ExitStack() as stack:
-        plans, context, _, _ = _plan(jobs, reporter or WarningReporter(), stack)
-        timeline = context.timeline
-        outputs = [plan.preview() for plan in plans]
-        return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
+    with collected_warnings(), SharedRendering() as rendering:
+        plans, context, _ = _plan(jobs, reporter or WarningReporter(), rendering)
+    timeline = context.timeline
+    outputs = [plan.preview for plan in plans]
+    return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
 
 
 class _Pass(Generic[R]):
     """The simulation with its open outputs. An output that fails is left out from there on.
 
+    Args:
+      stack: discards what is not published.
+
     Attributes:
       failures: path and error of outputs, by index.
       instability: what ended the simulation too early, if it did.
-      wall: wall time of the simulation [s].
+      results: of the outputs that were published.
     """
 
-    def __init__(self, plans: Sequence[Plan[R]], outputs: Sequence[AnyOutput[R]], context: Context, stepper: Stepper):
+    def __init__(self, jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack) -> None:
         self.failures: dict[int, tuple[str, MjrunError]] = {}
         self.instability: SimulationError | None = None
-        self.wall = 0.0
-        self._plans, self._context, self._stepper = plans, context, stepper
-        self._until = max(plan.until for plan in plans)
-        self._outputs = {i: output for i, output in enumerate(outputs) if isinstance(output, Output)}
-        self._waiting = {i: output for i, output in enumerate(outputs) if not isinstance(output, Output)}
+        self.results: list[R] = []
+        self._made: list[str] = []
+        self._start = time.perf_counter()
+        self._simulation_wall = 0.0
+        self._jobs, self._stack = jobs, stack
+        self._manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
 
-    def run(self, stack: ExitStack) -> None:
-        """Runs the simulation once; outputs that wait for events look at its recording."""
+        rendering = stack.enter_context(SharedRendering())
+        self._plans, self._context, self._stepper = _plan(jobs, reporter, rendering)
+        for text in self._context.simulation.remarks(self._context.model):
+            reporter.warn(text)
+        self._outputs = [plan.open(stack, rendering) for plan in self._plans]
+        self._writers: dict[int, Sequence[OutputWriter]] = {}  # of the outputs that are complete
+
+    def simulate(self) -> None:
+        """Runs the simulation once; outputs that wait for events observe its recording."""
         start = time.perf_counter()
+        until = max(plan.until for plan in self._plans)
+        waiting = [index for index, plan in enumerate(self._plans) if plan.conditions]
         try:
-            if len(self._plans) == len(self._outputs) == 1:
-                self._run_alone(self._outputs[0])
+            if len(self._plans) == 1 and not waiting:
+                self._simulate_alone(until)
             else:
-                self._run_together(stack)
+                self._simulate_together(until, waiting)
         except SimulationError as error:
             self.instability = error
         except EpisodeOver as error:
@@ -170,47 +150,50 @@ class _Pass(Generic[R]):
         except MjrunError as error:
             if error not in [failure for _, failure in self.failures.values()]:  # a controller's, which concerns all
                 raise
-        self.wall = time.perf_counter() - start
+        self._simulation_wall = time.perf_counter() - start
 
     @property
     def episode(self) -> EpisodeResult | None:
-        """What came of the policy's episode, as far as it was simulated; None without a policy."""
+        """The result of the policy's episode, as far as it was simulated; None without a policy."""
         episode, stepper = self._context.simulation.episode, self._stepper
         return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 
-    def finish(self) -> dict[int, Artifact[R]]:
-        """The artifacts of the outputs that can be completed, by index."""
-        artifacts: dict[int, Artifact[R]] = {}
-        for index, output in sorted(self._outputs.items()):
-            wanted = self.instability is None or self._plans[index].keep_partial
+    def finish(self) -> None:
+        """Completes the outputs that can be completed."""
+        for index, output in enumerate(self._outputs):
+            wanted = self.instability is None or self._jobs[index].keeps_partial
             if wanted and index not in self.failures:
-                with self.failing(index):
-                    artifacts[index] = output.finish()
-        return artifacts
+                with self._failing(index):
+                    self._writers[index] = output.finish()
 
-    @contextmanager
-    def failing(self, index: int, path: str | None = None) -> Generator[None]:
-        """Notes an error as a failure of this output, or of what belongs to it at `path`."""
-        try:
-            yield
-        except MjrunError as error:
-            self.failures[index] = path or self._plans[index].preview().path, error
+    def publish(self, warnings: Sequence[str], published: Published | None) -> None:
+        """Publishes the outputs that are complete, each with its manifest or not at all."""
+        with nobody_else_publishes([writer for writers in self._writers.values() for writer in writers]):
+            for index, writers in self._writers.items():
+                with self._failing(index):
+                    files, result, facts = self._publish(index, warnings)
+                    for text in self._outputs[index].remarks():
+                        self._context.reporter.warn(text)
+                    self.results.append(result)
+                    self._made += [str(part.destination.shown) for writer in writers for part in writer.together]
+                    if published:
+                        published(facts, result, files)
 
-    def error(self, made: Sequence[str], verdicts: Sequence[MjrunError]) -> MjrunError | None:
-        """What to raise at the end, if anything, given the paths of what was made and what is not as it should be."""
+    def error(self) -> MjrunError | None:
+        """The error to raise at the end, if there is one."""
         failures = [failure for _, failure in sorted(self.failures.items())]
         others: list[MjrunError] = [error for _, error in failures]
         main: MjrunError | None = None
-        if failures and not made:
+        if failures and not self._made:
             main = others.pop(0)
             others += [self.instability] if self.instability else []
         elif self.instability:
             main = self.instability
-            if made:
-                main.add_note(f"kept, up to there: {listing(made)}")
+            if self._made:
+                main.add_note(f"kept, up to there: {listing(self._made)}")
         elif failures:
-            main, others = PartlyDoneError(made, failures), []
-        others += verdicts
+            main, others = PartlyDoneError(self._made, failures), []
+        others += self._verdicts()
         if main is None and others:
             main = others.pop(0)
         if main:
@@ -218,9 +201,17 @@ class _Pass(Generic[R]):
                 main.add_note(other.spelled(option))
         return main
 
-    def _run_alone(self, output: Output[R]) -> None:
+    def _verdicts(self) -> list[MjrunError]:
+        """The errors of outputs that are complete, but not as they should be."""
+        complete = [self._outputs[index] for index in self._writers]
+        assertions = [message for output in complete for message in output.failed_assertions]
+        differences = [message for output in complete for message in output.golden_differences]
+        failed: list[MjrunError] = [FailedAssertionError(assertions)] if assertions else []
+        return [*failed, *([GoldenDifferenceError(differences)] if differences else [])]
+
+    def _simulate_alone(self, until: int) -> None:
         try:
-            output.simulate(self._stepper, self._until)
+            self._outputs[0].simulate(self._stepper, until)
         except SimulationError:
             raise
         except MjrunError as error:
@@ -228,36 +219,29 @@ class _Pass(Generic[R]):
                 self.instability = error.__context__
             self._fail([0], error)
 
-    def _run_together(self, stack: ExitStack) -> None:
-        taps = [tap for i, output in self._outputs.items() for tap in self._guarded(output.taps, [i])]
-        if not self._waiting:
-            observe(self._stepper, taps, self._until)
+    def _simulate_together(self, until: int, waiting: Sequence[int]) -> None:
+        others = [index for index in range(len(self._plans)) if index not in waiting]
+        taps = [tap for index in others for tap in self._guarded(self._outputs[index].taps({}), [index])]
+        if not waiting:
+            observe(self._stepper, taps, until)
             return
         from mjrun.outputs.event_detection import EventDetector
 
         context = self._context
-        conditions = {text for output in self._waiting.values() for text in output.conditions}
+        conditions = {text for index in waiting for text in self._plans[index].conditions}
         detector = EventDetector(context.model, context.timeline, conditions, context.episode)
-        stack.callback(detector.close)
-        taps += self._guarded(detector.taps(self._until), list(self._waiting))
-        observe(self._stepper, taps, self._until)
+        self._stack.callback(detector.close)
+        observe(self._stepper, [*taps, *self._guarded(detector.taps(until), waiting)], until)
 
-        scheduled = {i: output for i in self._waiting if (output := self._scheduled(i, detector.event_steps))}
-        taps = [tap for i, output in scheduled.items() for tap in self._guarded(output.taps, [i])]
-        observe(detector.replay(self._stepper.model), taps, self._until)
-        self._outputs |= scheduled
-
-    def _scheduled(self, index: int, event_steps: EventSteps) -> Output[R] | None:
-        if index in self.failures:
-            return None
-        try:
-            return self._waiting[index].schedule(event_steps)
-        except MjrunError as error:
-            self._fail([index], error)
-            return None
+        taps = list[AnyTap]()
+        for index in waiting:
+            if index not in self.failures:
+                with self._failing(index):
+                    taps += self._guarded(self._outputs[index].taps(detector.event_steps), [index])
+        observe(detector.replay(self._stepper.model), taps, until)
 
     def _guarded(self, taps: Sequence[AnyTap], indices: Sequence[int]) -> list[AnyTap]:
-        """`taps` whose first error fails the outputs with these indices, and ends them alone."""
+        """Returns `taps` whose first error fails the outputs with these indices, and ends them alone."""
 
         def take(tap: AnyTap, stepper: Stepper) -> None:
             if indices[0] in self.failures:
@@ -272,73 +256,78 @@ class _Pass(Generic[R]):
         return [Tap(tap.steps, lambda stepper: stepper, partial(take, tap)) for tap in taps]
 
     def _fail(self, indices: Sequence[int], error: MjrunError) -> None:
-        """Notes a failure; with nothing left to make, the simulation need not go on."""
+        """Notes a failure; with nothing left to make, the simulation need not continue."""
         for index in indices:
-            self.failures[index] = self._plans[index].preview().path, error
+            self.failures[index] = self._plans[index].preview.path, error
         if len(self.failures) == len(self._plans):
             raise error
 
+    @contextmanager
+    def _failing(self, index: int) -> Generator[None]:
+        """Notes an error as a failure of this output."""
+        try:
+            yield
+        except MjrunError as error:
+            self.failures[index] = self._plans[index].preview.path, error
 
-def _publish(
-    artifact: Artifact[R],
-    manifest: ManifestWriter | None,
-    told: Callable[[Sequence[Path]], tuple[R, dict[str, object]]],
-) -> tuple[list[Path], R, dict[str, object]]:
-    """Publishes an output, and the manifest with it; returns its files, and what is `told` of them."""
-    if manifest is None:
-        files = artifact.publish()
-        return files, *told(files)
-    last: list[tuple[R, dict[str, object]]] = []
+    def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, dict[str, object]]:
+        """Publishes an output, and the manifest with it; returns its files, its result and the facts about it."""
+        output, manifest = self._outputs[index], self._manifests[index]
 
-    def written(files: Sequence[Path]) -> ManifestWriter:
-        last.append(told(files))
-        manifest.write(last[0][1], files)
-        return manifest
+        def described(files: Sequence[Path]) -> tuple[Sequence[Path], R, dict[str, object]]:
+            summary = PassSummary(time.perf_counter() - self._start, self._simulation_wall, warnings)
+            result = replace(output.result(files, summary), episode=self.episode)
+            failure = None if self.instability is None else str(self.instability)
+            return files, result, {**output.facts, "result": asdict(result), "failure": failure}
 
-    files = artifact.publish(written)
-    return files, *last[0]
+        if manifest is None:
+            return described(publish_together(self._writers[index]))
+        descriptions: list[tuple[Sequence[Path], R, dict[str, object]]] = []
 
+        def written(files: Sequence[Path]) -> ManifestWriter:
+            descriptions.append(described(files))
+            manifest.write(descriptions[0][2], files)
+            return manifest
 
-def _verdicts(artifacts: Sequence[Artifact[R]]) -> list[MjrunError]:
-    """What is complete, and not as it should be."""
-    assertions = [message for artifact in artifacts for message in artifact.failed_assertions]
-    differences = [message for artifact in artifacts for message in artifact.golden_differences]
-    failed: list[MjrunError] = [FailedAssertionError(assertions)] if assertions else []
-    return [*failed, *([GoldenDifferenceError(differences)] if differences else [])]
-
-
-def _open(jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack) -> _Pass[R]:
-    plans, context, stepper, rendering = _plan(jobs, reporter, stack)
-    for text in context.simulation.remarks(context.model):
-        reporter.warn(text)
-    return _Pass(plans, [plan.open(stack, rendering) for plan in plans], context, stepper)
+        publish_together(self._writers[index], written)
+        return descriptions[0]
 
 
 def _plan(
-    jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack
-) -> tuple[list[Plan[R]], Context, Stepper, SharedRendering]:
+    jobs: Sequence[Job[R]], reporter: Reporter, rendering: SharedRendering
+) -> tuple[list[Plan[R]], Context, Stepper]:
     """The plans of all jobs, once everything that can be wrong with them was looked for."""
-    _check_one_simulation(jobs)
-    rendering = stack.enter_context(SharedRendering())
+    if not jobs:
+        raise UsageError("there is nothing to do: no output was asked for")
+    simulation = jobs[0].simulation
+    if any(job.simulation is not simulation for job in jobs):
+        raise UsageError("all outputs of one pass must be of the same simulation")
     with _UsageErrors(jobs) as errors:
         _check_files(jobs, errors)
-        tasks = [task for i, job in enumerate(jobs) if (task := errors.collect(i, job.task))]
-        for i, task in enumerate(tasks):
-            if task.renderer is not None:
-                errors.collect(i, partial(rendering.detect, task.renderer))
-    simulation = jobs[0].simulation
+        for index, job in enumerate(jobs):
+            errors.collect(index, partial(_check, job, rendering))
     with _UsageErrors(jobs) as errors:
-        model = errors.collect(None, simulation.load)
-    assert model
+        context = errors.collect(None, partial(_context, simulation, reporter))
+    assert context
     with _UsageErrors(jobs) as errors:
-        timeline = errors.collect(None, lambda: simulation.timeline(model))
-    assert timeline
-    context = Context(simulation, model, timeline, reporter, simulation.episode.columns if simulation.episode else None)
-    with _UsageErrors(jobs) as errors:
-        plans = [plan for i, task in enumerate(tasks) if (plan := errors.collect(i, partial(task.plan, context)))]
-        stepper = errors.collect(None, lambda: simulation.stepper(_measured(model, plans)))
+        plans = [plan for i, job in enumerate(jobs) if (plan := errors.collect(i, partial(job.plan, context)))]
+        measured = copy.copy(context.model)
+        for plan in plans:
+            measured.opt.enableflags |= plan.enable_flags
+        stepper = errors.collect(None, lambda: simulation.stepper(measured))
     assert stepper
-    return plans, context, stepper, rendering
+    return plans, context, stepper
+
+
+def _context(simulation: Simulation, reporter: Reporter) -> Context:
+    model = simulation.load()
+    return Context(simulation, model, simulation.timeline(model), reporter)
+
+
+def _check(job: Job[OutputResult], rendering: SharedRendering) -> None:
+    job.check()
+    if job.renderer_request is not None:
+        rendering.detect(job.renderer_request)
 
 
 class _UsageErrors:
@@ -367,21 +356,6 @@ class _UsageErrors:
             if self._alone and len(self._errors) == 1:
                 raise self._errors[0][1] from together
             raise together
-
-
-def _measured(model: mujoco.MjModel, plans: Sequence[Plan[OutputResult]]) -> mujoco.MjModel:
-    """A copy of the model with everything switched on that any of `plans` measures."""
-    measured = copy.copy(model)
-    for plan in plans:
-        measured.opt.enableflags |= plan.enable_flags
-    return measured
-
-
-def _check_one_simulation(jobs: Sequence[Job[OutputResult]]) -> None:
-    if not jobs:
-        raise UsageError("there is nothing to do: no output was asked for")
-    if any(job.simulation is not jobs[0].simulation for job in jobs):
-        raise UsageError("all outputs of one pass must be of the same simulation")
 
 
 def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> None:

@@ -10,8 +10,8 @@ from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.plot import FigureOptions, PageOptions
 from mjrun.outputs.image import ImageResult
+from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.perform import Published
-from mjrun.outputs.task import Job, OutputResult
 from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib

@@ -16,7 +16,7 @@ from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.view import visual_of
+from mjrun.outputs.view_settings import visual_of
 from mjrun.physics.motion import Motion
 from mjrun.physics.replay import require_model, require_timestep, states_at
 from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails

@@ -2,7 +2,7 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
@@ -19,16 +19,15 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
 from mjrun.outputs.golden import GoldenTable, check_options, difference_message, golden_files, require_golden_table
+from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, PassSummary, Plan, Preview
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.shared_rendering import SharedRendering
-from mjrun.outputs.task import Artifact, Context, Job, Output, OutputResult, PassSummary, Preview
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, Rows, rate_warning
-from mjrun.physics.observe import Tap
+from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.select import available_columns, select, selected_columns
 from mjrun.probe.verdict import Verdict
-from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
@@ -60,16 +59,43 @@ class Trace(TraceOptions, Job["TraceResult"]):
         """The golden table, if it is only read."""
         return [] if self.update else named_files(golden=self.golden)
 
-    def task(self) -> "TraceTask":
-        """Its task, with every format chosen.
+    @property
+    def keeps_partial(self) -> bool:
+        return self.keep_partial
+
+    @property
+    def target(self) -> str | None:
+        """The output; None for standard output."""
+        return None if self.output == "-" else self.output
+
+    def check(self) -> None:
+        """Checks every format.
 
         Raises:
           UsageError: a suffix or format that is not known.
         """
         check_options(self)
-        target = None if self.output == "-" else self.output
-        contacts = None if self.contacts is None else output_format(self.contacts).name
-        return TraceTask(self, target, output_format(target, self.format).name, contacts)
+        output_format(self.target, self.format)
+        if self.contacts is not None:
+            output_format(self.contacts)
+
+    def plan(self, context: Context) -> "Plan[TraceResult]":
+        """Resolves the probes in the model and parses the assertions."""
+        require_golden_table(self)
+        steps = row_steps(context.timeline, self.every, self.rate)
+        for index, name in enumerate(self.probe):
+            with concerning("probe", index):  # one by one, so that an error says which
+                select(context.model, [name], context.episode)
+        table = ProbeSampler(context.model, self.probe, context.timeline, context.episode, self.contacts is not None)
+        if text := rate_warning(context.timeline, self.rate):
+            context.reporter.warn(text)
+        assertions = _assertions(self.assert_, table, context.episode)
+
+        count, path = len(table.columns), self.output if self.written else str(self.golden)
+        about = f"{output_format(self.target, self.format).name}, {count} columns"
+        preview = Preview("trace", path, len(steps), "rows", [count], about)
+        opened = partial(TraceOutput, self, context, table, steps, assertions)
+        return Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
 
 
 @dataclass(frozen=True)
@@ -107,118 +133,78 @@ def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
         return [TIME, *(selected_columns(model, probes, episode) if probes else available_columns(model, episode))]
 
 
-@dataclass(frozen=True)
-class TraceTask:
-    """A trace, with every format chosen.
-
-    Attributes:
-      target: the output; None for standard output.
-      contacts_format: of the table of contacts, if there is one.
-    """
-
-    job: Trace
-    target: str | None
-    format: str
-    contacts_format: str | None
-
-    renderer = None
-
-    def plan(self, context: Context) -> "TracePlan":
-        """Finds the probes in the model and parses the assertions."""
-        job = self.job
-        require_golden_table(job)
-        steps = row_steps(context.timeline, job.every, job.rate)
-        for index, name in enumerate(job.probe):
-            with concerning("probe", index):  # one by one, so that an error says which
-                select(context.model, [name], context.episode)
-        table = ProbeSampler(context.model, job.probe, context.timeline, context.episode, job.contacts is not None)
-        if text := rate_warning(context.timeline, job.rate):
-            context.reporter.warn(text)
-        return TracePlan(self, context, steps, table, _assertions(job.assert_, table, context.episode))
-
-
-@dataclass(frozen=True)
-class TracePlan:
-    """A trace of a model; `steps` are those of its rows."""
-
-    task: TraceTask
-    context: Context
-    steps: Sequence[int]
-    table: ProbeSampler
-    assertions: "Sequence[Assertion]"
-
-    @property
-    def keep_partial(self) -> bool:
-        return self.task.job.keep_partial
-
-    @property
-    def enable_flags(self) -> int:
-        return self.table.model.opt.enableflags
-
-    @property
-    def until(self) -> int:
-        return self.context.timeline.steps
-
-    def preview(self) -> Preview:
-        count = len(self.table.columns)
-        about = f"{self.task.format}, {count} columns"
-        path = self.task.job.output if self.task.job.written else str(self.task.job.golden)
-        return Preview("trace", path, len(self.steps), "rows", [count], about)
-
-    def open(self, stack: ExitStack, rendering: SharedRendering) -> "TraceOutput":
-        task, job, context, table = self.task, self.task.job, self.context, self.table
-        facts = origin(job, job.simulation, context.model, context.timeline)
-        writer = TableWriter(task.target, task.format, table.columns, facts) if job.written else None
-        if writer is not None:
-            stack.enter_context(writer)
-        contacts = None
-        if task.contacts_format is not None:
-            contacts = TableWriter(job.contacts, task.contacts_format, table.contact_columns, facts)
-            stack.enter_context(contacts)
-        golden = None if job.golden is None else GoldenTable(job, table.columns, facts, stack)
-        return TraceOutput(self, facts, writer, contacts, golden)
-
-
 class TraceOutput(Output[TraceResult]):
-    """A trace whose files are open."""
+    """A trace whose files are open; `steps` are those of its rows."""
 
     def __init__(
         self,
-        plan: TracePlan,
-        facts: Mapping[str, object],
-        writer: TableWriter | None,
-        contacts: TableWriter | None,
-        golden: GoldenTable | None,
+        job: Trace,
+        context: Context,
+        table: ProbeSampler,
+        steps: Sequence[int],
+        assertions: "Sequence[Assertion]",
+        stack: ExitStack,
+        _: SharedRendering,
     ) -> None:
-        self._plan, self._facts, self._writer, self._contacts, self._golden = plan, facts, writer, contacts, golden
+        self._job, self._context, self._table, self._steps = job, context, table, steps
+        self.facts = context.facts(job)
+        self._format = output_format(job.target, job.format).name
+        self._writer = self._contacts = self._golden = None
+        if job.written:
+            self._writer = stack.enter_context(TableWriter(job.target, self._format, table.columns, self.facts))
+        if job.contacts is not None:
+            form = output_format(job.contacts).name
+            self._contacts = stack.enter_context(TableWriter(job.contacts, form, table.contact_columns, self.facts))
+        if job.golden is not None:
+            self._golden = GoldenTable(job, table.columns, self.facts, stack)
+        self._checkers = [assertion.checker() for assertion in assertions]
+        self._buffer = RowBuffer(table, steps, self._write)
         self._rows = 0
-        self._checkers = [assertion.checker() for assertion in plan.assertions]
-        self._buffer = RowBuffer(plan.table, plan.steps, self._write)
-        self.taps = [Tap(plan.steps, plan.table.read, self._buffer.add)]
+        self._verdicts: Sequence[Verdict] = ()
+        self._comparison: DiffResult | None = None
+
+    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+        return [Tap(self._steps, self._table.read, self._buffer.add)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
         """Physics alone is stepped in C, block by block, and written in a thread meanwhile."""
         if isinstance(stepper, PhysicsStepper):
-            _stream(self._plan.table.blocks(stepper, self._plan.steps), self._write)
+            _stream(self._table.blocks(stepper, self._steps), self._write)
         else:
             super().simulate(stepper, until)
 
-    def finish(self) -> Artifact[TraceResult]:
+    def finish(self) -> Sequence[OutputWriter]:
         self._buffer.flush()
         writers: list[OutputWriter] = [writer for writer in (self._writer, self._contacts) if writer]
         for writer in writers:
             writer.finish()
-        verdicts = [checker.verdict() for checker in self._checkers]
-        failed = [verdict.message for verdict in verdicts if not verdict.passed]
+        self._verdicts = [checker.verdict() for checker in self._checkers]
+        self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
         if self._golden is None:
-            return Artifact(self._facts, writers, partial(self._result, verdicts, None), failed)
+            return writers
 
-        complete = self._rows == len(self._plan.steps)
-        source = self._plan.context.simulation.source.text or "the simulation"
-        golden, replaced = self._golden.finish(source, replace=complete and not failed)
-        differences = [] if golden.equal or self._plan.task.job.update else [difference_message(golden)]
-        result = partial(self._result, verdicts, golden)
-        return Artifact(self._facts, [*writers, *replaced], result, failed, differences)
+        complete = self._rows == len(self._steps) and not self.failed_assertions
+        source = self._context.simulation.source.text or "the simulation"
+        self._comparison, replaced = self._golden.finish(source, replace=complete)
+        if not (self._comparison.equal or self._job.update):
+            self.golden_differences = [difference_message(self._comparison)]
+        return [*writers, *replaced]
+
+    def result(self, files: Sequence[Path], summary: PassSummary) -> TraceResult:
+        timeline = self._context.timeline
+        return TraceResult(
+            path=self._job.output if self._job.written else "",
+            format=self._format,
+            rows=self._rows,
+            columns=len(self._table.columns),
+            contacts=self._contacts.rows if self._contacts else None,
+            simulated=float(timeline.duration),
+            steps=timeline.steps,
+            wall=summary.wall,
+            assertions=self._verdicts,
+            golden=self._comparison,
+            warnings=summary.warnings,
+        )
 
     def _write(self, rows: Rows) -> None:
         for checker in self._checkers:
@@ -230,24 +216,6 @@ class TraceOutput(Output[TraceResult]):
         self._rows += len(rows.values)
         if self._contacts and rows.contacts is not None:
             self._contacts.write(rows.contacts)
-
-    def _result(
-        self, assertions: Sequence[Verdict], golden: "DiffResult | None", files: Sequence[Path], summary: PassSummary
-    ) -> TraceResult:
-        task, timeline = self._plan.task, self._plan.context.timeline
-        return TraceResult(
-            path=task.job.output if task.job.written else "",
-            format=task.format,
-            rows=self._rows,
-            columns=len(self._plan.table.columns),
-            contacts=self._contacts.rows if self._contacts else None,
-            simulated=float(timeline.duration),
-            steps=timeline.steps,
-            wall=summary.wall,
-            assertions=assertions,
-            golden=golden,
-            warnings=summary.warnings,
-        )
 
 
 def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]) -> None:

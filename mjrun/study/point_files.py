@@ -13,7 +13,7 @@ from mjrun.formats.atomic_output import written_file
 from mjrun.formats.point_manifest import NAME, read_point
 from mjrun.options.keep import KeepOptions
 from mjrun.options.option import options_of
-from mjrun.outputs.task import Job, OutputResult
+from mjrun.outputs.output import Job, OutputResult
 from mjrun.python_code import Sealed
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation

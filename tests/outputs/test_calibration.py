@@ -1,4 +1,4 @@
-"""DrawingCalibration files of whole jobs: points in space land where the image shows them."""
+"""Calibration files of whole jobs: points in space land where the image shows them."""
 
 import json
 from pathlib import Path
@@ -11,9 +11,8 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.errors import UsageError
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.calibration import DrawingCalibration
-from mjrun.outputs.drawing_files import panel_files
 from mjrun.outputs.image import Image
+from mjrun.outputs.panel_files import DrawingCalibration, panel_files
 from mjrun.outputs.video import Video
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer

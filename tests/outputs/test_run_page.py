@@ -6,10 +6,10 @@ import pytest
 
 from mjrun.errors import BadValueError, FailedAssertionError, FileError, PartlyDoneError
 from mjrun.options.plot import PageOptions
+from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.run_page import run_page
-from mjrun.outputs.task import Job, OutputResult
 from mjrun.outputs.trace import Trace
 from mjrun.plotting.page_writer import PageWriter
 from mjrun.simulation.simulation import Simulation

@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.outputs import perform, video_drawing
+from mjrun.outputs import frame_drawer, perform
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
@@ -148,7 +148,7 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
 def test_drawing_in_software_is_said_once_with_its_cost(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(video_drawing, "LONG", 0.0)
+    monkeypatch.setattr(frame_drawer, "LONG", 0.0)
     heard: list[str] = []
 
     class Listener:

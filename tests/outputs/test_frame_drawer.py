@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import spelled
-from mjrun.outputs import video_drawing
+from mjrun.outputs import frame_drawer
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import workers
 from mjrun.rendering.backend import Backend
@@ -34,8 +34,8 @@ class Warnings(WarningReporter):
 @pytest.fixture
 def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
     """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
-    monkeypatch.setattr(video_drawing, "available_cores", lambda: 2)
-    monkeypatch.setattr(video_drawing, "LONG", 0.0)
+    monkeypatch.setattr(frame_drawer, "available_cores", lambda: 2)
+    monkeypatch.setattr(frame_drawer, "LONG", 0.0)
 
     def made(
         estimated: float, measured: float, draft: float = 0.0, duration: float = 0.2, **options: object
@@ -63,8 +63,8 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
                 started.append(count)
                 super().__init__(count, module)
 
-        monkeypatch.setattr(video_drawing, "estimated_cost", lambda size, panels: estimated)
-        monkeypatch.setattr(video_drawing, "ParallelPainter", MeasuredPool)
+        monkeypatch.setattr(frame_drawer, "estimated_cost", lambda size, panels: estimated)
+        monkeypatch.setattr(frame_drawer, "ParallelPainter", MeasuredPool)
         monkeypatch.setattr(workers, "PainterProcesses", CountedWorkers)
         warnings = Warnings()
         simulation = Simulation(swing, duration=duration)
@@ -137,7 +137,7 @@ def test_films_of_one_and_two_frames_are_drawn(film: Callable, backend: Backend,
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video_drawing, "LONG", 60.0)
+    monkeypatch.setattr(frame_drawer, "LONG", 60.0)
     assert film(0.001, 0.001)[1] == ""
 
 

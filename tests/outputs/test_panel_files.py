@@ -8,8 +8,8 @@ import pytest
 
 from mjrun.errors import MjrunWarning, UsageError
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.drawing_files import output_files, panel_files, panels_of
 from mjrun.outputs.image import Image
+from mjrun.outputs.panel_files import output_files, panel_files, panels_of
 from mjrun.outputs.video import Video
 from mjrun.rendering.compositor import Overlay, Panel
 from mjrun.simulation.simulation import Simulation

@@ -1,21 +1,28 @@
-"""Panels of a drawing: each view through each camera, and in which file each stands."""
+"""Panels: each view through each camera, the file that each is in, and the calibration of what they show."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mjrun.camera.calibration import lens
+from mjrun.camera.motion import CameraMotion
+from mjrun.camera.pose import Pose
 from mjrun.camera.script import CameraScript
 from mjrun.errors import UsageError, option
+from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.formats.labels import labels_beside
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.output_files import named_files
 from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel
 from mjrun.rendering.layout import layout_size
 
+FRAME_NAME = "%06d.png"  # in a folder
+
 
 @dataclass(frozen=True)
-class DrawingFile:
-    """A file of a drawing, with its panels.
+class PanelFile:
+    """A file of a video or an image, with its panels.
 
     Attributes:
       exact: whether it holds the numbers of its only panel, depth or ids, rather than colours.
@@ -56,7 +63,7 @@ def frame_size(options: ViewOptions) -> tuple[int, int]:
     return layout_size(1 if options.separate else len(panels_of(options)), options.size, options.layout)
 
 
-def panel_files(options: ViewOptions, output: str) -> list[DrawingFile]:
+def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
     """The files of a drawing: one, or one for each panel if they are separate.
 
     Raises:
@@ -64,11 +71,11 @@ def panel_files(options: ViewOptions, output: str) -> list[DrawingFile]:
     """
     panels = panels_of(options)
     if not options.separate or len(panels) == 1:
-        return [DrawingFile(output, panels, _is_exact(options, panels))]
+        return [PanelFile(output, panels, _is_exact(options, panels))]
     if output == "-":
         raise UsageError(f"{option('separate')} makes several files; standard output is one")
     paths = [_numbered(output, name) for name in _suffixes(options)]
-    return [DrawingFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
+    return [PanelFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
 
 
 def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:
@@ -119,3 +126,53 @@ def _numbered(output: str, name: str) -> str:
         return f"{folder}-{name}/"
     path = Path(output)
     return str(path.with_name(f"{path.stem}-{name}{path.suffix}"))
+
+
+class DrawingCalibration:
+    """Writes the calibration file of a drawing. Opening it proves that it can be written.
+
+    Args:
+      motions: of the cameras.
+      files: of the drawing, which the calibration file refers to.
+      numbers: whether depth is in 16-bit pictures.
+
+    Raises:
+      UsageError: the format cannot describe this drawing.
+      FileError: the file cannot be written.
+    """
+
+    def __init__(
+        self, options: ViewOptions, motions: Sequence[CameraMotion], files: Sequence[PanelFile], numbers: bool
+    ) -> None:
+        assert options.calibration is not None
+        self._folder, self._size = Path(options.calibration).parent, options.size
+        self._names = camera_names(options)
+        single = [(file.path, file.panels[0]) for file in files if len(file.panels) == 1]
+        self._files = {(p.camera, p.view): path for path, p in single if numbers or p.view != "depth"}
+        orthographic = [name for name, motion in zip(self._names, motions, strict=True) if not motion.perspective]
+        pictures = all(_is_picture(file.path) for file in files)
+        coloured = "depth" in options.view and not numbers
+        self.writer = CalibrationWriter(
+            options.calibration, options.calibration_format, self._names, orthographic, pictures, coloured
+        )
+
+    def write(self, poses: Sequence[Pose], frame: int, time: float) -> None:
+        """Adds the calibration of every camera at a frame; `time` is simulated [s]."""
+        for camera, pose in enumerate(poses):
+            file, depth = (self._file(camera, view, frame) for view in ("rgb", "depth"))
+            self.writer.write(CalibrationEntry(self._names[camera], lens(pose, self._size), frame, time, file, depth))
+
+    def _file(self, camera: int, view: str, frame: int) -> str:
+        """The picture of a frame, as seen from the calibration file; empty for none."""
+        path = self._files.get((camera, view), "")
+        if not path or not _is_picture(path):
+            return ""
+        if path.endswith("/") or not Path(path).suffix:
+            path = str(Path(path) / FRAME_NAME)
+        name = path % frame if "%" in Path(path).name else path
+        return os.path.relpath(name, self._folder)
+
+
+def _is_picture(path: str) -> bool:
+    """Whether each frame is in a file of its own."""
+    return path != "-" and (path.endswith("/") or Path(path).suffix.lower() in ("", ".png", ".jpg", ".jpeg", ".webp"))

@@ -6,7 +6,7 @@ import pytest
 from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.options.view import RENDERERS as NAMES
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.view import RENDERERS, check_segmentation_name, check_view, visual_of
+from mjrun.outputs.view_settings import RENDERERS, check_segmentation_name, check_view, visual_of
 from mjrun.rendering.segmentation import groupings
 
 KINDS = ["geom", "site", "joint", "tendon", "actuator", "flex", "skin"]
