@@ -75,7 +75,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         observation, reward, terms, code, endings = self.worlds.act(action)
-        info: dict[str, Any] = dict(zip(self._reward_names, terms, strict=True))
+        info: dict[str, Any] = dict(zip(self._reward_names, terms, strict=False))
         if code == RUNNING:
             return observation, reward, False, False, info
         info |= ending_info(endings[code])

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -33,10 +33,12 @@ class Distribution:
         if self.name == "choice":
             count = len(self.arguments)
             return [self.arguments[min(int(fraction * count), count - 1)] for fraction in fractions]
-        values = _quantiles(self.name, self._numbers())(fractions)
+        values = _quantiles(self.name, self.numbers)(fractions)
         return [str(int(value)) if self.name == "integers" else repr(float(value)) for value in values]
 
-    def _numbers(self) -> list[float]:
+    @cached_property
+    def numbers(self) -> list[float]:
+        """The arguments as numbers, which they must be."""
         return [float(argument) for argument in self.arguments]
 
 
@@ -74,7 +76,7 @@ def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.nd
     distribution = _parsed(text)
     if distribution is None:
         return np.full(count, float(text))
-    numbers = [float(argument) for argument in distribution.arguments]
+    numbers = distribution.numbers
     match distribution.name, numbers:
         case "uniform", (low, high):
             return generator.uniform(low, high, count)

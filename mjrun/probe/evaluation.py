@@ -151,7 +151,7 @@ def _beside_vector(values_of: Evaluation) -> Evaluation:
 def _side_by_side(operands: Sequence[NumericExpression]) -> Evaluation:
     """All numbers of `operands` on each row: `(n, k)` in C order, so that a sum over them is the same for every n."""
     evaluations = list(map(evaluation, operands))
-    if len(operands) == 1:
+    if len(operands) == 1 and operands[0].width:
         (only,) = evaluations
         return lambda columns, known: np.ascontiguousarray(only(columns, known))
     widths = [operand.width for operand in operands]

@@ -65,9 +65,13 @@ class TaskEvaluator:
     """The values of an expression in several worlds, from one control instant to the next.
 
     It is called within `np.errstate(all="ignore")`: 1/0 is inf, as in assertions.
+
+    Attributes:
+      root: the expression.
     """
 
     def __init__(self, root: NumericExpression | BooleanExpression, count: int) -> None:
+        self.root = root
         self._count = count
         is_truth = isinstance(root, BooleanExpression)
         self._type = np.dtype(bool if is_truth else np.float64)
@@ -78,6 +82,11 @@ class TaskEvaluator:
             (node, operands[node], np.full((count, node.width) if node.width else count, np.nan))
             for node in dict.fromkeys(previous)
         ]
+
+    @property
+    def previous(self) -> list[tuple[PreviousValue, np.ndarray]]:
+        """The calls of `previous`, inner ones first, with what each remembers of the worlds `(count, …)`."""
+        return [(node, before) for node, _, before in self._previous]
 
     @property
     def memory(self) -> list[np.ndarray]:
@@ -98,19 +107,6 @@ class TaskEvaluator:
     def advance(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
         """The values at the next control instant of the worlds `ids`; see `begin`."""
         return self._evaluate(columns, ids, first=False)
-
-    def alone(self, columns: Mapping[str, Any], first: bool) -> Any:
-        """The value in the only world, whose columns are numbers of Python: at the first control instant, or the next.
-
-        Returns:
-          A number of Python or NumPy, or a truth.
-        """
-        known: KnownValues = {}
-        for node, operand, before in self._previous:
-            now = operand(columns, known)
-            known[node] = now if first else before[0].copy()
-            before[0] = now
-        return self._evaluation(columns, known)
 
     def _evaluate(self, columns: Mapping[str, Any], ids: Ids, first: bool) -> np.ndarray:
         worlds = slice(None) if ids is None else np.asarray(ids, int)

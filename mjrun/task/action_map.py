@@ -10,6 +10,7 @@ from mjrun.errors import BadValueError, UsageError, concerning, counted, option,
 from mjrun.model.names import control_names, control_slices, identify, matching, names
 from mjrun.options.kinds import Numbers
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
+from mjrun.task.measurement import as_slice
 from mjrun.task.terms import Action
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -68,6 +69,7 @@ class ActionMap:
             np.concatenate(parts, axis=1) if parts else np.zeros((7, 0))
         )
         self.squashed = self.squashed.astype(bool)
+        self._is_squashed = bool(self.squashed.any())
         self._is_scaled = bool((self.scale != 1).any())
         self._is_clipped = bool(np.isfinite([self.low, self.high]).any())
 
@@ -78,7 +80,7 @@ class ActionMap:
 
     def targets(self, actions: np.ndarray) -> np.ndarray:
         """What the actions `(…, nact)` ask for: squashed, clipped, scaled and offset, in that order."""
-        targets = np.where(self.squashed, np.tanh(actions), actions) if self.squashed.any() else actions
+        targets = np.where(self.squashed, np.tanh(actions), actions) if self._is_squashed else actions
         targets = targets.clip(self.low, self.high) if self._is_clipped else targets
         targets = targets * self.scale if self._is_scaled else targets
         return targets + self.offset
@@ -111,8 +113,8 @@ class TargetTorques:
         self._is_position = is_position
 
         self._direct = _of(actions, CONTROL, TORQUE)
-        self._direct_controls = _run(np.array([actions.driven[i].control for i in self._direct], int))
-        self._direct = _run(self._direct)
+        self._direct_controls = as_slice(np.array([actions.driven[i].control for i in self._direct], int))
+        self._direct = as_slice(self._direct)
         self._driven = actions.driven
         self._has_strengths = any(driven.target != CONTROL for driven in actions.driven)
         self._strength = np.ones((count, len(actions.driven)))  # torque or force of a joint per control
@@ -121,6 +123,12 @@ class TargetTorques:
     def is_needed(self) -> bool:
         """Whether controls change with every step."""
         return bool(len(self._places))
+
+    def controls_alone(self, ctrl: np.ndarray) -> np.ndarray | None:
+        """The part of the controls `(nu,)` of a single world that targets are put into as they are; None if none is."""
+        is_direct = isinstance(self._direct, slice) and self._direct.stop == len(self._driven)
+        is_alike = is_direct and isinstance(self._direct_controls, slice) and not self._has_strengths
+        return ctrl[self._direct_controls] if is_alike else None
 
     def begin(self, world: int, model: mujoco.MjModel) -> None:
         """Takes note of the actuators of the model of a world."""
@@ -153,13 +161,6 @@ def _put(controls: np.ndarray, ctrl: np.ndarray, rows: slice | np.ndarray | int,
         ctrl[rows[:, None], columns] = controls
     else:
         ctrl[rows, columns] = controls
-
-
-def _run(places: np.ndarray) -> slice | np.ndarray:
-    """`places` as a slice, which is faster, where they follow each other."""
-    start = int(places[0]) if len(places) else 0
-    run = slice(start, start + len(places))
-    return run if np.array_equal(places, np.arange(run.start, run.stop)) else places
 
 
 def _of(actions: ActionMap, *targets: str) -> np.ndarray:

@@ -14,6 +14,7 @@ from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.physics.distribution import draw_numbers, draw_text
 from mjrun.physics.initial_state import InitialState
 from mjrun.probe.fields import field_probe
+from mjrun.task.measurement import as_slice
 from mjrun.task.random_streams import MODEL, START, stream
 from mjrun.task.terms import Reset
 
@@ -37,10 +38,12 @@ class EpisodeStarts:
         self._start = InitialState(reset.key, reset.qpos, reset.qvel, reset.ctrl)
         slices = state.fields(state.sizes(model))
         with concerning("reset"):
-            self._set = [(places, text) for places, text in _places("set", reset.set, model, slices)]
-            self._noise = [(places, text) for places, text in _places("noise", reset.noise, model, slices)]
-        drawn = {int(place) for places, _ in (*self._set, *self._noise) for place in places}
-        self._quaternions = [range(q, q + 4) for q in _quaternions(model, slices) if drawn & {*range(q, q + 4)}]
+            set_, noise = _places("set", reset.set, model, slices), _places("noise", reset.noise, model, slices)
+        drawn = {int(place) for places, _ in (*set_, *noise) for place in places}
+        self._quaternions = [slice(q, q + 4) for q in _quaternions(model, slices) if drawn & {*range(q, q + 4)}]
+        self._set, self._noise = (
+            [(as_slice(each), len(each), text) for each, text in drawn_] for drawn_ in (set_, noise)
+        )
         self._same: tuple[mujoco.MjModel, np.ndarray] | None = None
         self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
 
@@ -50,12 +53,12 @@ class EpisodeStarts:
         if not (self._set or self._noise):
             return same
         start, generator = same.copy(), stream(seed, START)
-        for places, text in self._set:
-            start[places] = draw_numbers(text, generator, len(places))
-        for places, text in self._noise:
-            start[places] += draw_numbers(text, generator, len(places))
+        for places, count, text in self._set:
+            start[places] = draw_numbers(text, generator, count)
+        for places, count, text in self._noise:
+            start[places] += draw_numbers(text, generator, count)
         for quaternion in self._quaternions:
-            mujoco.mju_normalize4(start[quaternion.start : quaternion.stop])
+            mujoco.mju_normalize4(start[quaternion])
         return start
 
     def _unchanged(self, variant: ModelVariant) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The expressions of a task in n worlds: rewards, terminations, and values that are observed."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,12 +14,15 @@ from mjrun.probe.task_expression import (
     parse_task_value,
 )
 from mjrun.task.episode import Endings
+from mjrun.task.row_program import RowProgram
 from mjrun.task.task import Task
 from mjrun.task.terms import TIMED_OUT, UNSTABLE
 
 ACTION, COMMAND, TIME = "action/", "command/", "time"  # columns of a task besides those of its model
 RUNNING = -1  # instead of an ending
 NOTHING: Mapping[str, Any] = {}
+Judge = Callable[[float], tuple[float, list[float], int]]
+Fill = Callable[[np.ndarray, float], None]
 
 
 class Inputs(NamedTuple):
@@ -48,7 +51,7 @@ class TaskExpressions:
 
     Attributes:
       measured: the columns of the model that they read.
-      reads_actions, reads_commands: whether they read any of these.
+      reads_time, reads_actions, reads_commands: whether they read any of these.
       has_values: whether some are observed.
       endings: how episodes can end; the terminations of the task first, in their order.
 
@@ -72,7 +75,6 @@ class TaskExpressions:
         self._weights = [reward.weight for reward in task.rewards.values()]
         self._rewards = [each.evaluator(count) for each in rewards.values()]
         self._looking_back = [each for each in self._rewards if each.memory]
-        self._weighted = list(zip(self._rewards, self._weights, strict=True))
         self._conditions = [each.evaluator(count) for each in conditions.values()]
         self._conditions_backwards = [*enumerate(self._conditions)][::-1]
         self._values = {name: each.evaluator(count) for name, each in values.items()}
@@ -84,7 +86,7 @@ class TaskExpressions:
         ]
         own = {TIME, *own_columns[0], *own_columns[1]}
         self.measured = [column for column in dict.fromkeys(read) if column not in own]
-        self._reads_time = TIME in read
+        self.reads_time = TIME in read
         self.reads_actions, self.reads_commands = (not {*read}.isdisjoint(own_names) for own_names in own_columns)
         columns_of = [self.measured]
         columns_of += [own_columns[0]] if self.reads_actions else []
@@ -103,13 +105,37 @@ class TaskExpressions:
         read += [inputs.actions] if self.reads_actions else []
         read += [inputs.commands] if self.reads_commands else []
         matrix = np.concatenate(read, axis=-1) if len(read) > 1 else measured
-        return self.matrix(matrix, inputs.instants)
+        return ColumnMatrix(self._layout, matrix, {TIME: self.time(inputs.instants)} if self.reads_time else NOTHING)
 
-    def matrix(self, values: np.ndarray, instants: Any) -> ColumnMatrix:
-        """The columns that expressions read, side by side already: of the model, then actions and commands if read."""
-        return ColumnMatrix(self._layout, values, {TIME: self._time(instants)} if self._reads_time else NOTHING)
+    def alone(self, row: np.ndarray, places: Sequence[int], is_first: bool) -> tuple[Judge, Fill, bool]:
+        """Compiles the expressions of a single world.
 
-    def _time(self, instants: Any) -> Any:
+        Args:
+          row: the columns that they read, side by side: of the model, then actions and commands if read.
+          places: of the values that are observed.
+          is_first: whether an episode begins there.
+
+        Returns:
+          A function of the time that gives the reward, its weighted terms, and which of the terminations holds; one of
+          an array and the time, which writes the values that are observed into it; and whether they must be called
+          within `np.errstate(all="ignore")`.
+        """
+        judging = RowProgram(row, self._layout.places, is_first)
+        terms = [judging.value(each) for each in self._rewards]
+        for index, weight in enumerate(self._weights):
+            judging.add(f"t{index} = float({terms[index]}) * {weight!r}")
+        terms = [f"t{index}" for index in range(len(terms))]
+        holds = [f"{code} if {judging.value(each)} else " for code, each in enumerate(self._conditions)]
+        judge = judging.function(
+            "time", f"{' + '.join(['0.0', *terms])}, [{', '.join(terms)}], {''.join(holds)}{RUNNING}"
+        )
+
+        filling = RowProgram(row, self._layout.places, is_first)
+        for place, each in zip(places, self._values.values(), strict=True):
+            filling.add(f"values[{place}] = {filling.value(each)}")
+        return judge, filling.function("values, time", "None"), judging.uses_numpy or filling.uses_numpy
+
+    def time(self, instants: Any) -> Any:
         """The time of control instants [s], exact and rounded once."""
         return instants * self._control_dt.numerator / self._control_dt.denominator
 
@@ -142,37 +168,12 @@ class TaskExpressions:
                 codes[condition.advance(columns, ids)] = code
         return terms, codes
 
-    def begin_alone(self, columns: ColumnMatrix) -> int:
-        """`begin` in the only world."""
-        with np.errstate(all="ignore"):
-            for each in self._looking_back:
-                each.alone(columns, first=True)
-            return self._first_that_holds(columns, first=True)
-
-    def advance_alone(self, columns: ColumnMatrix) -> tuple[list[float], int]:
-        """`advance` in the only world."""
-        with np.errstate(all="ignore"):
-            terms = [float(each.alone(columns, first=False)) * weight for each, weight in self._weighted]
-            return terms, self._first_that_holds(columns, first=False)
-
-    def _first_that_holds(self, columns: ColumnMatrix, first: bool) -> int:
-        code = RUNNING
-        for index, condition in self._conditions_backwards:
-            if condition.alone(columns, first):
-                code = index
-        return code
-
     def values(self, columns: ColumnMatrix, ids: np.ndarray | None, first: bool) -> Mapping[str, np.ndarray]:
         """The values that are observed, `(k,)` by the name of their term; see `columns`."""
         with np.errstate(all="ignore"):
             if first:
                 return {name: each.begin(columns, ids) for name, each in self._values.items()}
             return {name: each.advance(columns, ids) for name, each in self._values.items()}
-
-    def values_alone(self, columns: ColumnMatrix, first: bool) -> Mapping[str, float]:
-        """`values` in the only world."""
-        with np.errstate(all="ignore"):
-            return {name: each.alone(columns, first) for name, each in self._values.items()}
 
 
 def _rewards(task: Task, columns: TaskColumns) -> Iterator[tuple[str, TaskExpression]]:

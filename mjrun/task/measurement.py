@@ -221,25 +221,22 @@ class Measurement:
     def _complete(self, pieces: Sequence[tuple[slice, _Completed]]) -> None:
         """Prepares what is computed on an MjData of ours."""
         self._scratch = mujoco.MjData(self._batch.model)
-        fields = list(dict.fromkeys(piece.field for _, piece in pieces))
-        self._computations = list(dict.fromkeys(LAZY[field] for field in fields))
-        self._views = [getattr(self._scratch, field).reshape(-1) for field in fields]
-        self._completed = [(place, fields.index(piece.field), piece.places) for place, piece in pieces]
+        self._computations = list(dict.fromkeys(LAZY[piece.field] for _, piece in pieces))
+        self._completed = [
+            (place, getattr(self._scratch, piece.field).reshape(-1), as_slice(piece.places)) for place, piece in pieces
+        ]
 
     def _examine(self, worlds: np.ndarray, out: np.ndarray) -> None:
         """Writes what an MjData is needed for into `out` `(k, columns)`."""
-        completed = [np.empty((len(worlds), view.size)) for view in self._views]
-        for row, world in enumerate(worlds.tolist()):
+        for row, world in zip(out, worlds.tolist(), strict=True):
             model, data = self._model_of(world), self._scratch
             self._batch.get_data(world, data)
             for place, probe in self._measured:
-                out[row, place] = probe.measure(model, data)
+                row[place] = probe.measure(model, data)
             for computation in self._computations:
                 computation(model, data)
-            for values, view in zip(completed, self._views, strict=True):
-                values[row] = view
-        for place, field, places in self._completed:
-            out[:, place] = completed[field][:, places]
+            for place, values, places in self._completed:
+                row[place] = values[places]
 
     def _gather(self, place: slice, piece: _Gathered) -> None:
         """Prepares what is read of a field into the columns `place`."""
@@ -249,9 +246,9 @@ class Measurement:
         else:
             values, places = self._batch.bind(piece.field), piece.places
             values = values.reshape(self._batch.nsim, -1)
-        first, last = int(places[0]), int(places[-1])
-        if np.array_equal(places, np.arange(first, last + 1)):
-            self._runs.append((place, values[:, first : last + 1]))
+        run = as_slice(places)
+        if isinstance(run, slice):
+            self._runs.append((place, values[:, run]))
             return
 
         def gather(rows: Rows, out: np.ndarray) -> None:
@@ -272,6 +269,13 @@ class Measurement:
             out[:] = probe.compute(now, then)
 
         return compute
+
+
+def as_slice(places: np.ndarray) -> slice | np.ndarray:
+    """`places` as a slice, which is faster, where they follow each other."""
+    start = int(places[0]) if len(places) else 0
+    run = slice(start, start + len(places))
+    return run if np.array_equal(places, np.arange(run.start, run.stop)) else places
 
 
 def _group_name(name: str) -> str:

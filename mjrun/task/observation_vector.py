@@ -204,15 +204,16 @@ class ObservationVector:
     def __init__(self, plan: ObservationPlan, count: int, control_dt: Fraction, rotations: np.ndarray | None) -> None:
         self._plan, self._rotations = plan, rotations
         self._measured = _runs([each for each in plan.terms if each.term.source in ("probe", "joints")])
-        self._others = [each for each in plan.terms if each.term.source not in ("probe", "joints")]
+        self._inputs = [each for each in plan.terms if each.term.source in ("action", "command", "phase")]
+        self._values = [each for each in plan.terms if each.expression]
         self._dt = control_dt
         self._frames = plan.frames
         noise = [each.term.noise for each in plan.terms for _ in each.columns]
         self._noise = ObservationNoise(noise, count) if any(noise) else None
         self._shifted, self._scaled = bool(plan.offset.any()), bool((plan.scale != 1).any())
         self._clipped = bool(np.isfinite(plan.low).any() or np.isfinite(plan.high).any())
-        is_changed = self._noise or self._shifted or self._scaled or self._clipped
-        self._is_plain = not (self._others or self._frames or is_changed) and len(self._measured) == 1
+        self._is_changed = bool(self._frames or self._noise or self._shifted or self._scaled or self._clipped)
+        self._is_measured = not (self._inputs or self._values) and len(self._measured) == 1  # all of it, in one run
         self._remembered = [each for each in plan.terms if each.term.delay or each.term.history > 1]
         self._memory = [
             np.zeros((count, each.term.delay + each.term.history, len(each.columns))) for each in self._remembered
@@ -244,28 +245,62 @@ class ObservationVector:
           values: of expressions `(k,)`, by the name of the term.
           first: whether an episode begins here.
         """
-        current = self._current(measured, inputs, values, rows)
-        if not self._remembered:
-            return current
-        parts, done = [], 0
-        for each, memory in zip(self._remembered, self._memory, strict=True):
-            parts.append(current[..., done : each.place.start])
-            parts.append(self._recalled(each, memory, current[..., each.place], rows, first))
-            done = each.place.stop
-        return np.concatenate([*parts, current[..., done:]], axis=-1)
+        current = self.collect(measured, inputs)
+        for each in self._values:
+            current[..., each.place.start] = values[each.term.name]
+        return self.finish(current, rows, first)
 
-    def _current(
-        self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, Any], rows: np.ndarray | int
-    ) -> np.ndarray:
-        """All terms as they are now: `(k, width)`."""
-        if self._is_plain:
+    @property
+    def has_inputs(self) -> bool:
+        """Whether something of what went into the worlds is observed."""
+        return bool(self._inputs)
+
+    @property
+    def places_of_values(self) -> list[int]:
+        """Where the values of expressions are among the numbers of all terms, in their order."""
+        return [each.place.start for each in self._values]
+
+    def collect(self, measured: np.ndarray, inputs: Inputs) -> np.ndarray:
+        """All terms as they are now, but for the values of expressions: `(k, width)`, or `(width,)` of a single world.
+
+        Args:
+          measured, inputs: as for `observe`.
+        """
+        if self._is_measured:
             return measured.copy()
-        plan = self._plan
-        now = np.empty((*measured.shape[:-1], plan.width))
+        now = np.empty((*measured.shape[:-1], self._plan.width))
         for source, place in self._measured:
             now[..., place] = measured[..., source]
-        for each in self._others:
-            now[..., each.place] = self._other(each, inputs, values)
+        for each in self._inputs:
+            now[..., each.place] = self._input(each.term, inputs)
+        return now
+
+    def finish(self, now: np.ndarray, rows: np.ndarray | int, first: bool) -> np.ndarray:
+        """The observations from what `collect` gave, with the values of expressions in their places."""
+        if self._is_changed:
+            self._change(now, rows)
+        if not self._remembered:
+            return now
+        parts, done = [], 0
+        for each, memory in zip(self._remembered, self._memory, strict=True):
+            parts.append(now[..., done : each.place.start])
+            parts.append(self._recalled(each, memory, now[..., each.place], rows, first))
+            done = each.place.stop
+        return np.concatenate([*parts, now[..., done:]], axis=-1)
+
+    def _input(self, term: Observation, inputs: Inputs) -> np.ndarray:
+        """What a term has of what went into the worlds: `(k, width)`, or `(width,)` of a single world."""
+        if term.action is not None:
+            return inputs.actions
+        if term.command is not None:
+            return inputs.commands[..., self._plan.command_slices[term.command]]
+        assert term.phase is not None
+        angles = 2 * pi * (inputs.instants * float(self._dt / term.phase))
+        return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+
+    def _change(self, now: np.ndarray, rows: np.ndarray | int) -> None:
+        """Turns all terms, adds noise to them, shifts, scales and clips them, in place."""
+        plan = self._plan
         for each, body in self._frames:
             assert self._rotations is not None
             _turn(now[..., each.place], self._rotations[rows, body])
@@ -277,20 +312,6 @@ class ObservationVector:
             now *= plan.scale
         if self._clipped:
             now.clip(plan.low, plan.high, out=now)
-        return now
-
-    def _other(self, each: _Term, inputs: Inputs, values: Mapping[str, Any]) -> Any:
-        """What a term has that is no column of the model: `(k, width)`; `(width,)`, or a number, in one world."""
-        term = each.term
-        if term.action is not None:
-            return inputs.actions
-        if term.command is not None:
-            return inputs.commands[..., self._plan.command_slices[term.command]]
-        if term.phase is not None:
-            angles = 2 * pi * (inputs.instants * float(self._dt / term.phase))
-            return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
-        value = values[term.name]
-        return value[:, None] if isinstance(value, np.ndarray) else value
 
     def _recalled(
         self, each: _Term, memory: np.ndarray, now: np.ndarray, rows: np.ndarray | int, first: bool

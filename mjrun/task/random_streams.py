@@ -7,12 +7,17 @@ import numpy as np
 from mjrun.physics.distribution import draw_numbers
 
 MODEL, START, COMMANDS, OBSERVATIONS = range(4)
+WORD = 2**32 - 1  # the largest seed of one word
 BLOCK = 16  # control periods whose noise is drawn at once
 
 
 def stream(seed: int, purpose: int) -> np.random.Generator:
     """The random numbers for one purpose in the episode of `seed`: `default_rng(seed).spawn(4)[purpose]`."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose,)))
+    if 0 <= seed <= WORD:  # as a child of this seed is made, in half the time
+        sequence = np.random.SeedSequence(np.array([seed, 0, 0, 0, purpose], np.uint32))
+    else:
+        sequence = np.random.SeedSequence(seed, spawn_key=(purpose,))
+    return np.random.Generator(np.random.PCG64(sequence))
 
 
 class ObservationNoise:

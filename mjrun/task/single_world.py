@@ -1,16 +1,18 @@
 """A task in a single world, stepped with as little as can be done around the physics.
 
 Where a step of the physics takes microseconds, what NumPy takes for arrays of one world is most of the time. Here what
-is read is decided once, and expressions are evaluated on Python's numbers. No number differs from `TaskWorlds`.
+is read is decided once, and expressions are compiled to Python. No number differs from `TaskWorlds`.
 """
 
 import math
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
+from mujoco.batch import SimulationError as BatchError
 
-from mjrun.probe.column_matrix import ColumnMatrix
-from mjrun.task.expressions import NOTHING, RUNNING, Inputs
+from mjrun.model.mujoco_globals import without_timers
+from mjrun.task.expressions import RUNNING, Inputs
 from mjrun.task.measurement import ALL
 from mjrun.task.task import Task
 from mjrun.task.worlds import SQUARE, TaskStep, TaskWorlds
@@ -36,10 +38,19 @@ class SingleWorld(TaskWorlds):
         ncommands = len(self.commands.names) if expressions.reads_commands else 0
         row = np.zeros(columns + nact + ncommands)  # what is measured for terms, and for expressions; and the rest
         self._read = self._measurement.reader(row[:columns])
-        self._row_of_terms, self._row_of_expressions = row[: self._of_terms], row[self._of_terms :]
+        self._row_of_terms = row[: self._of_terms]
         self._action_read, self._commands_read = row[columns : columns + nact], row[columns + nact :]
+        places = self._observations.places_of_values
+        self._at_start, self._later = (
+            expressions.alone(row[self._of_terms :], places, first) for first in (True, False)
+        )
         self._action, self._target, self._only_observed = self._actions[0], self._targets[0], self._observed[0]
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
+        self._without_timers = without_timers()
+        self._shape, self._is_held = self._action.shape, self._torques.is_needed
+        self._controls = self._torques.controls_alone(self._ctrl[0])
+        self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
+        self._no_inputs = Inputs(0, self._action, NO_COMMANDS)  # where none are read
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.task,), self._saved()
@@ -54,16 +65,18 @@ class SingleWorld(TaskWorlds):
             self._load([seed], self._all)
         self._instants[0], self._action[:] = 0, 0
         self._over[0] = self._failed[0] = False
-        self._batch.warning[0] = 0
+        self._counters[0] = 0
         self._call(lambda: self._batch.forward(None, self._stage_at_start))
         self._measurement.begin(ALL)
         self._read()
 
-        inputs, columns = self._columns_at(0)
-        expressions = self._expressions
-        self._start_codes[0] = expressions.begin_alone(columns)
-        values = expressions.values_alone(columns, first=True) if expressions.has_values else NOTHING
-        observed = self._observations.observe(self._row_of_terms, inputs, values, 0, first=True)
+        judge, fill, uses_numpy = self._at_start
+        with np.errstate(all="ignore") if uses_numpy else nullcontext():
+            inputs = self._inputs_at(0)
+            _, _, self._start_codes[0] = judge(0.0)
+            now = self._observations.collect(self._row_of_terms, inputs)
+            fill(now, 0.0)
+        observed = self._observations.finish(now, 0, first=True)
         self._only_observed[:] = observed
         return observed
 
@@ -74,45 +87,57 @@ class SingleWorld(TaskWorlds):
           ValueError: the action is not finite or does not fit, or the episode is over or has not begun.
         """
         action = np.asarray(action, float)
-        if action.shape != self._action.shape or self._over[0] or not math.isfinite(np.vdot(action, action)):
+        if action.shape != self._shape or self._over[0] or not math.isfinite(sum(action.tolist())):
             self.begin(action[None])
         else:
             self._action[:] = action
-            self._target[:] = targets = self.actions.targets(action)
-            self._torques.apply(targets, self._ctrl, 0)
-        self._advance(self.control_steps, None, self._stage)
+            targets = self.actions.targets(action)
+            if self._controls is None:
+                self._target[:] = targets
+                self._torques.apply(targets, self._ctrl, 0)
+            else:
+                self._controls[:] = targets
+        if self._is_held:
+            self._advance(self.control_steps, None, self._stage)
+        else:
+            try:
+                with self._without_timers:
+                    self._batch.step(None, self.control_steps, self._stage)
+            except BatchError:
+                self._failed[0] = self._has_failed = True
         self._read()
-        return self._result()
+        instant = int(self._instants[0]) + 1
+        self._instants[0] = instant
+        if not self._later[2]:
+            return self._result(instant)
+        with np.errstate(all="ignore"):
+            return self._result(instant)
 
-    def _result(self) -> TaskStep:
-        """What has come of the control period."""
-        expressions, endings = self._expressions, self._expressions.endings
-        before = int(self._instants[0])
-        self._instants[0] = instant = before + 1
-        inputs, columns = self._columns_at(instant, before)
-        terms, code = expressions.advance_alone(columns)
+    def _result(self, instant: int) -> TaskStep:
+        """What has come of the control period that ended at an instant."""
+        endings, (judge, fill, _) = self._expressions.endings, self._later
+        time = self._expressions.time(instant) if self._expressions.reads_time else 0.0
+        inputs = self._inputs_at(instant, instant - 1) if self._has_inputs else self._no_inputs
+        reward, terms, code = judge(time)
         if code == RUNNING and instant >= self._periods:
             code = endings.timeout
 
-        if self._has_commands:
-            inputs, columns = self._columns_at(instant)
-        values = expressions.values_alone(columns, first=False) if expressions.has_values else NOTHING
-        observed = self._observations.observe(self._row_of_terms, inputs, values, 0, first=False)
+        inputs = self._inputs_at(instant) if self._has_commands else inputs
+        now = self._observations.collect(self._row_of_terms, inputs)
+        fill(now, time)
+        observed = self._observations.finish(now, 0, first=False)
         motion = self._only_motion
         is_stable = np.vdot(motion, motion) < SQUARE and not self._has_failed and not any(self._only_warnings.tolist())
         if not is_stable and self.is_unstable(0):
-            code, terms = endings.unstable, [0.0] * len(terms)
+            code, reward, terms = endings.unstable, 0.0, [0.0] * len(terms)
             observed = self._only_observed.copy()
         self._only_observed[:] = observed
         if code != RUNNING:
             self._over[0] = True
-        total = 0.0
-        for term in terms:  # one after the other, as in `TaskWorlds`
-            total += term
-        return TaskStep(observed, total, terms, code, endings)
+        return TaskStep(observed, reward, terms, code, endings)
 
-    def _columns_at(self, instant: int, commanded: int | None = None) -> tuple[Inputs, ColumnMatrix]:
-        """What went into the world up to a control instant, and the columns that expressions read there.
+    def _inputs_at(self, instant: int, commanded: int | None = None) -> Inputs:
+        """What went into the world up to a control instant, which is where expressions read it then.
 
         Args:
           commanded: the instant of the commands, if they are those of another.
@@ -124,5 +149,4 @@ class SingleWorld(TaskWorlds):
                 self._commands_read[:] = commands
         if self._expressions.reads_actions:
             self._action_read[:] = self._action
-        columns = self._expressions.matrix(self._row_of_expressions, instant)
-        return Inputs(instant, self._action, commands), columns
+        return Inputs(instant, self._action, commands)

@@ -205,7 +205,7 @@ class TaskWorlds:
         chosen = _sorted(ids)
         self._instants[worlds], self._actions[worlds] = 0, 0
         self._over[worlds] = self._failed[worlds] = False
-        self._batch.warning[worlds] = 0
+        self._counters[worlds] = 0
         self._call(lambda: self._batch.forward(chosen, self._stage_at_start))
         self._measurement.begin(rows)
 
@@ -316,8 +316,8 @@ class TaskWorlds:
         each = self._each  # no method of these worlds: that would be a cycle, which only Python's collector frees
         self._measurement = measured.measurement(self._batch, lambda world: each[world].model)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
-        counters = self._batch.warning
-        self._warnings = counters[:, min(BAD) : max(BAD) + 1, 1]
+        self._counters = self._batch.warning
+        self._warnings = self._counters[:, min(BAD) : max(BAD) + 1, 1]
         self._motion = self._batch.state[:, slice(*_ends(model, "qpos", "qvel"))]
         rotations = self._batch.bind("xmat") if plan.frames else None
         stage = max(measured.stage, POSITION if plan.frames else NONE)

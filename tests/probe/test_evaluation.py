@@ -23,6 +23,7 @@ def parser(text: str) -> Parser:
     [
         ("2", 2.0),
         ("a - b - 3", A - B - 3),
+        ("norm(a)", np.abs(A)),
         ("exp(-norm(a, b, 2))", np.exp(-np.sqrt(A * A + B * B + 4))),
         ("sum('v/*' * a)", (V * A[:, None]).sum(axis=1)),
         ("norm('v/*', a, 1)", np.sqrt((V * V).sum(axis=1) + A * A + 1)),

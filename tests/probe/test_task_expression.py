@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.column_matrix import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_condition, parse_task_value
 
 DT = 0.05
@@ -88,27 +87,6 @@ EVERYTHING = (
 def test_a_world_gets_the_same_bits_whatever_is_beside_it(worlds: list[int]) -> None:
     expression = parse_task_value(EVERYTHING, COLUMNS, "value")
     np.testing.assert_array_equal(series(expression, worlds), series(expression)[:, worlds])
-
-
-@pytest.mark.parametrize("text", [EVERYTHING, "sum('action/*', command/goal/0)^2 / time", "min(qpos/slide, 0) ^ time"])
-@pytest.mark.parametrize("world", [0, 77])
-def test_a_world_alone_gets_the_same_bits(text: str, world: int) -> None:
-    expression = parse_task_value(text, COLUMNS, "value")
-    evaluator, layout = expression.evaluator(1), ColumnLayout(NAMES)
-    alone = [evaluator.alone(ColumnMatrix(layout, SERIES[k, world], {}), first=k == 0) for k in range(len(SERIES))]
-    assert all(isinstance(value, float) for value in alone)
-    np.testing.assert_array_equal(alone, series(expression)[:, world])
-
-
-@pytest.mark.parametrize(
-    "text", ["time > 0", "not isfinite(1/command/goal/0)", "qpos/slide > 0 and max('action/*') < 1"]
-)
-def test_a_condition_of_a_world_alone_is_the_same(text: str) -> None:
-    condition = parse_task_condition(text, COLUMNS, "fallen")
-    layout = ColumnLayout(NAMES)
-    evaluator = condition.evaluator(1)
-    alone = [bool(evaluator.alone(ColumnMatrix(layout, row, {}), first=False)) for row in SERIES[3]]
-    np.testing.assert_array_equal(alone, condition.evaluator(SERIES.shape[1]).advance(at(3)))
 
 
 def test_worlds_begin_and_go_on_on_their_own() -> None:

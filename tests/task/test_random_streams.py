@@ -1,14 +1,16 @@
 """Random numbers of an episode depend on its seed and their purpose alone."""
 
 import numpy as np
+import pytest
 
 from mjrun.task.random_streams import BLOCK, COMMANDS, OBSERVATIONS, START, ObservationNoise, stream
 
 
-def test_streams_are_the_children_of_the_seeds_generator() -> None:
-    children = np.random.default_rng(5).spawn(4)
+@pytest.mark.parametrize("seed", [0, 5, 2**31, 2**32 - 1, 2**32, 2**70])
+def test_streams_are_the_children_of_the_seeds_generator(seed: int) -> None:
+    children = np.random.default_rng(seed).spawn(4)
     for purpose in (START, COMMANDS, OBSERVATIONS):
-        assert stream(5, purpose).random() == children[purpose].random()
+        assert stream(seed, purpose).random() == children[purpose].random()
 
 
 def test_noise_is_that_of_the_world_whatever_is_beside_it() -> None:

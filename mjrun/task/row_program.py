@@ -1,0 +1,215 @@
+"""Expressions of one world, compiled to Python.
+
+Where a value is a single number, an operation of NumPy takes about 1 µs and one of Python a fortieth of that. A program
+is a function with one line for each value; what several expressions have in common is computed once. Its numbers have
+the bits that `mjrun.probe.evaluation` gives on many rows. Nothing of a document's text gets into the source: names
+become places in an array, and functions are passed as objects.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from mjrun.probe.expression import (
+    ARITHMETIC,
+    FINITE,
+    NOT_FINITE,
+    REDUCED,
+    BooleanExpression,
+    BooleanOperation,
+    Choice,
+    ColumnReference,
+    ColumnVector,
+    Comparison,
+    Function,
+    FunctionCall,
+    NumberLiteral,
+    NumericExpression,
+    PreviousValue,
+    Reduction,
+)
+from mjrun.probe.task_expression import TaskEvaluator
+
+TIME = "time"
+# Python's operators, where they have the bits of NumPy's.
+OPERATORS: dict[Function, str] = {ARITHMETIC["+"]: "+", ARITHMETIC["-"]: "-", ARITHMETIC["*"]: "*", np.add: "+"}
+OF_NUMBERS = {*OPERATORS, ARITHMETIC["/"], abs}  # functions that take longer on a few numbers together than on each
+FEW = 7  # numbers that NumPy adds one after the other; more of them by halves
+
+
+class RowProgram:
+    """A function of the time [s] on the columns of one world, made line by line.
+
+    Args:
+      row: the columns `(columns,)`, which are read at every call.
+      places: of the columns in it, by name.
+      is_first: whether the function is for the first control instant of episodes.
+
+    Attributes:
+      uses_numpy: whether the function must be called within `np.errstate(all="ignore")`.
+    """
+
+    def __init__(self, row: np.ndarray, places: Mapping[str, int], is_first: bool) -> None:
+        self._row, self._places, self._is_first = row, places, is_first
+        self._lines: list[str] = []
+        self._variables: dict[str, str] = {}  # by what is assigned to them
+        self._vectors: dict[tuple[str, ...], str] = {}
+        self._previous: dict[PreviousValue, str] = {}
+        self._objects: dict[str, Any] = {"item": row.item, "isfinite": math.isfinite, "sqrt": math.sqrt}
+        self.uses_numpy = False
+
+    def value(self, evaluator: TaskEvaluator) -> str:
+        """Adds the lines of an expression, whose memory is that of `evaluator`; returns the variable of its value."""
+        for node, memory in evaluator.previous:
+            now = self._number(node.operand)
+            name = self._object(memory)
+            before = f"{name}[0].copy()" if node.width else f"{name}.item(0)"
+            self._previous[node] = now if self._is_first else self._assigned(before)
+            self.add(f"{name}[0] = {now}")
+        root = evaluator.root
+        return self._truth(root) if isinstance(root, BooleanExpression) else self._number(root)
+
+    def add(self, line: str) -> None:
+        """Adds a line of source."""
+        self._lines.append(line)
+
+    def function(self, parameters: str, result: str) -> Callable[..., Any]:
+        """Returns the function, which returns `result`; one of its parameters is `time`."""
+        source = "\n    ".join([f"def program({parameters}):", *self._lines, f"return {result}"])
+        namespace = {**self._objects}
+        exec(compile(source, "<expressions of a task>", "exec"), namespace)
+        return namespace["program"]
+
+    def _number(self, node: NumericExpression) -> str:
+        match node:
+            case NumberLiteral(value=number):
+                return f"({number!r})" if math.isfinite(number) else self._object(number)
+            case ColumnReference(name=name):
+                return self._column(name)
+            case ColumnVector(names=names):
+                return self._vector(names)
+            case PreviousValue():
+                return self._previous[node]
+            case FunctionCall():
+                self.uses_numpy |= node.width > 0
+                return self._call(node, [self._number(operand) for operand in node.operands])
+            case Reduction():
+                return self._reduction(node)
+            case Choice(condition=condition, operands=(first, second)):
+                holds, one, other = self._truth(condition), self._number(first), self._number(second)
+                if node.width:
+                    return self._numpy(np.where, holds, one, other)
+                return self._assigned(f"{one} if {holds} else {other}")
+        raise TypeError(node)
+
+    def _truth(self, node: BooleanExpression) -> str:
+        match node:
+            case Comparison(operator=operator, sides=(value, _)) if operator in (FINITE, NOT_FINITE):
+                return self._assigned(f"{'not ' if operator == NOT_FINITE else ''}{self._finite(value)}")
+            case Comparison(operator=operator, sides=sides):
+                left, right = map(self._number, sides)
+                unequal = f"{left} < {right} or {left} > {right}"  # not so for NaN
+                return self._assigned(unequal if operator == "!=" else f"{left} {operator} {right}")
+            case BooleanOperation(every=every, parts=parts):
+                return self._assigned((" and " if every else " or ").join(map(self._truth, parts)))
+        raise TypeError(node)
+
+    def _finite(self, value: NumericExpression) -> str:
+        """Whether a number, or every number of a vector, is finite."""
+        match value:
+            case Reduction(name="max", operands=(FunctionCall(functions=(function,), operands=(vector,)),)):
+                if function is abs and vector.width:
+                    return f"all(map(isfinite, {self._number(vector)}.tolist()))"
+        return f"isfinite({self._number(value)})"
+
+    def _column(self, name: str) -> str:
+        return self._assigned(f"item({self._places[name]})") if name in self._places else TIME
+
+    def _vector(self, names: tuple[str, ...]) -> str:
+        if names in self._vectors:
+            return self._vectors[names]
+        places = [self._places.get(name, -1) for name in names]
+        start = places[0]
+        if -1 in places:
+            vector = self._numpy(np.array, f"({', '.join(map(self._column, names))},)")
+        elif places == [*range(start, start + len(places))]:
+            vector = self._object(self._row[start : start + len(places)])  # a view, so that it is read at every call
+        else:
+            vector = self._assigned(f"{self._object(self._row)}[{self._object(np.array(places))}]")
+        self._vectors[names] = vector
+        return vector
+
+    def _call(self, call: FunctionCall, values: Sequence[str]) -> str:
+        """The functions of a call, applied to its operands, or to one number of each."""
+        result, *others = values
+        if not others:
+            function = call.functions[0]
+            return self._assigned(f"abs({result})") if function is abs else self._numpy(function, result)
+        for function, other, operand in zip(call.functions, others, call.operands[1:], strict=True):
+            number = operand.value if isinstance(operand, NumberLiteral) else None
+            if function in OPERATORS:
+                result = self._assigned(f"{result} {OPERATORS[function]} {other}")
+            elif function is ARITHMETIC["/"] and number:
+                result = self._assigned(f"{result} / {other}")
+            elif function is ARITHMETIC["^"] and number == 2:
+                result = self._assigned(f"{result} * {result}")
+            else:
+                result = self._numpy(function, result, other)
+        return result
+
+    def _reduction(self, node: Reduction) -> str:
+        name, is_norm = "sum" if node.name == "norm" else node.name, node.name == "norm"
+        numbers = [number for operand in node.operands for number in self._numbers(operand)]
+        if name == "sum" and len(numbers) <= FEW and None not in numbers:
+            terms = [self._assigned(f"{number} * {number}") for number in numbers] if is_norm else numbers
+            total = f"0.0 + {' + '.join(map(str, terms))}"
+        else:
+            vectors = [self._number(operand) for operand in node.operands]
+            is_one = len(vectors) == 1 and node.operands[0].width
+            vector = vectors[0] if is_one else self._numpy(np.hstack, f"({', '.join(vectors)},)")
+            vector = self._assigned(f"{vector} * {vector}") if is_norm else vector
+            total = self._numpy(REDUCED[name], vector)
+        return self._assigned(f"sqrt({total})" if is_norm else total)
+
+    def _numbers(self, node: NumericExpression) -> list[str | None]:
+        """The variable of each number of a vector, or that of a number alone; None where NumPy computes them."""
+        if not node.width:
+            return [self._number(node)]
+        if node.width <= FEW and isinstance(node, ColumnVector):
+            return [self._column(name) for name in node.names]
+        if node.width <= FEW and isinstance(node, FunctionCall) and _is_arithmetic(node):
+            operands = [self._numbers(operand) for operand in node.operands]
+            columns = [numbers * (node.width // len(numbers)) for numbers in operands]
+            rows = [[number for number in row if number is not None] for row in zip(*columns, strict=True)]
+            if all(len(row) == len(columns) for row in rows):
+                return [self._call(node, row) for row in rows]
+        return [None]
+
+    def _numpy(self, function: Function, *arguments: str) -> str:
+        """The variable of what a function of NumPy's gives."""
+        self.uses_numpy = True
+        return self._assigned(f"{self._object(function)}({', '.join(arguments)})")
+
+    def _assigned(self, text: str) -> str:
+        """The variable with the value of `text`."""
+        if text not in self._variables:
+            self._variables[text] = variable = f"v{len(self._variables)}"
+            self.add(f"{variable} = {text}")
+        return self._variables[text]
+
+    def _object(self, thing: Any) -> str:
+        """The name of what has no source."""
+        for name, known in self._objects.items():
+            if known is thing:
+                return name
+        name = f"o{len(self._objects)}"
+        self._objects[name] = thing
+        return name
+
+
+def _is_arithmetic(call: FunctionCall) -> bool:
+    """Whether Python computes the functions of a call on numbers, one by one."""
+    is_square = call.functions == (ARITHMETIC["^"],) and getattr(call.operands[1], "value", None) == 2
+    return is_square or OF_NUMBERS.issuperset(call.functions)
