@@ -120,11 +120,17 @@ def _page(result: "InfoResult", asked: bool, model: str) -> str:
                 )
             continue
 
-        rows = section.rows(result.description)
+        rows = result.description.section(name)
         if section.is_detail and not asked:
             details += [f"{name} ({len(rows)})"] if rows else []
         elif asked or section.is_news(rows):
-            page.table(name, section.columns(rows), len(rows), None if asked else ROWS, f"{command_line} {name}")
+            page.table(
+                name,
+                section.columns(rows, result.description.model),
+                len(rows),
+                None if asked else ROWS,
+                f"{command_line} {name}",
+            )
 
     if details:
         page.note(f"also {', '.join(details)}: {command_line} {details[0].partition(' ')[0]}")

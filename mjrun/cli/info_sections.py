@@ -1,42 +1,222 @@
-"""The sections of `mjrun info`: where each is in a model's description, and how it is shown."""
+"""The sections of `mjrun info`: most columns of their tables follow from what descriptions declare."""
 
+import os.path
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from mjrun.cli import info_actuators_sensors_cameras as devices
-from mjrun.cli import info_constraints, info_kinematics, info_settings_assets, info_summary
-from mjrun.cli.table_cells import Column
+from mjrun.cli import info_summary
+from mjrun.cli.table_cells import (
+    Column,
+    byte_size,
+    common,
+    number,
+    numbers,
+    ranges,
+    reference,
+    slots,
+    span,
+    stacked,
+    texts,
+    vector,
+    vectors,
+)
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
+    import mujoco
+
+    from mjrun.model.description.actuators_sensors import Actuator
     from mjrun.model.description.assets import Asset
+    from mjrun.model.description.bodies import Body, Camera, Geom, Light
+    from mjrun.model.description.constraints import PathPoint, Tendon
+    from mjrun.model.description.declaration import ModelObject
     from mjrun.model.description.model_description import ModelDescription
+    from mjrun.model.description.non_default_settings import NonDefaultSetting, Value
+    from mjrun.model.description.plugins import Plugin
 
-T = TypeVar("T")
-Lines = Sequence[tuple[str, str]]  # labels and values
+PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
+# A column by the name of the attribute that it shows, or made of all rows.
+ColumnSource = str | Callable[[Sequence[Any]], Column]
 
 
-def _has_files(assets: "Sequence[Asset]") -> bool:
-    """Whether there are files beside the model's own, which the summary names."""
-    return any(asset.path and asset.kind != "model" for asset in assets)
+def object_columns(
+    sources: Sequence[ColumnSource], rows: "Sequence[ModelObject]", model: "mujoco.MjModel"
+) -> list[Column]:
+    """The columns of objects of one kind."""
+    return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
+
+
+def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel") -> Column:
+    """The column of an attribute, as its declaration has it."""
+    values = [getattr(row, name) for row in rows]
+    some = next((value for value in values if value is not None), None)
+    if not rows or name not in (facts := rows[0].facts()):
+        return texts(name, values)
+    fact = facts[name]
+    heading = fact.heading or name.replace("_", " ")
+    if some is None or isinstance(some, str):
+        return texts(heading, values, extra=fact.is_detail)
+
+    telling = [row.id for row, value in zip(rows, values, strict=True) if value] or [row.id for row in rows]
+    unit = stacked(fact.unit(model, index) for index in telling)
+    if not isinstance(some, tuple):
+        return numbers(heading, values, unit, extra=fact.is_detail, usual=fact.usual)
+    if fact.is_range:
+        return ranges(heading, values, [unit] * len(values), extra=fact.is_detail)
+    return vectors(heading, values, unit, extra=fact.is_detail)
+
+
+def _tree(rows: "Sequence[Body]") -> Column:
+    """The names of bodies, each under its parent's, and what goes on below them."""
+    last = {row.parent: row.id for row in rows}
+    lines: list[str] = []
+    stems = {-1: ""}
+    for row in rows:
+        stem, ends, root = stems[row.parent], last[row.parent] == row.id, row.parent < 0
+        lines.append(clean(row.name) if root else f"{stem}{'└─' if ends else '├─'} {clean(row.name)}")
+        stems[row.id] = "" if root else stem + ("   " if ends else "│  ")
+    return Column("body", lines, below=[stems[row.id] + ("│" if row.id in last else "") for row in rows])
+
+
+def _grouped(objects: Sequence[str], types: Sequence[str]) -> str:
+    """Names with their types: `hip_x, hip_y (hinge)`."""
+    groups: list[tuple[str, list[str]]] = []
+    for name, kind in zip(objects, types, strict=True):
+        if not groups or groups[-1][0] != kind:
+            groups.append((kind, []))
+        groups[-1][1].append(clean(name))
+    return ", ".join(f"{', '.join(group)} ({kind})" for kind, group in groups)
+
+
+def _tally(types: Sequence[str]) -> str:
+    counts = {kind: types.count(kind) for kind in dict.fromkeys(types)}
+    return ", ".join(kind if count == 1 else f"{count} {kind}" for kind, count in counts.items())
+
+
+def _gears(rows: "Sequence[Actuator]") -> Column:
+    gears = [common(vector(gear) or "0" for gear in row.gear) for row in rows]
+    return Column("gear", [] if set(gears) == {"1"} else gears, right=True, extra=True)
+
+
+def _targets(rows: "Sequence[Actuator]") -> Column:
+    """What actuators act on, with its kind where that differs."""
+    kinds = {row.target_kind for row in rows}
+    is_one = len(kinds) == 1
+    heading = f"acts on {next(iter(kinds))}" if is_one else "acts on"
+    return Column(heading, [_target(row, bare=is_one) for row in rows])
+
+
+def _target(row: "Actuator", *, bare: bool) -> str:
+    target = clean(row.target or "") if bare else reference(row.target_kind, row.target)
+    origin = f" from {clean(row.reference)}" if row.reference else ""
+    by = "" if row.transmission in PLAIN else f" ({row.transmission})"
+    return f"{target}{origin}{by}"
+
+
+def _gain(row: "Actuator") -> str:
+    return "" if row.kind == "motor" else _law(row.gain, "fixed", row.gain_parameters)
+
+
+def _law(kind: str, usual: str, parameters: Sequence[float]) -> str:
+    """The parameters of a gain, bias or dynamics, after its type where that is not the usual one."""
+    return "" if kind == "none" else " ".join(filter(None, ("" if kind == usual else kind, vector(parameters))))
+
+
+def _contact_bits(rows: "Sequence[Geom]") -> Column:
+    """contype and conaffinity, if any geom has others than 1 and 1."""
+    bits = [f"{row.contype} {row.conaffinity}" for row in rows]
+    return Column("contact bits", bits if set(bits) != {"1 1"} else [], extra=True)
+
+
+def _resolution(row: "Camera") -> str:
+    return "x".join(map(str, row.resolution)) if row.resolution != (1, 1) else ""
+
+
+def _outputs(rows: "Sequence[Camera]") -> Column:
+    has_resolution = any(map(_resolution, rows))
+    return Column("outputs", [" ".join(row.outputs) if has_resolution else "" for row in rows], extra=True)
+
+
+def _mode(row: "Camera | Light") -> str:
+    return f"{row.mode} {clean(row.target)}" if row.target else row.mode
+
+
+def _point(point: "PathPoint") -> str:
+    if point.kind == "pulley":
+        return f"pulley /{number(point.coefficient)}"
+    name = clean(point.name or "")
+    return name if point.coefficient is None else f"{number(point.coefficient)} {name}"
+
+
+def _lengths(rows: "Sequence[Tendon]") -> Column:
+    return numbers("length", [row.length0 for row in rows], stacked(row.unit for row in rows))
+
+
+def _plugin_settings(row: "Plugin") -> str:
+    return clean(", ".join(f"{key}={value}" for key, value in row.settings.items()))
+
+
+def _cells(heading: str, cell: Callable[[Any], str], **options: Any) -> Callable[[Sequence[Any]], Column]:
+    """A column with a text of each row."""
+    return lambda rows: Column(heading, [cell(row) for row in rows], **options)
+
+
+def _settings(rows: "Sequence[NonDefaultSetting]", model: "mujoco.MjModel") -> list[Column]:
+    return [
+        texts("setting", [row.path for row in rows]),
+        Column("value", [_value(row.value) for row in rows]),
+        Column("default", [_value(row.default) for row in rows]),
+        texts("unit", [row.unit for row in rows]),
+    ]
+
+
+def _value(value: "Value") -> str:
+    return vector(value) if isinstance(value, tuple) else value if isinstance(value, str) else number(value)
+
+
+def _assets(rows: "Sequence[Asset]", model: "mujoco.MjModel") -> list[Column]:
+    own = next((row.path for row in rows if row.kind == "model" and row.path), None)
+    return [
+        texts("kind", [row.kind for row in rows]),
+        texts("name", [row.name for row in rows]),
+        Column("size", ["" if row.path is None else byte_size(row.bytes) for row in rows], right=True),
+        Column("content", [_content(row) for row in rows]),
+        Column(
+            "file" if own is None else "file, from the model's folder",
+            [_beside(own, row.path) for row in rows],
+            whole=True,
+        ),
+    ]
+
+
+def _beside(own: str | None, path: str | None) -> str:
+    """A path as seen from the folder of the model."""
+    if path is None:
+        return ""
+    return clean(path if own is None else os.path.relpath(path, Path(own).parent))
+
+
+def _content(row: "Asset") -> str:
+    if "width" in row.content:
+        return "x".join(map(str, row.content.values()))
+    return ", ".join(f"{count} {what}" for what, count in row.content.items())
 
 
 @dataclass(frozen=True)
-class TableSection(Generic[T]):
+class TableSection:
     """A section with a row for each object.
 
     Attributes:
-      rows: the objects.
-      columns: of the table.
+      columns: of the table, from its rows and the model.
       is_detail: whether it is shown only when it is asked for.
       is_news: whether the rows tell more than the summary does.
     """
 
-    rows: "Callable[[ModelDescription], Sequence[T]]"
-    columns: Callable[[Sequence[T]], list[Column]]
+    columns: "Callable[[Sequence[Any], mujoco.MjModel], list[Column]]"
     is_detail: bool = False
-    is_news: Callable[[Sequence[T]], bool] = bool
+    is_news: Callable[[Sequence[Any]], bool] = bool
 
 
 @dataclass(frozen=True)
@@ -49,30 +229,121 @@ class LineSection:
       is_detail: whether it is shown only when it is asked for.
     """
 
-    lines: "Callable[[ModelDescription], Lines]"
+    lines: "Callable[[ModelDescription], Sequence[tuple[str, str]]]"
     title: "Callable[[ModelDescription], str] | None" = None
     is_detail: bool = False
 
 
-SECTIONS: "Mapping[str, TableSection[Any] | LineSection]" = {
+def _objects(*sources: ColumnSource, is_detail: bool = False) -> TableSection:
+    """The section of a kind of objects."""
+
+    def columns(rows: Sequence[Any], model: "mujoco.MjModel") -> list[Column]:
+        return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
+
+    return TableSection(columns, is_detail)
+
+
+def _has_files(assets: "Sequence[Asset]") -> bool:
+    """Whether there are files beside the model's own, which the summary names."""
+    return any(asset.path and asset.kind != "model" for asset in assets)
+
+
+SECTIONS: "Mapping[str, TableSection | LineSection]" = {
     "summary": LineSection(lambda of: info_summary.summary(of.summary), lambda of: clean(of.summary.name)),
-    "bodies": TableSection(lambda of: of.bodies, info_kinematics.bodies),
-    "joints": TableSection(lambda of: of.joints, info_kinematics.joints),
-    "geoms": TableSection(lambda of: of.geoms, info_kinematics.geoms, is_detail=True),
-    "sites": TableSection(lambda of: of.sites, info_kinematics.sites, is_detail=True),
-    "actuators": TableSection(lambda of: of.actuators, devices.actuators),
-    "sensors": TableSection(lambda of: of.sensors, devices.sensors),
-    "cameras": TableSection(lambda of: of.cameras, devices.cameras),
-    "lights": TableSection(lambda of: of.lights, devices.lights, is_detail=True),
-    "keyframes": TableSection(lambda of: of.keyframes, info_kinematics.keyframes),
-    "tendons": TableSection(lambda of: of.tendons, info_constraints.tendons),
-    "equalities": TableSection(lambda of: of.equalities, info_constraints.equalities),
-    "pairs": TableSection(lambda of: of.pairs, info_constraints.pairs),
-    "excludes": TableSection(lambda of: of.excludes, info_constraints.excludes),
-    "flexes": TableSection(lambda of: of.flexes, info_constraints.flexes),
-    "plugins": TableSection(lambda of: of.plugins, info_settings_assets.plugins),
-    "options": TableSection(lambda of: of.options, info_settings_assets.settings),
-    "visual": TableSection(lambda of: of.visual, info_settings_assets.settings, is_detail=True),
+    "bodies": _objects(
+        _tree,
+        _cells("joints", lambda body: _grouped(body.joints, body.joint_types)),
+        _cells("", lambda body: "mocap" if body.mocap else ""),
+        "mass",
+        "subtree_mass",
+        _cells("geoms", lambda body: _tally(body.geom_types), extra=True),
+        "gravity_compensation",
+    ),
+    "joints": _objects(
+        *("name", "type", "range"),
+        _cells("qpos", lambda joint: slots(joint.qpos, joint.qpos_size), right=True),
+        _cells("qvel", lambda joint: slots(joint.dof, joint.dof_size), right=True),
+        *("stiffness", "damping", "armature", "frictionloss", "body", "axis"),
+    ),
+    "geoms": _objects(
+        *("name", "type", "body", "size", "asset", "condim", "friction"),
+        _contact_bits,
+        *("margin", "gap", "group", "material"),
+        is_detail=True,
+    ),
+    "sites": _objects("name", "type", "body", "size", "position", "group", is_detail=True),
+    "actuators": _objects(
+        *("name", "kind"),
+        _targets,
+        _cells("ctrl", lambda actuator: slots(actuator.ctrl, actuator.ctrl_size), right=True),
+        _cells("ctrl range", lambda actuator: common(map(span, actuator.ctrl_range)), right=True),
+        _gears,
+        "force_range",
+        _cells("act", lambda actuator: slots(actuator.act, actuator.act_size), right=True, extra=True),
+        "act_range",
+        _cells("gain", _gain, right=True, extra=True),
+        _cells("bias", lambda actuator: _law(actuator.bias, "affine", actuator.bias_parameters), extra=True),
+        _cells("dynamics", lambda actuator: _law(actuator.dynamics, "", actuator.dynamics_parameters), extra=True),
+        *("delay", "group"),
+    ),
+    "sensors": _objects(
+        *("name", "type"),
+        _cells("of", lambda sensor: reference(sensor.object_kind, sensor.object)),
+        _cells("relative to", lambda sensor: reference(sensor.reference_kind, sensor.reference)),
+        _cells("sensordata", lambda sensor: slots(sensor.address, sensor.dim), right=True, extra=True),
+        *("unit", "cutoff", "noise", "delay", "period", "plugin"),
+    ),
+    "cameras": _objects(
+        *("name", "body"),
+        _cells("mode", _mode),
+        *("fovy", "height"),
+        _cells("", lambda camera: "" if camera.projection == "perspective" else camera.projection),
+        *("sensor_size", "focal_length"),
+        _cells("resolution", _resolution, unit="px", extra=True),
+        "position",
+        _outputs,
+    ),
+    "lights": _objects(
+        *("name", "type", "body"),
+        _cells("mode", _mode),
+        _cells("", lambda light: "" if light.active else "off"),
+        _cells("shadow", lambda light: "yes" if light.shadow else "no"),
+        "position",
+        is_detail=True,
+    ),
+    "keyframes": _objects(
+        *("name", "time"),
+        _cells("", lambda keyframe: "" if keyframe.finite else "not finite"),
+        _cells("outside its range", lambda keyframe: ", ".join(map(clean, keyframe.outside))),
+    ),
+    "tendons": _objects(
+        *("name", "type"),
+        _cells("path", lambda tendon: ", ".join(map(_point, tendon.path))),
+        _lengths,
+        *("range", "stiffness", "damping", "armature", "frictionloss"),
+    ),
+    "equalities": _objects(
+        *("name", "type"),
+        _cells("of", lambda equality: reference(equality.object_kind, equality.object1)),
+        _cells("and", lambda equality: reference(equality.object_kind, equality.object2)),
+        _cells("", lambda equality: "" if equality.active else "off"),
+        *("data", "solref"),
+    ),
+    "pairs": _objects("name", "geom1", "geom2", "condim", "friction", "margin", "gap", "solref", "solimp"),
+    "excludes": _objects("name", "body1", "body2"),
+    "flexes": _objects(
+        *("name", "elements_are", "elements", "vertices", "edges", "nodes", "radius"),
+        _cells("kept by", lambda flex: "" if flex.edge_equality == "none" else flex.edge_equality),
+        *("self_collision", "edge_stiffness", "edge_damping", "damping"),
+    ),
+    "plugins": _objects(
+        *("name", "plugin"),
+        _cells("computes", lambda plugin: ", ".join(map(clean, plugin.users))),
+        _cells("settings", _plugin_settings),
+        "state",
+    ),
+    "options": TableSection(_settings),
+    "visual": TableSection(_settings, is_detail=True),
     "statistics": LineSection(lambda of: info_summary.statistics(of.statistics), is_detail=True),
-    "assets": TableSection(lambda of: of.assets, info_settings_assets.assets, is_news=_has_files),
+    "assets": TableSection(_assets, is_news=_has_files),
 }

@@ -1,6 +1,6 @@
 """Columns of the tables of reports: texts, numbers, vectors and ranges with their units."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mjrun.errors import clean
@@ -95,14 +95,6 @@ def ranges(
     spans = [span(each) for each in limits]
     occurring = [unit for unit, text in zip(units, spans, strict=False) if text]
     return Column(heading, spans, stacked(occurring), right=True, extra=extra)
-
-
-def resistances(
-    heading: str, values: Sequence[float], units: Sequence[str | None], derived: Mapping[str, str]
-) -> Column:
-    """A column of numbers whose unit is derived from that of the position of each joint or tendon."""
-    occurring = [derived.get(unit or "", "") for value, unit in zip(values, units, strict=True) if value]
-    return numbers(heading, values, stacked(occurring), extra=True)
 
 
 def stacked(units: Iterable[str | None]) -> str:

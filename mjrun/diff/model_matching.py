@@ -13,8 +13,9 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from mjrun.diff.model_fields import COUNT_OF, KIND_OF, OBJECTS, ModelField, array, as_rows, model_fields, referred_kinds
 from mjrun.diff.sequence_alignment import equal_blocks
+from mjrun.model.fields import ModelField, array, as_rows, model_fields, referred_kinds
+from mjrun.model.names import COUNTS, KIND_OF, KINDS
 
 BODY = "body"
 # Kinds whose objects belong to a body, by the field that says to which.
@@ -36,8 +37,8 @@ class ModelObjects:
     def names(self) -> dict[str, list[str]]:
         """The names of the objects of each kind, by id; empty for those without one."""
         return {
-            kind: [mujoco.mj_id2name(self.model, int(obj), i) or "" for i in range(getattr(self.model, count))]
-            for count, (kind, obj) in OBJECTS.items()
+            kind: [mujoco.mj_id2name(self.model, obj, i) or "" for i in range(getattr(self.model, COUNTS[kind]))]
+            for kind, obj in KINDS.items()
         }
 
     def label(self, kind: str, index: int) -> str:
@@ -61,7 +62,7 @@ class ModelObjects:
     def keys(self, kind: str, *, whole: bool) -> list[Hashable]:
         """What each object of a kind is compared by: all that it is, or only its types and what it refers to."""
         if (kind, whole) not in self._keys:
-            fields = [f for f in model_fields() if f.rows == COUNT_OF[kind] and not f.computed]
+            fields = [f for f in model_fields() if f.rows == COUNTS[kind] and not f.computed]
             columns = [self._column(f) for f in fields if f.name != PARENTS.get(kind) and (whole or self._is_coarse(f))]
             self._keys[kind, whole] = [*zip(*columns, strict=True)] if columns else [()] * len(self.names[kind])
         return self._keys[kind, whole]
@@ -106,7 +107,7 @@ class ObjectMatching:
         self.a, self.b = a, b
         bodies = self._match_bodies()
         self.matches = {BODY: self._match(BODY, bodies)}
-        for kind, _ in OBJECTS.values():
+        for kind in KINDS:
             if kind != BODY:
                 self.matches[kind] = self._match(kind, self._match_within_bodies(kind, bodies))
 

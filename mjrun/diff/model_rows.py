@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjrun.diff.model_fields import OBJECTS
 from mjrun.diff.model_matching import ObjectMatching
-from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
+from mjrun.model.names import KIND_OF_COUNT, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,7 @@ class RowMatching:
         return first if first == second else f"{first} → {second}"
 
     def _find(self, dimension: str) -> Rows | None:
-        if dimension in OBJECTS:
-            kind = OBJECTS[dimension][0]
+        if kind := KIND_OF_COUNT.get(dimension):
             match = self.objects.matches[kind]
             labels = [self.label(kind, *pair) for pair in zip(match.a.tolist(), match.b.tolist(), strict=True)]
             return Rows(match.a, match.b, labels)
@@ -94,6 +92,3 @@ def _stretch(model: mujoco.MjModel, dimension: str, index: int) -> tuple[int, Se
     }[dimension]
     count = int(counts[index])
     return int(starts[index]), [str(part) for part in range(count)] if count > 1 else [""] * count
-
-
-QUATERNION = ("qw", "qx", "qy", "qz")

@@ -6,15 +6,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from mjrun.diff.model_differences import ArrayDifference, Difference, FieldDifference, Value
-from mjrun.diff.model_fields import STRETCHES, ModelField, array, as_rows, referred_kinds, stretch, stretch_kind
 from mjrun.diff.model_matching import ModelObjects, ObjectMatching
-from mjrun.diff.model_rows import QUATERNION, RowMatching
+from mjrun.diff.model_rows import RowMatching
 from mjrun.diff.tolerances import Tolerances
-from mjrun.model.description.field_units import field_unit
-from mjrun.model.description.plain_values import decimal_float, enum_name
+from mjrun.model.fields import STRETCHES, ModelField, array, as_rows, referred_kinds, stretch, stretch_kind
+from mjrun.model.names import QUATERNION, VECTOR
+from mjrun.model.units import field_unit
 
 SHORT = 8  # numbers of an object that are told one by one; more are told as an array
-VECTOR, COLOUR, LIMITS = ("x", "y", "z"), ("r", "g", "b", "a"), ("lower", "upper")
+COLOUR, LIMITS = ("r", "g", "b", "a"), ("lower", "upper")
 # The names of the components of a field, by how its name ends and how many they are.
 COMPONENTS: dict[tuple[str, int], Sequence[str]] = {
     ("pos", 3): VECTOR, ("axis", 3): VECTOR, ("_dir", 3): VECTOR, ("scale", 3): VECTOR, ("0", 3): VECTOR,
@@ -162,11 +162,7 @@ class _Values:
         value = self.array[row, column]
         if self.kinds is not None and (kind := int(self.kinds[row, column])):
             return self._objects.referred(kind, int(value))
-        if self._field.enum is not None:
-            return enum_name(self._field.enum, value)
-        if self._field.boolean:
-            return bool(value)
-        return decimal_float(value) if np.issubdtype(value.dtype, np.floating) else int(value)
+        return self._field.plain(value)
 
     def _with(self, values: np.ndarray, kinds: np.ndarray | None) -> "_Values":
         new = object.__new__(_Values)

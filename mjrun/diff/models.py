@@ -14,7 +14,6 @@ from mjrun.diff.model_differences import (
     ModelObject,
     Value,
 )
-from mjrun.diff.model_fields import SIZES, model_fields, user_sizes
 from mjrun.diff.model_matching import PARENTS, ModelObjects, ObjectMatching
 from mjrun.diff.model_values import FieldComparer
 from mjrun.diff.tolerances import Tolerance, Tolerances
@@ -26,6 +25,7 @@ from mjrun.model.description.non_default_settings import (
     statistic_differences,
     visual_differences,
 )
+from mjrun.model.fields import SIZES, model_fields, user_sizes
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import PLURALS
 from mjrun.model.source import Source

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import quoted
+from mjrun.model.names import KIND_OF_COUNT, KINDS
 
 # Prefixes and endings of fields that no motion comes from, or that are looked at where they are used.
 LEFT_OUT = ("key_", "numeric_", "tuple_", "mesh_normal", "mesh_polynormal")
@@ -14,25 +15,6 @@ LEFT_OUT_ENDINGS = ("_user", "_texcoord")
 BOUNDS = ("range", "margin", "gap", "cutoff", "tolerance", "yield", "limited")
 # Fields that follow from others: a fault of theirs is one of these others.
 DERIVED = ("0", "_aabb", "_rbound", "_subtreemass", "_L")
-OBJECTS = {
-    "body": "body",
-    "jnt": "joint",
-    "geom": "geom",
-    "site": "site",
-    "cam": "camera",
-    "light": "light",
-    "flex": "flex",
-    "mesh": "mesh",
-    "skin": "skin",
-    "hfield": "hfield",
-    "tex": "texture",
-    "mat": "material",
-    "pair": "pair",
-    "eq": "equality",
-    "tendon": "tendon",
-    "actuator": "actuator",
-    "sensor": "sensor",
-}
 
 
 def fault(model: mujoco.MjModel) -> str | None:
@@ -81,8 +63,8 @@ def _owner(model: mujoco.MjModel, field: str, row: int) -> str:
     prefix = field.partition("_")[0]
     if prefix == "dof":
         prefix, row = "jnt", int(model.dof_jntid[row])
-    kind = OBJECTS.get(prefix)
+    kind = KIND_OF_COUNT.get(f"n{prefix}")
     if kind is None:
         return ""
-    name = mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), row)
+    name = mujoco.mj_id2name(model, KINDS[kind], row)
     return f", of {kind} {quoted(name) if name else row}"

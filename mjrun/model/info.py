@@ -41,7 +41,7 @@ class Info:
         with doing("simulating"), collected_warnings() as warnings:
             description = self._description()
             for name in sections:
-                getattr(description, name)  # computed here, so that warnings are collected
+                description.section(name)  # computed here, so that warnings are collected
         bugs = known_bugs.bugs_of_model(description.model)
         for text in bugs:
             reporter.warn(text)
@@ -69,7 +69,7 @@ class InfoResult:
 
     def document(self) -> dict[str, Any]:
         """The sections by name, and `warnings`, as JSON holds them; a number that is not finite is null."""
-        sections = {name: _plain(getattr(self.description, name)) for name in self.sections}
+        sections = {name: _plain(self.description.section(name)) for name in self.sections}
         return {**sections, "warnings": list(self.warnings)}
 
 

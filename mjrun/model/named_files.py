@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable, tells_of_processes
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.description.archive_files import file_content, file_size
+from mjrun.model.archive_files import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"

@@ -1,51 +1,70 @@
-"""Names of model objects and their ids, names of controls, and members of MuJoCo's enums by name."""
+"""Kinds of objects, their names and ids, names of controls and components, and members of MuJoCo's enums by name."""
 
 from collections.abc import Iterable
 from enum import Enum
 from fnmatch import fnmatchcase
+from functools import cache
 from typing import Any
 
 import mujoco
 
 from mjrun.errors import UnknownNameError
 
+# Every kind of object that a model has, by the word for it, with the prefix of its fields: `jnt_type` of `njnt` joints.
+PREFIXES = {
+    "body": "body",
+    "joint": "jnt",
+    "geom": "geom",
+    "site": "site",
+    "camera": "cam",
+    "actuator": "actuator",
+    "keyframe": "key",
+    "sensor": "sensor",
+    "tendon": "tendon",
+    "light": "light",
+    "equality": "eq",
+    "flex": "flex",
+    "skin": "skin",
+    "mesh": "mesh",
+    "hfield": "hfield",
+    "texture": "tex",
+    "material": "mat",
+    "pair": "pair",
+    "exclude": "exclude",
+    "numeric": "numeric",
+    "text": "text",
+    "tuple": "tuple",
+    "plugin": "plugin",
+}
+COUNTS = {kind: f"n{prefix}" for kind, prefix in PREFIXES.items()}
+KIND_OF_COUNT = {count: kind for kind, count in COUNTS.items()}
 KINDS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "site": mujoco.mjtObj.mjOBJ_SITE,
-    "camera": mujoco.mjtObj.mjOBJ_CAMERA,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "keyframe": mujoco.mjtObj.mjOBJ_KEY,
-    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
-    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
-    "light": mujoco.mjtObj.mjOBJ_LIGHT,
-    "equality": mujoco.mjtObj.mjOBJ_EQUALITY,
-    "flex": mujoco.mjtObj.mjOBJ_FLEX,
-    "skin": mujoco.mjtObj.mjOBJ_SKIN,
+    kind: getattr(mujoco.mjtObj, "mjOBJ_KEY" if kind == "keyframe" else f"mjOBJ_{kind.upper()}") for kind in PREFIXES
 }
-COUNTS = {
-    "body": "nbody",
-    "joint": "njnt",
-    "geom": "ngeom",
-    "site": "nsite",
-    "camera": "ncam",
-    "actuator": "nactuator",
-    "keyframe": "nkey",
-    "sensor": "nsensor",
-    "tendon": "ntendon",
-    "light": "nlight",
-    "equality": "neq",
-    "flex": "nflex",
-    "skin": "nskin",
-}
+KIND_OF = {int(obj): kind for kind, obj in KINDS.items()} | {int(mujoco.mjtObj.mjOBJ_XBODY): "body"}
 PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes"}
+
+FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
+VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+ROTATION = ("wx", "wy", "wz")
+# The components of qpos and qvel of a joint, by its type.
+QPOS_COMPONENTS = {FREE: VECTOR + QUATERNION, BALL: QUATERNION}
+QVEL_COMPONENTS = {FREE: ("vx", "vy", "vz", *ROTATION), BALL: ROTATION}
 
 
 def names(model: mujoco.MjModel, kind: str) -> list[str]:
     """The names of all objects of `kind`, in order of id; an unnamed one is `kind:id`."""
-    count = getattr(model, COUNTS[kind])
-    return [mujoco.mj_id2name(model, KINDS[kind], i) or f"{kind}:{i}" for i in range(count)]
+    return object_names(model, kind, range(getattr(model, COUNTS[kind])))
+
+
+def object_names(model: mujoco.MjModel, kind: str, ids: Iterable[int]) -> list[str]:
+    """The names of the objects of `kind` with these ids."""
+    return [mujoco.mj_id2name(model, KINDS[kind], i) or f"{kind}:{i}" for i in ids]
+
+
+def object_name(model: mujoco.MjModel, obj: int, index: int) -> str | None:
+    """The name of an object of the type `obj`, one of `mjtObj`; None where there is no object, index −1."""
+    return None if index < 0 else object_names(model, KIND_OF[int(obj)], [int(index)])[0]
 
 
 def identify(model: mujoco.MjModel, kind: str, name: str) -> int:
@@ -117,6 +136,16 @@ def enum_members(enum: Any) -> dict[str, int]:
         for name, value in enum.__members__.items()
         if not name.startswith("mjN")
     }
+
+
+def enum_name(enum: Any, value: Any) -> str:
+    """The short name of a member of a MuJoCo enum, `hinge`; the number as text where there is none."""
+    return _spellings(enum).get(int(value), str(int(value)))
+
+
+@cache
+def _spellings(enum: Any) -> dict[int, str]:
+    return {value: name for name, value in enum_members(enum).items()}
 
 
 def enum_value(enum: Any, kind: str, name: str) -> int:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from xml.parsers import expat
 
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.description.archive_files import file_content, file_size, main_mjcf
+from mjrun.model.archive_files import file_content, file_size, main_mjcf
 from mjrun.model.xml_source import with_slashes
 from mjrun.suffixes import ARCHIVES
 

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
-from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
-from mjrun.model.names import control_names, control_slices, identify, matching, names
+from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, control_names, control_slices, identify, matching, names
 
 Values = float | Sequence[float]
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, listing
-from mjrun.model.joint_components import BALL, FREE
+from mjrun.model.names import BALL, FREE
 from mjrun.physics.table_times import require_times
 
 # The fields of MjData that samples may give.

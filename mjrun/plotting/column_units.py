@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-from mjrun.model.joint_components import FREE, QPOS_COMPONENTS, QVEL_COMPONENTS
+from mjrun.model.names import FREE, QPOS_COMPONENTS, QVEL_COMPONENTS
+from mjrun.model.units import DATA_UNITS
 from mjrun.plotting.curve_text import split_unit
-from mjrun.probe.fields import DOF_UNITS, UNITS
+from mjrun.probe.fields import DOF_UNITS
 
-_GROUPS = UNITS | {
+_GROUPS = DATA_UNITS | {
     "energy": "J",
     "xpos": "m",
     "speed": "m/s",

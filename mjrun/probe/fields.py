@@ -15,38 +15,19 @@ from mujoco.batch import DATA_FIELDS
 from mujoco.introspect import structs
 
 from mjrun.model.column import Column
-from mjrun.model.description.units import actuator_force_unit, actuator_unit, rate_unit, sensor_unit, tendon_unit
-from mjrun.model.joint_components import QPOS_COMPONENTS, QVEL_COMPONENTS
-from mjrun.model.names import actuator_parts, names
+from mjrun.model.names import KIND_OF_COUNT, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS, VECTOR, actuator_parts, names
+from mjrun.model.units import field_unit, sensor_unit
 
-# What the first dimension of a field counts, as the kind of object and the model's size of it.
-KINDS = {"nbody": "body", "njnt": "joint", "ngeom": "geom", "nsite": "site", "ncam": "camera", "ntendon": "tendon"}
-KINDS |= {"nlight": "light", "nactuator": "actuator", "neq": "equality"}
 # What counts parts of actuators, as the number of each in the model.
 PARTS = {"nu": "actuator_ctrlnum", "nout": "actuator_outnum"}
-VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 MATRIX = tuple(f"{row}{column}" for row in "xyz" for column in "xyz")
+NUMBERED = ("nflex", "nplugin")  # what is counted and has numbers for names
 COMPONENTS = {3: VECTOR, 4: QUATERNION, 9: MATRIX}
 # Spatial vectors, in MuJoCo's own order: rotation first, but for what is applied.
 TWIST, WRENCH = ("wx", "wy", "wz", "vx", "vy", "vz"), ("tx", "ty", "tz", "fx", "fy", "fz")
 SPATIAL = {"cvel": TWIST, "cacc": TWIST, "cdof": TWIST, "cdof_dot": TWIST, "cfrc_int": WRENCH, "cfrc_ext": WRENCH}
 SPATIAL |= {"xfrc_applied": WRENCH[3:] + WRENCH[:3]}
 
-LENGTHS = ("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos", "subtree_com", "wrap_xpos")
-UNITS = dict.fromkeys(LENGTHS, "m") | {
-    "mocap_pos": "m",
-    "energy": "J",
-    "subtree_linvel": "m/s",
-    "subtree_angmom": "kg·m²/s",
-}
-# Units that depend on what a tendon or an actuator moves.
-OBJECT_UNITS: dict[str, Callable[[mujoco.MjModel, int], str]] = {
-    "ten_length": tendon_unit,
-    "ten_velocity": lambda model, tendon: rate_unit(tendon_unit(model, tendon)),
-    "actuator_length": actuator_unit,
-    "actuator_velocity": lambda model, actuator: rate_unit(actuator_unit(model, actuator)),
-    "actuator_force": actuator_force_unit,
-}
 # Generalized quantities: units for a translation and for a rotation.
 DOF_UNITS = {"qvel": ("m/s", "rad/s")}
 DOF_UNITS |= dict.fromkeys(("qacc", "qacc_smooth", "qacc_warmstart"), ("m/s²", "rad/s²"))
@@ -242,14 +223,14 @@ def _of_objects(model: mujoco.MjModel, field: str, group: str, meaning: str) -> 
 def _unit(model: mujoco.MjModel, field: str, part: str, index: int) -> str:
     if field in SPATIAL_UNITS:
         return SPATIAL_UNITS[field][part[0]]
-    return OBJECT_UNITS[field](model, index) if field in OBJECT_UNITS else UNITS.get(field, "")
+    return field_unit(model, field, index)
 
 
 def _objects(model: mujoco.MjModel, counted: str, count: int) -> tuple[str, list[tuple[str, int]]]:
     """Kind, names and ids of what the first dimension of a field counts."""
     if counted in PARTS:
         return "actuator", actuator_parts(model, getattr(model, PARTS[counted]))
-    kind = KINDS.get(counted, "")
-    if not kind:
+    kind = KIND_OF_COUNT.get(counted, "")
+    if not kind or counted in NUMBERED:
         return "", [(str(i), -1) for i in range(count)]
     return kind, [(name, i) for i, name in enumerate(names(model, kind))]

@@ -206,8 +206,8 @@ def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.Mo
                 if isinstance(section, LineSection):
                     page.lines(name, section.lines(found))
                 else:
-                    rows = section.rows(found)
-                    page.table(name, section.columns(rows), len(rows))
+                    rows = found.section(name)
+                    page.table(name, section.columns(rows, found.model), len(rows))
         text = page.text()
         without_path = (line for line in text.splitlines() if str(path) not in line)  # a path is never broken
         assert all(cell_len(line) <= 80 for line in without_path)

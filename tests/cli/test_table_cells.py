@@ -14,14 +14,12 @@ from mjrun.cli.table_cells import (
     numbers,
     ranges,
     reference,
-    resistances,
     slots,
     span,
     texts,
     vector,
     vectors,
 )
-from mjrun.model.description.resistance_units import STIFFNESS
 
 
 @given(st.floats(-1e300, 1e300))
@@ -76,11 +74,6 @@ def test_a_column_of_usual_numbers_is_blank(values: list[float | None], usual: f
 def test_a_range_has_its_own_unit_and_only_units_that_occur_are_shown() -> None:
     column = ranges("range", [(-1, 1), None, (0, 2), (0, 3)], ["rad", "kg", "m", "rad"])
     assert (list(column.cells), column.unit) == (["-1..1", "", "0..2", "0..3"], "rad\nm")
-
-
-def test_the_unit_of_a_resistance_follows_from_that_of_the_position() -> None:
-    column = resistances("stiffness", [1.0, 0.0, 2.0], ["rad", "m", "rad"], STIFFNESS)
-    assert (list(column.cells), column.unit, column.extra) == (["1", "0", "2"], "N·m/rad", True)
 
 
 def test_vectors_are_written_as_in_mjcf() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from mjrun.diff.model_differences import ArrayDifference, FieldDifference
-from mjrun.diff.model_fields import ModelField, model_fields
+from mjrun.model.fields import ModelField, model_fields
 from tests.diff.models import compared, spec
 
 RICH = """

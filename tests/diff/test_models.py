@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.diff.model_differences import FieldDifference, ModelComparison, ModelObject
-from mjrun.diff.model_fields import COMPUTED, is_layout
 from mjrun.diff.models import compare_models
+from mjrun.model.fields import COMPUTED, is_layout
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from tests.diff.models import CRATE, compared, spec, xml

@@ -199,5 +199,8 @@ def test_every_real_model_is_described_or_refused(shared_models: Path) -> None:
             continue
         assert len(listener.warned) == len(result.warnings)
         assert strict(result.document())["summary"]["file"] == str(path)
+        description = result.description
+        assert description.summary.mass == mujoco.mj_getTotalmass(description.model)
+        assert all(asset.bytes for asset in description.assets if asset.path)
         described += 1
     assert described > 30

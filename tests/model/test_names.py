@@ -1,10 +1,25 @@
 """Theorems about names: every object answers to one, and enum members to MuJoCo's own spelling."""
 
 import mujoco
+import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError
-from mjrun.model.names import COUNTS, KINDS, PLURALS, enum_members, enum_value, identify, is_enum, matching, names
+from mjrun.model.names import (
+    BALL,
+    COUNTS,
+    FREE,
+    KINDS,
+    PLURALS,
+    QPOS_COMPONENTS,
+    QVEL_COMPONENTS,
+    enum_members,
+    enum_value,
+    identify,
+    is_enum,
+    matching,
+    names,
+)
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><camera/><camera name="top"/>
 <body name="arm"><joint name="knee"/><joint name="1" axis="1 0 0"/><joint axis="0 1 0"/><geom size="1"/><site/></body>
@@ -146,3 +161,28 @@ def test_an_enum_member_is_told_from_a_number() -> None:
     assert is_enum(mujoco.mjtCone.mjCONE_ELLIPTIC)
     assert not is_enum(1)
     assert not is_enum("elliptic")
+
+
+JOINT_COMPONENTS_MODEL = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0"/><worldbody>
+<body><freejoint/><geom size="1"/></body><body pos="9 0 0"><joint type="ball"/><geom size="1"/></body>
+</worldbody></mujoco>""")
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_there_is_a_name_for_each_number(joint: int) -> None:
+    kind = int(JOINT_COMPONENTS_MODEL.jnt_type[joint])
+    qpos = np.diff([*JOINT_COMPONENTS_MODEL.jnt_qposadr, JOINT_COMPONENTS_MODEL.nq])[joint]
+    qvel = np.diff([*JOINT_COMPONENTS_MODEL.jnt_dofadr, JOINT_COMPONENTS_MODEL.nv])[joint]
+    assert (len(QPOS_COMPONENTS[kind]), len(QVEL_COMPONENTS[kind])) == (qpos, qvel)
+
+
+def test_a_component_is_what_its_name_says() -> None:
+    data = mujoco.MjData(JOINT_COMPONENTS_MODEL)
+    data.qvel[QVEL_COMPONENTS[FREE].index("vy")] = 2
+    data.qvel[6 + QVEL_COMPONENTS[BALL].index("wz")] = 3
+    mujoco.mj_step(JOINT_COMPONENTS_MODEL, data)
+    dt = JOINT_COMPONENTS_MODEL.opt.timestep
+    moved = dict(zip(QPOS_COMPONENTS[FREE], data.qpos[:7], strict=True))
+    turned = dict(zip(QPOS_COMPONENTS[BALL], data.qpos[7:], strict=True))
+    assert moved == pytest.approx({"x": 0, "y": 2 * dt, "z": 0, "qw": 1, "qx": 0, "qy": 0, "qz": 0})
+    assert turned == pytest.approx({"qw": np.cos(1.5 * dt), "qx": 0, "qy": 0, "qz": np.sin(1.5 * dt)})

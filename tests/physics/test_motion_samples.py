@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from mjrun.errors import UsageError
-from mjrun.model.joint_components import BALL, FREE
+from mjrun.model.names import BALL, FREE
 from mjrun.physics.motion_samples import (
     CompleteSamples,
     Interpolation,

@@ -7,7 +7,7 @@ from pathlib import Path
 from mjrun.check.finding import Finding
 from mjrun.check.rule import Rule
 from mjrun.errors import clean, listing, near, quoted
-from mjrun.model.description.referenced_files import FACES
+from mjrun.model.description.assets import FACES
 from mjrun.model.xml_source import (
     LFS_POINTER,
     LFS_REMEDY,

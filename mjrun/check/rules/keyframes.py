@@ -9,8 +9,7 @@ from mjrun.check.context import LintContext
 from mjrun.check.finding import Violation
 from mjrun.check.rule import rule
 from mjrun.check.rules.limits import beyond_range, beyond_span
-from mjrun.model.joint_components import BALL, FREE
-from mjrun.model.names import actuator_parts
+from mjrun.model.names import BALL, FREE, actuator_parts
 
 # The fields of a keyframe, and what MuJoCo fills an incomplete one with.
 FIELDS = {"qpos": "qpos0", "qvel": "0", "act": "0", "ctrl": "0", "mpos": "pos", "mquat": "quat"}

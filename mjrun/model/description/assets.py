@@ -1,17 +1,31 @@
-"""The files and assets of a model: its sources, meshes, textures, height fields and skins."""
+"""The files and assets of a model: its sources, meshes, textures, height fields and skins.
 
-from collections.abc import Iterator
+A compiled model does not record its includes, attached models and faces of cubes: MJCF is searched for these.
+"""
+
+import os.path
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from xml.parsers import expat
 
 import mujoco
 import numpy as np
 
-from mjrun.model.description import archive_files
-from mjrun.model.description.plain_values import object_name
-from mjrun.model.description.referenced_files import ReferencedFile, referenced_files
+from mjrun.model.archive_files import file_content, file_size, main_mjcf
+from mjrun.model.names import PREFIXES, names
 
 KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
+# The numbers that tell how large an asset is, by the fields that hold them.
+CONTENT = {
+    "mesh": {"vertices": "mesh_vertnum", "faces": "mesh_facenum"},
+    "texture": {"width": "tex_width", "height": "tex_height", "channels": "tex_nchannel"},
+    "hfield": {"rows": "hfield_nrow", "columns": "hfield_ncol"},
+    "skin": {"vertices": "skin_vertnum", "faces": "skin_facenum"},
+}
+NAMING = ("include", "model", "texture", "flexcomp")  # elements that name such files
+FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 
 @dataclass(frozen=True)
@@ -36,53 +50,31 @@ class Asset:
 
 def assets(model: mujoco.MjModel, path: Path | None) -> tuple[Asset, ...]:
     """Every file that can be found, the model's own first, and every asset without one."""
-    referenced = _referenced(path)
+    main = None if path is None else main_mjcf(path)
+    referenced = [] if main is None else referenced_files(main)
     faces: dict[str, list[str]] = {}
     for file in referenced:
         if file.kind == "texture":
             faces.setdefault(file.name, []).append(file.path)
     sources = [_file(KINDS[file.kind], file.name or None, file.path) for file in referenced if file.kind != "texture"]
     own = [] if path is None else [_file("model", None, str(path))]
-    return (*own, *sources, *_meshes(model), *_textures(model, faces), *_hfields(model), *_skins(model))
-
-
-def _referenced(path: Path | None) -> list[ReferencedFile]:
-    main = None if path is None else archive_files.main_mjcf(path)
-    return [] if main is None else referenced_files(main)
+    return (*own, *sources, *_compiled(model, faces))
 
 
 def _file(kind: str, name: str | None, path: str | None, content: dict[str, int] | None = None) -> Asset:
-    return Asset(kind, name, path, None if path is None else archive_files.file_size(path), content or {})
+    return Asset(kind, name, path, None if path is None else file_size(path), content or {})
 
 
-def _meshes(model: mujoco.MjModel) -> Iterator[Asset]:
-    for i in range(model.nmesh):
-        content = {"vertices": int(model.mesh_vertnum[i]), "faces": int(model.mesh_facenum[i])}
-        name = object_name(model, mujoco.mjtObj.mjOBJ_MESH, i)
-        yield _file("mesh", name, _path(model, model.mesh_pathadr[i]), content)
-
-
-def _textures(model: mujoco.MjModel, faces: dict[str, list[str]]) -> Iterator[Asset]:
-    for i in range(model.ntex):
-        width, height, channels = (int(size[i]) for size in (model.tex_width, model.tex_height, model.tex_nchannel))
-        content = {"width": width, "height": height, "channels": channels}
-        name, path = object_name(model, mujoco.mjtObj.mjOBJ_TEXTURE, i), _path(model, model.tex_pathadr[i])
-        for file in [path] if path else faces.get(name or "") or [None]:
-            yield _file("texture", name, file, content)
-
-
-def _hfields(model: mujoco.MjModel) -> Iterator[Asset]:
-    for i in range(model.nhfield):
-        content = {"rows": int(model.hfield_nrow[i]), "columns": int(model.hfield_ncol[i])}
-        name = object_name(model, mujoco.mjtObj.mjOBJ_HFIELD, i)
-        yield _file("hfield", name, _path(model, model.hfield_pathadr[i]), content)
-
-
-def _skins(model: mujoco.MjModel) -> Iterator[Asset]:
-    for i in range(model.nskin):
-        content = {"vertices": int(model.skin_vertnum[i]), "faces": int(model.skin_facenum[i])}
-        name = object_name(model, mujoco.mjtObj.mjOBJ_SKIN, i)
-        yield _file("skin", name, _path(model, model.skin_pathadr[i]), content)
+def _compiled(model: mujoco.MjModel, faces: Mapping[str, Sequence[str]]) -> Iterator[Asset]:
+    """The assets in a compiled model; `faces` are the files of textures that record none."""
+    for kind, sizes in CONTENT.items():
+        paths = getattr(model, f"{PREFIXES[kind]}_pathadr")
+        for i, name in enumerate(names(model, kind)):
+            content = {word: int(getattr(model, field)[i]) for word, field in sizes.items()}
+            path = _path(model, paths[i])
+            other = faces.get(name) if kind == "texture" and not path else None
+            for file in other or [path]:
+                yield _file(kind, name, file, content)
 
 
 def _path(model: mujoco.MjModel, start: np.integer) -> str | None:
@@ -91,3 +83,75 @@ def _path(model: mujoco.MjModel, start: np.integer) -> str | None:
         return None
     paths = model.paths
     return paths[start : paths.index(b"\0", start)].decode("utf-8", "surrogateescape")
+
+
+@dataclass(frozen=True)
+class ReferencedFile:
+    """A file that MJCF refers to: `kind` is `include`, `model`, `texture` or `flexcomp`, `name` is the element's."""
+
+    kind: str
+    name: str
+    path: str
+
+
+@dataclass
+class _SourceFile:
+    """One file of MJCF: its elements that refer to files, and the folders that its compiler element sets."""
+
+    elements: list[tuple[str, dict[str, str]]]
+    folders: dict[str, str]
+
+
+def referenced_files(main: str) -> list[ReferencedFile]:
+    """Every existing file that the MJCF at `main`, and what it includes or attaches, refers to; each once.
+
+    A file that cannot be read or is not XML refers to none.
+    """
+    files: dict[str, ReferencedFile] = {}
+    queue, visited = [(main, main)], {main}
+    while queue:
+        path, root = queue.pop(0)
+        for file in _references(_parse(path), path, root):
+            files.setdefault(file.path, file)
+            if file.kind in ("include", "model") and file.path not in visited:
+                visited.add(file.path)
+                queue.append((file.path, root if file.kind == "include" else file.path))
+    return list(files.values())
+
+
+def _parse(path: str) -> _SourceFile:
+    source = _SourceFile([], {})
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if tag in NAMING:
+            source.elements.append((tag, attributes))
+        elif tag == "compiler":
+            source.folders |= {
+                key: attributes[key] for key in ("assetdir", "texturedir", "meshdir") if key in attributes
+            }
+
+    parser.StartElementHandler = start
+    with suppress(expat.ExpatError, ValueError, LookupError):  # what precedes the fault counts; no such encoding
+        parser.Parse(file_content(path) or b"", True)
+    return source
+
+
+def _references(source: _SourceFile, path: str, root: str) -> Iterator[ReferencedFile]:
+    for tag, attributes in source.elements:
+        keys = FACES if tag == "texture" else ("file",)
+        for key in keys:
+            if place := _resolve(attributes.get(key, ""), path, root, source.folders):
+                yield ReferencedFile(tag, attributes.get("name", ""), place)
+
+
+def _resolve(file: str, path: str, root: str, folders: dict[str, str]) -> str | None:
+    """The path of a file: beside the source that refers to it, beside the main one, or in a folder of assets."""
+    if not file:
+        return None
+    bases = [os.path.dirname(path), os.path.dirname(root)]  # noqa: PTH120 – a pathlib path would drop the leading ./
+    places = [os.path.join(base, folder, file) for folder in ("", *folders.values()) for base in bases]  # noqa: PTH118
+    # A folder name counts only for the file name where MuJoCo strips paths; both are tried.
+    places += [os.path.join(base, folder, Path(file).name) for folder in folders.values() for base in bases]  # noqa: PTH118
+    normal = (os.path.normpath(place) for place in places)
+    return next((place for place in normal if file_size(place) is not None), None)

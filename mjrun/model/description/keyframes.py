@@ -6,65 +6,32 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from mjrun.model.description.actuators import ACTUATOR
-from mjrun.model.description.plain_values import JOINT, object_name
-from mjrun.model.joint_components import BALL
+from mjrun.model.description.declaration import ModelObject, computed, of_field
+from mjrun.model.names import BALL, names
 
 SLACK = 1e-9  # of a range, for what decimals of an angle cannot say
 
 
-@dataclass(frozen=True)
-class Keyframe:
-    """A keyframe.
-
-    Attributes:
-      id, name: of the keyframe.
-      time: [s].
-      finite: every number in it is.
-      outside: what lies outside its range, by the names of columns: `qpos/knee`, `ctrl/motor`, `act/muscle`.
-    """
-
-    id: int
-    name: str
-    time: float
-    finite: bool
-    outside: tuple[str, ...]
-
-
-def keyframes(model: mujoco.MjModel) -> Iterator[Keyframe]:
-    """Every keyframe, in order of id."""
-    for i in range(model.nkey):
-        fields = (
-            *(model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl),
-            *(model.key_mpos, model.key_mquat, model.key_plastic),
-        )
-        yield Keyframe(
-            id=i,
-            name=object_name(model, mujoco.mjtObj.mjOBJ_KEY, i) or "",
-            time=float(model.key_time[i]),
-            finite=bool(np.isfinite(model.key_time[i]) and all(np.isfinite(field[i]).all() for field in fields)),
-            outside=(*_joints_outside(model, i), *_actuators_outside(model, i)),
-        )
-
-
 def _joints_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
+    joints = names(model, "joint")
     for joint in np.flatnonzero(model.jnt_limited):
         qpos = model.key_qpos[key, model.jnt_qposadr[joint] :]
         value = _turned(qpos[:4]) if int(model.jnt_type[joint]) == BALL else qpos[0]
         if _beyond(value, model.jnt_range[joint]):
-            yield f"qpos/{object_name(model, JOINT, joint)}"
+            yield f"qpos/{joints[joint]}"
 
 
 def _actuators_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
-    for i in range(model.nactuator):
-        for k in _block(model.actuator_ctrladr[i], model.actuator_ctrlnum[i]):
-            if model.actuator_ctrllimited[k] and _beyond(model.key_ctrl[key, k], model.actuator_ctrlrange[k]):
-                yield f"ctrl/{object_name(model, ACTUATOR, i)}"
-                break
-        for k in _block(model.actuator_actadr[i], model.actuator_actnum[i]):
-            if model.actuator_actlimited[i] and _beyond(model.key_act[key, k], model.actuator_actrange[i]):
-                yield f"act/{object_name(model, ACTUATOR, i)}"
-                break
+    for i, name in enumerate(names(model, "actuator")):
+        controls = _block(model.actuator_ctrladr[i], model.actuator_ctrlnum[i])
+        if any(
+            model.actuator_ctrllimited[k] and _beyond(model.key_ctrl[key, k], model.actuator_ctrlrange[k])
+            for k in controls
+        ):
+            yield f"ctrl/{name}"
+        activations = _block(model.actuator_actadr[i], model.actuator_actnum[i] if model.actuator_actlimited[i] else 0)
+        if any(_beyond(model.key_act[key, k], model.actuator_actrange[i]) for k in activations):
+            yield f"act/{name}"
 
 
 def _block(start: int, count: int) -> Sequence[int]:
@@ -80,3 +47,32 @@ def _beyond(value: float, limits: np.ndarray) -> bool:
     low, high = limits
     slack = SLACK * max(1.0, abs(low), abs(high))
     return bool(value < low - slack or value > high + slack)
+
+
+def _is_finite(model: mujoco.MjModel, key: int) -> bool:
+    fields = (
+        *(model.key_time, model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl),
+        *(model.key_mpos, model.key_mquat, model.key_plastic),
+    )
+    return all(bool(np.isfinite(field[key]).all()) for field in fields)
+
+
+def _outside(model: mujoco.MjModel, key: int) -> tuple[str, ...]:
+    return (*_joints_outside(model, key), *_actuators_outside(model, key))
+
+
+@dataclass(frozen=True)
+class Keyframe(ModelObject):
+    """A keyframe.
+
+    Attributes:
+      time: [s].
+      finite: every number in it is.
+      outside: what lies outside its range, by the names of columns: `qpos/knee`, `ctrl/motor`, `act/muscle`.
+    """
+
+    KIND = "keyframe"
+
+    time: float = of_field("key_time", usual=-1)
+    finite: bool = computed(_is_finite)
+    outside: tuple[str, ...] = computed(_outside)

@@ -1,39 +1,136 @@
-"""The description of a compiled model: a tuple of plain values for each kind of object, computed on demand."""
+"""The description of a compiled model: its summary, and plain values for each kind of object, computed on demand."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 
-from mjrun.model.description.actuators import actuators
+from mjrun.model.description.actuators_sensors import Actuator, Sensor
 from mjrun.model.description.assets import Asset, assets
-from mjrun.model.description.bodies import bodies, geoms, joints, sites
-from mjrun.model.description.cameras_lights import cameras, lights
-from mjrun.model.description.flexes_plugins import flexes, plugins
-from mjrun.model.description.keyframes import keyframes
-from mjrun.model.description.non_default_settings import Statistics, options, statistics, visual
-from mjrun.model.description.sensors import sensors
-from mjrun.model.description.summary import ModelSummary, summary
-from mjrun.model.description.tendons_constraints import (
-    equalities,
-    excludes,
-    pairs,
-    tendons,
+from mjrun.model.description.bodies import Body, Camera, Geom, Joint, Light, Site
+from mjrun.model.description.constraints import ContactPair, Equality, Exclude, Flex, Tendon
+from mjrun.model.description.declaration import ModelObject, objects
+from mjrun.model.description.keyframes import Keyframe
+from mjrun.model.description.non_default_settings import NonDefaultSetting, options, visual
+from mjrun.model.description.plugins import Plugin
+from mjrun.model.fields import floats
+from mjrun.model.names import enum_name
+
+SIZES = (
+    *("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic"),
+    *("nbody", "njnt", "ngeom", "nsite", "ncam", "nlight", "nflex", "ntree"),
+    *("nactuator", "nsensor", "ntendon", "neq", "npair", "nexclude", "nkey", "nplugin"),
+    *("nmesh", "nskin", "nhfield", "ntex", "nmat", "nmeshvert", "nmeshface", "nflexvert", "nflexelem"),
+    *("nnumeric", "ntext", "ntuple", "nM", "nB", "nC", "nD"),
 )
 
-SECTIONS = (
-    *("summary", "bodies", "joints", "geoms", "sites", "actuators", "sensors", "cameras", "lights", "keyframes"),
-    *("tendons", "equalities", "pairs", "excludes", "flexes", "plugins", "options", "visual", "statistics", "assets"),
-)
-T = TypeVar("T")
+
+@dataclass(frozen=True)
+class MemorySize:
+    """What the model takes in memory [bytes]: `model`, `data` without its arena, and the `arena`, which holds
+    contacts, constraints and what is computed on the way.
+    """
+
+    model: int
+    data: int
+    arena: int
 
 
-def _section(describe: Callable[[mujoco.MjModel], Iterable[T]]) -> "cached_property[tuple[T, ...]]":
-    """A section with a row for each object."""
-    return cached_property(lambda description: tuple(describe(description.model)))
+@dataclass(frozen=True)
+class ModelSummary:
+    """The whole of a model in a few numbers.
+
+    Attributes:
+      name: of the model.
+      file: its path; None of a model that is in memory only.
+      mujoco: the version that compiled it.
+      mass: of all bodies [kg].
+      centre_of_mass: of all bodies in the model's own configuration [m]; None where nothing has a mass.
+      extent, center: of the model in space, as its statistics say [m].
+      timestep: [s].
+      gravity: [m/s²].
+      integrator, solver, cone: by MuJoCo's names.
+      jacobian: `dense` or `sparse`, as it is in effect.
+      memory: [bytes].
+      sizes: by MuJoCo's names: `nq`, `nv`, `nbody` …
+    """
+
+    name: str
+    file: str | None
+    mujoco: str
+    mass: float
+    centre_of_mass: tuple[float, ...] | None
+    extent: float
+    center: tuple[float, ...]
+    timestep: float
+    gravity: tuple[float, ...]
+    integrator: str
+    solver: str
+    cone: str
+    jacobian: str
+    memory: MemorySize
+    sizes: dict[str, int]
+
+
+def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
+    """The summary and the statistics of a model."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mass = float(mujoco.mj_getTotalmass(model))
+    return ModelSummary(
+        name=model.names[: model.names.index(b"\0")].decode("utf-8", "replace"),
+        file=None if path is None else str(path),
+        mujoco=mujoco.mj_versionString(),
+        mass=mass,
+        centre_of_mass=floats(data.subtree_com[0]) if mass else None,
+        extent=float(model.stat.extent),
+        center=floats(model.stat.center),
+        timestep=float(model.opt.timestep),
+        gravity=floats(model.opt.gravity),
+        integrator=enum_name(mujoco.mjtIntegrator, model.opt.integrator),
+        solver=enum_name(mujoco.mjtSolver, model.opt.solver),
+        cone=enum_name(mujoco.mjtCone, model.opt.cone),
+        jacobian="sparse" if mujoco.mj_isSparse(model) else "dense",
+        memory=MemorySize(int(model.nbuffer), int(data.nbuffer), int(data.narena)),
+        sizes={name: int(getattr(model, name)) for name in SIZES},
+    )
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """The statistics of a model, by which MuJoCo scales what it draws and its solver.
+
+    Attributes:
+      center: of what the free camera looks at [m].
+      extent: of the model in space [m].
+      meansize, meanmass: of its bodies [m], [kg].
+      meaninertia: mean of the diagonal of its inertia matrix.
+    """
+
+    center: tuple[float, ...]
+    extent: float
+    meansize: float
+    meanmass: float
+    meaninertia: float
+
+
+def statistics(model: mujoco.MjModel) -> Statistics:
+    """The model's statistics, computed by MuJoCo or set in the model."""
+    stat = model.stat
+    return Statistics(
+        floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
+    )
+
+
+T = TypeVar("T", bound=ModelObject)
+
+
+def _section(kind: type[T]) -> "cached_property[tuple[T, ...]]":
+    """A section with a row for each object of a kind."""
+    return cached_property(lambda description: objects(kind, description.model))
 
 
 @dataclass(frozen=True)
@@ -48,27 +145,37 @@ class ModelDescription:
     model: mujoco.MjModel
     path: Path | None = None
 
+    def section(self, name: str) -> Any:
+        """The section of this name, one of `SECTIONS`."""
+        return getattr(self, name)
+
     @cached_property
     def summary(self) -> ModelSummary:
         return summary(self.model, self.path)
 
-    bodies = _section(bodies)
-    joints = _section(joints)
-    geoms = _section(geoms)
-    sites = _section(sites)
-    actuators = _section(actuators)
-    sensors = _section(sensors)
-    cameras = _section(cameras)
-    lights = _section(lights)
-    keyframes = _section(keyframes)
-    tendons = _section(tendons)
-    equalities = _section(equalities)
-    pairs = _section(pairs)
-    excludes = _section(excludes)
-    flexes = _section(flexes)
-    plugins = _section(plugins)
-    options = _section(options)
-    visual = _section(visual)
+    bodies = _section(Body)
+    joints = _section(Joint)
+    geoms = _section(Geom)
+    sites = _section(Site)
+    actuators = _section(Actuator)
+    sensors = _section(Sensor)
+    cameras = _section(Camera)
+    lights = _section(Light)
+    keyframes = _section(Keyframe)
+    tendons = _section(Tendon)
+    equalities = _section(Equality)
+    pairs = _section(ContactPair)
+    excludes = _section(Exclude)
+    flexes = _section(Flex)
+    plugins = _section(Plugin)
+
+    @cached_property
+    def options(self) -> tuple[NonDefaultSetting, ...]:
+        return options(self.model)
+
+    @cached_property
+    def visual(self) -> tuple[NonDefaultSetting, ...]:
+        return visual(self.model)
 
     @cached_property
     def statistics(self) -> Statistics:
@@ -77,3 +184,6 @@ class ModelDescription:
     @cached_property
     def assets(self) -> tuple[Asset, ...]:
         return assets(self.model, self.path)
+
+
+SECTIONS = tuple(name for name, value in vars(ModelDescription).items() if isinstance(value, cached_property))

@@ -1,4 +1,4 @@
-"""The options and visual settings of a model that differ from MuJoCo's defaults, and its statistics."""
+"""The options and visual settings of a model that differ from MuJoCo's defaults, or from those of another model."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.model.description.plain_values import decimal_float, enum_name, floats
-from mjrun.model.names import enum_members
+from mjrun.model.fields import decimal_float, floats
+from mjrun.model.names import enum_members, enum_name
 from mjrun.model.override import NAMED_INTEGERS
 
 VISUAL = {"global": "global_", "quality": "quality", "headlight": "headlight", "map": "map", "scale": "scale"}
@@ -38,32 +38,6 @@ class NonDefaultSetting:
     value: Value
     default: Value
     unit: str = ""
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """The statistics of a model, by which MuJoCo scales what it draws and its solver.
-
-    Attributes:
-      center: of what the free camera looks at [m].
-      extent: of the model in space [m].
-      meansize, meanmass: of its bodies [m], [kg].
-      meaninertia: mean of the diagonal of its inertia matrix.
-    """
-
-    center: tuple[float, ...]
-    extent: float
-    meansize: float
-    meanmass: float
-    meaninertia: float
-
-
-def statistics(model: mujoco.MjModel) -> Statistics:
-    """The model's statistics, computed by MuJoCo or set in the model."""
-    stat = model.stat
-    return Statistics(
-        floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
-    )
 
 
 def options(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:

@@ -16,8 +16,8 @@ from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_reada
 from mjrun.confinement.sandbox import confined_load
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.expansion import HINT, excess
+from mjrun.model import archive_files
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
-from mjrun.model.description import archive_files
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.named_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.nesting import require_finite_nesting

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.model.description import archive_files
-from mjrun.model.description.archive_files import file_content, file_size, main_mjcf, unpacked_size
+from mjrun.model import archive_files
+from mjrun.model.archive_files import file_content, file_size, main_mjcf, unpacked_size
 
 
 def archive(path: Path, *names: str) -> Path:

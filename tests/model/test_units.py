@@ -3,7 +3,21 @@
 import mujoco
 import pytest
 
-from mjrun.model.description.units import actuator_force_unit, actuator_unit, joint_unit, rate_unit, tendon_unit
+from mjrun.model.fields import arrays
+from mjrun.model.units import (
+    ARMATURE,
+    DAMPING,
+    FORCES,
+    STIFFNESS,
+    UNITS,
+    actuator_force_unit,
+    actuator_unit,
+    field_unit,
+    joint_unit,
+    rate_unit,
+    tendon_unit,
+)
+from mjrun.probe.fields import extents
 
 MODEL = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="world"/>
 <body name="b"><joint name="hinge"/><joint name="slide" type="slide"/><geom size="1"/><site name="s"/></body>
@@ -43,3 +57,50 @@ def test_adhesion_is_a_force_between_surfaces() -> None:
 
 def test_a_rate_is_per_second_if_there_is_a_unit() -> None:
     assert [rate_unit(unit) for unit in ("m", "rad", "")] == ["m/s", "rad/s", ""]
+
+
+FIELD_UNITS_MODEL = mujoco.MjModel.from_xml_string(
+    """
+<mujoco><worldbody>
+  <body><freejoint/><geom size="1"/></body>
+  <body><joint name="slide" type="slide"/><geom size="1"/><body><joint name="hinge"/><geom size="1"/></body></body>
+  <camera fovy="1" projection="orthographic"/><camera/>
+</worldbody>
+<tendon><fixed><joint joint="hinge" coef="1"/></fixed></tendon>
+<actuator><motor joint="slide"/><motor joint="hinge"/></actuator>
+<sensor><gyro site="s"/></sensor></mujoco>""".replace("<camera/>", '<camera/><site name="s"/>')
+)
+
+
+@pytest.mark.parametrize(
+    ("field", "units"),
+    [
+        ("qpos0", ["m"] * 3 + [""] * 4 + ["m", "rad"]),
+        ("dof_damping", ["N·s/m"] * 3 + ["N·m·s/rad"] * 3 + ["N·s/m", "N·m·s/rad"]),
+        ("dof_armature", ["kg"] * 3 + ["kg·m²"] * 3 + ["kg", "kg·m²"]),
+        ("dof_frictionloss", ["N"] * 3 + ["N·m"] * 3 + ["N", "N·m"]),
+        ("jnt_range", ["", "m", "rad"]),
+        ("jnt_stiffness", ["", "N/m", "N·m/rad"]),
+        ("tendon_stiffness", ["N·m/rad"]),
+        ("actuator_forcerange", ["N", "N·m"]),
+        ("actuator_lengthrange", ["m", "rad"]),
+        ("sensor_noise", ["rad/s"]),
+        ("cam_fovy", ["m", "deg"]),
+        ("body_mass", ["kg"] * 4),
+        ("geom_rgba", [""] * 3),
+    ],
+)
+def test_units_are_those_of_the_object(field: str, units: list[str]) -> None:
+    assert [field_unit(FIELD_UNITS_MODEL, field, i) for i in range(len(getattr(FIELD_UNITS_MODEL, field)))] == units
+
+
+def test_every_field_with_a_unit_exists() -> None:
+    assert set(UNITS) <= {*arrays(), *extents()}
+    assert not {*UNITS} & {*arrays()} & {*extents()}
+
+
+def test_they_are_forces_by_the_unit_of_position_and_its_rates() -> None:
+    for unit, force in FORCES.items():
+        assert STIFFNESS[unit] == f"{force}/{unit}"
+        assert DAMPING[unit] == f"{force}·s/{unit}"
+    assert ARMATURE == {"rad": "kg·m²", "m": "kg"}

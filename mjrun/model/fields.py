@@ -1,16 +1,18 @@
-"""The fields of a compiled model as a comparison sees them: what counts their rows, what their numbers refer to.
+"""The fields of a compiled model: what counts their rows, what their numbers refer to, and their values in words.
 
 Names, extents and meanings are MuJoCo's own, from its description of mjModel. A field is of one of three sorts:
 
-- *Layout*, which is not compared: addresses and counts, which follow from the order and number of objects; names and
-  paths, by which objects are matched; the bounding volumes and sparsity patterns of the engine.
+- *Layout*: addresses and counts, which follow from the order and number of objects; names and paths; the bounding
+  volumes and sparsity patterns of the engine.
 - *Computed*: what the compiler works out from other fields, such as `dof_M0` and `body_subtreemass`.
 - All others, which say what the model is. A field that a later MuJoCo adds is one of these until it is listed here.
+
+Units are in `mjrun.model.units`.
 """
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -19,25 +21,11 @@ import mujoco
 import numpy as np
 from mujoco.introspect import structs
 
-from mjrun.model.names import COUNTS, KINDS
+from mjrun.model.names import KIND_OF, KIND_OF_COUNT, KINDS, enum_name, object_name
 
 Obj = mujoco.mjtObj
-# What counts the rows of a field → the kind of object that they belong to.
-OBJECTS: dict[str, tuple[str, mujoco.mjtObj]] = {COUNTS[kind]: (kind, KINDS[kind]) for kind in KINDS}
-OBJECTS |= {
-    "nmesh": ("mesh", Obj.mjOBJ_MESH),
-    "nhfield": ("hfield", Obj.mjOBJ_HFIELD),
-    "ntex": ("texture", Obj.mjOBJ_TEXTURE),
-    "nmat": ("material", Obj.mjOBJ_MATERIAL),
-    "npair": ("pair", Obj.mjOBJ_PAIR),
-    "nexclude": ("exclude", Obj.mjOBJ_EXCLUDE),
-    "nnumeric": ("numeric", Obj.mjOBJ_NUMERIC),
-    "ntext": ("text", Obj.mjOBJ_TEXT),
-    "ntuple": ("tuple", Obj.mjOBJ_TUPLE),
-    "nplugin": ("plugin", Obj.mjOBJ_PLUGIN),
-}
-COUNT_OF = {kind: count for count, (kind, _) in OBJECTS.items()}
-KIND_OF = {int(obj): kind for kind, obj in OBJECTS.values()} | {int(Obj.mjOBJ_XBODY): "body"}
+Value = str | int | float | bool
+SINGLE: type = np.float32
 
 # Dimensions along which each object of a kind has a stretch of its own, by the field with the addresses of these.
 STRETCHES = {
@@ -94,6 +82,12 @@ REFERENCES = {
 
 _Geom, _Wrap, _Transmission = mujoco.mjtGeom, mujoco.mjtWrap, mujoco.mjtTrn
 _WRAPS = (_Wrap.mjWRAP_SPHERE, _Wrap.mjWRAP_CYLINDER)
+# What a tendon passes, by the type of the point.
+WRAPPED = {
+    int(_Wrap.mjWRAP_JOINT): Obj.mjOBJ_JOINT,
+    int(_Wrap.mjWRAP_SITE): Obj.mjOBJ_SITE,
+    **{int(wrap): Obj.mjOBJ_GEOM for wrap in _WRAPS},
+}
 # What the ids in a field refer to, by the value of the field that says so; by itself, that is one of mjtObj.
 _REFERRED: dict[str, dict[int, mujoco.mjtObj]] = {
     "geom_dataid": {
@@ -101,11 +95,7 @@ _REFERRED: dict[str, dict[int, mujoco.mjtObj]] = {
         int(_Geom.mjGEOM_SDF): Obj.mjOBJ_MESH,
         int(_Geom.mjGEOM_HFIELD): Obj.mjOBJ_HFIELD,
     },
-    "wrap_objid": {
-        int(_Wrap.mjWRAP_JOINT): Obj.mjOBJ_JOINT,
-        int(_Wrap.mjWRAP_SITE): Obj.mjOBJ_SITE,
-        **{int(wrap): Obj.mjOBJ_GEOM for wrap in _WRAPS},
-    },
+    "wrap_objid": WRAPPED,
     "wrap_prm": {int(wrap): Obj.mjOBJ_SITE for wrap in _WRAPS},  # the side site; else a coefficient
     "actuator_trnid": {
         int(_Transmission.mjTRN_JOINT): Obj.mjOBJ_JOINT,
@@ -151,12 +141,26 @@ class ModelField:
         """What counts its rows."""
         return str(self.extents[0])
 
+    def plain(self, value: Any) -> Value:
+        """One of its numbers as a plain value: a number, a boolean, or MuJoCo's word."""
+        if self.enum is not None:
+            return enum_name(self.enum, value)
+        if self.boolean:
+            return bool(value)
+        return decimal_float(value) if np.issubdtype(value.dtype, np.floating) else int(value)
+
+
+@cache
+def arrays() -> dict[str, ModelField]:
+    """Every array of a compiled model by name, in MuJoCo's order."""
+    described: Any = structs.STRUCTS["mjModel"].fields
+    return {each.name: _field(each) for each in described if each.array_extent}
+
 
 @cache
 def model_fields() -> tuple[ModelField, ...]:
-    """Every array of a compiled model that is compared, in MuJoCo's order."""
-    described: Any = structs.STRUCTS["mjModel"].fields
-    return tuple(_field(each) for each in described if each.array_extent and not is_layout(each.name))
+    """Every array of a compiled model that does not follow from the order and number of objects alone."""
+    return tuple(field for field in arrays().values() if not is_layout(field.name))
 
 
 def is_layout(name: str) -> bool:
@@ -190,6 +194,28 @@ def array(model: mujoco.MjModel, name: str) -> np.ndarray:
     return value >= 0 if name == "body_mocapid" else np.asarray(value)
 
 
+def plain_values(model: mujoco.MjModel, name: str) -> list[Any]:
+    """The rows of a field as plain values, or tuples of these; ids as the names of objects, None of no object."""
+    field, values, kinds = arrays()[name], array(model, name), referred_kinds(model, name)
+    rows = as_rows(values)
+    if kinds is None:
+        plain = [tuple(map(field.plain, row)) for row in rows]
+    else:
+        pairs = (zip(*row, strict=True) for row in zip(as_rows(kinds), rows, strict=True))
+        plain = [tuple(object_name(model, kind, index) if kind else None for kind, index in row) for row in pairs]
+    return plain if values.ndim > 1 else [value for (value,) in plain]
+
+
+def decimal_float(value: Any) -> float:
+    """A number as a float; in single precision the shortest decimal that rounds to it, 0.1 and not 0.10000000149."""
+    return float(str(value)) if isinstance(value, SINGLE) else float(value)
+
+
+def floats(values: Iterable[Any]) -> tuple[float, ...]:
+    """Numbers as floats."""
+    return tuple(map(decimal_float, values))
+
+
 def as_rows(values: np.ndarray) -> np.ndarray:
     """A field as `(n, m)`, whatever its rows are."""
     return values.reshape(len(values), math.prod(values.shape[1:]))
@@ -200,11 +226,14 @@ def referred_kinds(model: mujoco.MjModel, name: str) -> np.ndarray | None:
     if name not in REFERENCES:
         return None
     values, target = array(model, name), REFERENCES[name]
-    if target in COUNT_OF:
-        return np.full(values.shape, int(OBJECTS[COUNT_OF[target]][1]))
+    if target in KINDS:
+        return np.full(values.shape, int(KINDS[target]))
     kinds = array(model, target).astype(int)
     if table := _REFERRED.get(name):
         kinds = _looked_up(kinds, table)
+    if name == "actuator_trnid":  # of an orientation either a ball joint, or a site relative to another
+        turns_joint = (model.actuator_trntype == int(_Transmission.mjTRN_SO3)) & (values[:, 1] < 0)
+        kinds[turns_joint] = int(Obj.mjOBJ_JOINT)
     if target == "eq_objtype":  # which only connect and weld have
         kinds = np.where(kinds, kinds, _looked_up(model.eq_type, _EQUALITIES))
     kinds = np.where(kinds == int(Obj.mjOBJ_XBODY), int(Obj.mjOBJ_BODY), kinds)
@@ -230,8 +259,4 @@ def stretch(model: mujoco.MjModel, dimension: str, index: int) -> slice:
 
 def stretch_kind(dimension: str) -> str:
     """The kind of object whose stretches lie along a dimension."""
-    prefix = STRETCHES[dimension].partition("_")[0]
-    return _STRETCH_KINDS.get(prefix, prefix)
-
-
-_STRETCH_KINDS: Mapping[str, str] = {"tex": "texture"}
+    return KIND_OF_COUNT[f"n{STRETCHES[dimension].partition('_')[0]}"]

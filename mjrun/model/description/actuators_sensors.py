@@ -1,0 +1,176 @@
+"""Actuators, with what they act on and their force laws, and sensors, with what they measure."""
+
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import Any
+
+import mujoco
+
+from mjrun.model.description.declaration import (
+    ModelObject,
+    Pair,
+    computed,
+    limited_ranges,
+    of_field,
+    referred_kind,
+    within_limits,
+    without_trailing_zeros,
+)
+from mjrun.model.names import enum_name
+from mjrun.model.units import actuator_force_unit, actuator_unit, sensor_unit
+
+# MJCF elements that follow from the type of gain alone.
+BY_GAIN = {"so3": "orientation", "pid": "pid", "dcmotor": "dcmotor", "muscle": "muscle"}
+POSITION_FILTERS = ("none", "filter", "filterexact")
+
+
+def _kind(model: mujoco.MjModel, i: int) -> str:
+    """The element that sets what this actuator has, as MuJoCo's manual lists for each of them:
+    https://mujoco.readthedocs.io/en/latest/XMLreference.html#actuator
+    """
+    dynamics = enum_name(mujoco.mjtDyn, model.actuator_dyntype[i])
+    gain = enum_name(mujoco.mjtGain, model.actuator_gaintype[i])
+    bias = enum_name(mujoco.mjtBias, model.actuator_biastype[i])
+    gains, biases = without_trailing_zeros(model.actuator_gainprm[i]), without_trailing_zeros(model.actuator_biasprm[i])
+    if model.actuator_plugin[i] >= 0:
+        return "plugin"
+    if gain in BY_GAIN:
+        return BY_GAIN[gain]
+    if (gain, bias, dynamics) == ("affine", "none", "none") and len(gains) == 3 and gains[:2] == (0, 0):
+        return "damper"
+    if gain == "fixed" and bias == "affine":
+        return _servo(dynamics, gains, biases)
+    if (gain, bias, dynamics) == ("fixed", "none", "none"):
+        if enum_name(mujoco.mjtTrn, model.actuator_trntype[i]) == "body":
+            return "adhesion"
+        return "motor" if gains == (1,) else "general"
+    return "general"
+
+
+def _servo(dynamics: str, gains: tuple[float, ...], biases: tuple[float, ...]) -> str:
+    """What has a gain k and the bias 0, −k, −kv or 0, 0, −k; a cylinder has its area and any bias."""
+    constant, position, velocity = (*biases, 0.0, 0.0, 0.0)[:3]
+    gain = gains[0] if gains else 0.0
+    if constant == 0 and gain and position == -gain:
+        if dynamics == "integrator":
+            return "intvelocity"
+        return "position" if dynamics in POSITION_FILTERS else "general"
+    if constant == 0 == position and gain and velocity == -gain and dynamics == "none":
+        return "velocity"
+    return "cylinder" if dynamics == "filter" else "general"
+
+
+def _gear(model: mujoco.MjModel, actuator: int) -> tuple[tuple[float, ...], ...]:
+    start, count = model.actuator_outadr[actuator], model.actuator_outnum[actuator]
+    return tuple(map(without_trailing_zeros, model.actuator_gear[start : start + count]))
+
+
+def _ctrl_range(model: mujoco.MjModel, actuator: int) -> tuple[Pair | None, ...]:
+    start, count = model.actuator_ctrladr[actuator], model.actuator_ctrlnum[actuator]
+    controls = slice(start, start + count)
+    return tuple(limited_ranges(model.actuator_ctrllimited[controls], model.actuator_ctrlrange[controls]))
+
+
+def _act(model: mujoco.MjModel, actuator: int) -> int | None:
+    return int(model.actuator_actadr[actuator]) if model.actuator_actnum[actuator] else None
+
+
+@dataclass(frozen=True)
+class Actuator(ModelObject):
+    """An actuator: its force is gain · (control or activation) + bias.
+
+    Attributes:
+      kind: the MJCF element that writes such an actuator: `motor`, `position` …; `general` where it is none of them.
+      transmission: `joint`, `tendon`, `site` …
+      target_kind, target: what it acts on.
+      reference: the site of a slider, or the site that a site is moved relative to; None without one.
+      gear: of each of its forces, without the zeros at the end.
+      unit, force_unit: of its length and of its force, before the gear; empty where MuJoCo does not tell.
+      dynamics, gain, bias: their types; their parameters are without the zeros at the end.
+      ctrl, ctrl_size: where its controls are in `ctrl`.
+      ctrl_range: of each control; None without limits.
+      act, act_size: where its activations are in `act`; None without any.
+      act_range: None without limits.
+      force_range: [force_unit]; None without limits.
+      delay: of its controls [s].
+      damping, armature: that it adds to its target.
+      group: by which it is shown, or disabled.
+      plugin: the plugin instance that computes its force; None without one.
+    """
+
+    KIND = "actuator"
+
+    kind: str = computed(_kind)
+    transmission: str = of_field("actuator_trntype")
+    target_kind: str = referred_kind("actuator_trnid")
+    target: str | None = of_field("actuator_trnid", then=itemgetter(0))
+    reference: str | None = of_field("actuator_trnid", then=itemgetter(1))
+    gear: tuple[tuple[float, ...], ...] = computed(_gear)
+    unit: str = computed(actuator_unit)
+    force_unit: str = computed(actuator_force_unit)
+    dynamics: str = of_field("actuator_dyntype")
+    dynamics_parameters: tuple[float, ...] = of_field("actuator_dynprm", then=without_trailing_zeros)
+    gain: str = of_field("actuator_gaintype")
+    gain_parameters: tuple[float, ...] = of_field("actuator_gainprm", then=without_trailing_zeros)
+    bias: str = of_field("actuator_biastype")
+    bias_parameters: tuple[float, ...] = of_field("actuator_biasprm", then=without_trailing_zeros)
+    ctrl: int = of_field("actuator_ctrladr")
+    ctrl_size: int = of_field("actuator_ctrlnum")
+    ctrl_range: tuple[Pair | None, ...] = computed(_ctrl_range)
+    act: int | None = computed(_act)
+    act_size: int = of_field("actuator_actnum")
+    act_range: Pair | None = within_limits("actuator_actlimited", "actuator_actrange", is_detail=True)
+    force_range: Pair | None = within_limits("actuator_forcelimited", "actuator_forcerange", is_detail=True)
+    delay: float = of_field("actuator_delay", is_detail=True)
+    damping: float = of_field("actuator_damping")
+    armature: float = of_field("actuator_armature")
+    group: int = of_field("actuator_group", is_detail=True)
+    plugin: str | None = of_field("actuator_plugin")
+
+
+def _object_kind(kind: str, index: str) -> Any:
+    """The kind of object that sensors refer to; None of no object."""
+
+    def object_kind(model: mujoco.MjModel, sensor: int) -> str | None:
+        obj, refers = int(getattr(model, kind)[sensor]), getattr(model, index)[sensor] >= 0
+        return enum_name(mujoco.mjtObj, obj) if refers and obj else None
+
+    return computed(object_kind)
+
+
+@dataclass(frozen=True)
+class Sensor(ModelObject):
+    """A sensor.
+
+    Attributes:
+      type: MuJoCo's word, `framepos`, `touch` …
+      object_kind, object: what it measures; None of the whole model. The kind `xbody` is a body by its frame,
+        `body` by the frame of its inertia.
+      reference_kind, reference: what it measures relative to, or the other object; None for the world.
+      dim, address: its values are `sensordata[address : address + dim]`.
+      unit: of its values; empty for pure numbers, and where it reports several things.
+      data_type: `real`, `positive`, `axis` or `quaternion`.
+      needs: the state it is computed from: `pos`, `vel` or `acc`.
+      cutoff: beyond which its values are cut [unit]; None without one.
+      noise: standard deviation that the model tells of [unit]; MuJoCo adds none.
+      delay, period: of its values [s]; 0 for none.
+      plugin: the plugin instance that computes it; None without one.
+    """
+
+    KIND = "sensor"
+
+    type: str = of_field("sensor_type")
+    object_kind: str | None = _object_kind("sensor_objtype", "sensor_objid")
+    object: str | None = of_field("sensor_objid")
+    reference_kind: str | None = _object_kind("sensor_reftype", "sensor_refid")
+    reference: str | None = of_field("sensor_refid")
+    dim: int = of_field("sensor_dim")
+    address: int = of_field("sensor_adr")
+    unit: str = computed(sensor_unit)
+    data_type: str = of_field("sensor_datatype")
+    needs: str = of_field("sensor_needstage")
+    cutoff: float | None = of_field("sensor_cutoff", then=lambda cutoff: cutoff or None, unit="", is_detail=True)
+    noise: float = of_field("sensor_noise", unit="", is_detail=True)
+    delay: float = of_field("sensor_delay", is_detail=True)
+    period: float = of_field("sensor_interval", then=itemgetter(0), is_detail=True)
+    plugin: str | None = of_field("sensor_plugin", is_detail=True)

@@ -1,0 +1,152 @@
+"""Declarations of descriptions: which field of MuJoCo's each attribute of a dataclass has, and how tables show it.
+
+An attribute that names a field has its values as `mjrun.model.fields` puts them in words, and its unit by
+`mjrun.model.units`. Tables show it under its own name.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import mujoco
+
+from mjrun.model.fields import as_rows, floats, plain_values, referred_kinds
+from mjrun.model.names import enum_name, names
+from mjrun.model.units import Unit, field_unit
+
+Pair = tuple[float, float]
+T = TypeVar("T", bound="ModelObject")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """The origin of an attribute, and its column in tables.
+
+    Attributes:
+      read: the values of all objects of a model, in order of id; from a model and their kind.
+      heading: of the column.
+      unit: of the values, from a model and an id.
+      usual: a number that tells nothing: the column is blank where every object has it.
+      is_detail: whether the column is left out where there is no room.
+      is_range: whether each value is a range.
+    """
+
+    read: Callable[[mujoco.MjModel, str], Sequence[Any]]
+    heading: str = ""
+    unit: Unit = lambda model, index: ""
+    usual: float = 0
+    is_detail: bool = False
+    is_range: bool = False
+
+
+@dataclass(frozen=True)
+class ModelObject:
+    """An object of a model.
+
+    Attributes:
+      id, name: of the object; `geom:3` if it has no name.
+    """
+
+    KIND: ClassVar[str]
+
+    id: int
+    name: str
+
+    @classmethod
+    def facts(cls) -> dict[str, Fact]:
+        """What is declared of each attribute, by its name."""
+        declared = {field.name: field.metadata.get("fact") for field in dataclasses.fields(cls)}
+        return {name: fact for name, fact in declared.items() if fact}
+
+
+def objects(kind: type[T], model: mujoco.MjModel) -> tuple[T, ...]:
+    """The descriptions of all objects of a kind, in order of id."""
+    columns = [fact.read(model, kind.KIND) for fact in kind.facts().values()]
+    own_names = names(model, kind.KIND)
+    return tuple(map(kind, range(len(own_names)), own_names, *columns))
+
+
+def of_field(
+    name: str,
+    *,
+    at: str = "",
+    then: Callable[[Any], Any] | None = None,
+    heading: str = "",
+    unit: str | None = None,
+    usual: float = 0,
+    is_detail: bool = False,
+) -> Any:
+    """An attribute that has the values of the field `name` of MjModel.
+
+    Args:
+      at: the field with the row of each object; by default this is its id.
+      then: turns each value into another.
+      heading: of the column; by default the name of the attribute.
+      unit: of the values; by default that of the field.
+    """
+
+    def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
+        values = plain_values(model, name)
+        if at:
+            values = [values[row] for row in getattr(model, at)]
+        return [then(value) for value in values] if then else values
+
+    def own_unit(model: mujoco.MjModel, index: int) -> str:
+        return field_unit(model, name, getattr(model, at)[index] if at else index)
+
+    return _attribute(Fact(read, heading, own_unit if unit is None else lambda model, index: unit, usual, is_detail))
+
+
+def within_limits(limited: str, limits: str, *, is_detail: bool = False) -> Any:
+    """An attribute that has the range in the field `limits` where the field `limited` enforces it, else None."""
+
+    def read(model: mujoco.MjModel, kind: str) -> Sequence[Pair | None]:
+        return limited_ranges(getattr(model, limited), getattr(model, limits))
+
+    def unit(model: mujoco.MjModel, index: int) -> str:
+        return field_unit(model, limits, index)
+
+    return _attribute(Fact(read, unit=unit, is_detail=is_detail, is_range=True))
+
+
+def computed(
+    compute: Callable[[mujoco.MjModel, int], Any],
+    *,
+    unit: str = "",
+    is_detail: bool = False,
+) -> Any:
+    """An attribute that is computed from a model and the id of the object."""
+
+    def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
+        return [compute(model, i) for i in range(len(names(model, kind)))]
+
+    return _attribute(Fact(read, unit=lambda model, index: unit, is_detail=is_detail))
+
+
+def referred_kind(field: str) -> Any:
+    """An attribute that has the kind of object which the ids in a field refer to."""
+
+    def read(model: mujoco.MjModel, kind: str) -> Sequence[str]:
+        kinds = referred_kinds(model, field)
+        assert kinds is not None, field
+        return [enum_name(mujoco.mjtObj, row[0]) for row in as_rows(kinds)]
+
+    return _attribute(Fact(read))
+
+
+def _attribute(fact: Fact) -> Any:
+    return dataclasses.field(metadata={"fact": fact})
+
+
+def limited_ranges(limited: Sequence[Any], limits: Sequence[Any]) -> list[Pair | None]:
+    """Each range, or None where it is not enforced."""
+    return [(float(low), float(high)) if on else None for on, (low, high) in zip(limited, limits, strict=True)]
+
+
+def without_trailing_zeros(values: Sequence[Any]) -> tuple[float, ...]:
+    """Numbers as floats, without the zeros at the end."""
+    numbers = list(floats(values))
+    while numbers and numbers[-1] == 0:
+        numbers.pop()
+    return tuple(numbers)
