@@ -1,4 +1,4 @@
-"""Compare what two checkouts of mjrun make: every command of the README, and every scene's run document.
+"""Compare what two checkouts of mjrun make: every command of README.md and docs/, and every scene's run document.
 
     python scripts/compare_states.py OLD NEW [--filter REGEX] [--small] [--jobs N] [--cache DIR]
 
@@ -267,12 +267,13 @@ def _first_difference(old: list[bytes], new: list[bytes]) -> list[str]:
 
 
 def commands(checkout: Path, small: bool) -> tuple[list[Command], list[str]]:
-    """What a checkout is compared by, and the README's commands that are left out."""
-    readme = (checkout / "README.md").read_text("utf-8")
-    shell = "".join(re.findall(r"```sh\n(.*?)```", readme, re.DOTALL)).replace("\\\n", " ")
+    """Returns the commands that a checkout is compared by, and those of its pages that are left out."""
+    pages = [checkout / "README.md", *sorted((checkout / "docs").glob("*.md"))]
+    text = "\n".join(page.read_text("utf-8") for page in pages)
+    shell = "".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ")
     lines = [line for line in shell.splitlines() if line.strip()]
     left_out = [line for line in lines if line.startswith(("make ", "pip "))]
-    programs = [_shrunk(code) if small else code for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL)]
+    programs = [_shrunk(code) if small else code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL)]
     texts = [line for line in lines if line not in left_out]
     texts += [f"python -W ignore -c {shlex.quote(code)}" for code in programs]
     texts += [f"mjrun run scenes/{path.name} -o out" for path in sorted((checkout / "scenes").glob("*.yaml"))]

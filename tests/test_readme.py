@@ -1,4 +1,4 @@
-"""The README's commands are run, at small sizes; its Python is executed."""
+"""The commands of the README and docs/ are run, at small sizes; their Python is executed."""
 
 import os
 import re
@@ -17,18 +17,16 @@ from mjrun.document.study import read_study
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from tests.conftest import Command
+from tests.documentation import PAGES, ROOT, TEXT, blocks, commands
 from tests.processes import without_progress
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
 
 Execute = Callable[[str], "Done"]
 
-ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-TUTORIAL = re.search(r"## The tutorial's numbers\n.*?(?=\n## )", README, re.DOTALL)
-assert TUTORIAL  # whose commands tests/test_tutorial.py runs, at full size
-SHELL = re.findall(r"```sh\n(.*?)```", README.replace(TUTORIAL[0], ""), re.DOTALL)
-PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-COMMANDS = [line for block in SHELL for line in block.replace("\\\n", " ").splitlines() if line.strip()]
+# tests/test_tutorial.py runs the commands of its page, at full size.
+SHELL = blocks("sh", "".join(text for path, text in PAGES.items() if path.name != "tutorial.md"))
+PYTHON = blocks("python")
+COMMANDS = commands("".join(text for path, text in PAGES.items() if path.name != "tutorial.md"))
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
 PLOTS = [line for line in COMMANDS if "mjrun plot" in line and not re.search(r"plot (slides|fit)", line)]
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
@@ -119,7 +117,7 @@ def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypa
     return executed
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, *re.findall(r"`(pip install [^`]*)`", README)])
+@pytest.mark.parametrize("command", [*COMMANDS, *re.findall(r"`(pip install [^`]*)`", TEXT)])
 def test_brackets_are_in_quotes_which_zsh_wants(command: str) -> None:
     assert not re.search(r"[\[\]]", re.sub(r"'[^']*'|\"[^\"]*\"|\$\([^)]*\)", "", command))
 
@@ -127,7 +125,7 @@ def test_brackets_are_in_quotes_which_zsh_wants(command: str) -> None:
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
-    assert len(PYTHON) == 3
+    assert len(PYTHON) == 4
 
 
 @pytest.mark.parametrize("command", DRAWN)
@@ -204,7 +202,7 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, execute: Execute
     done = execute(command)
     assert (done.returncode, done.stderr) == (int(command.startswith("sed ")), "")
     if command.startswith("sed "):
-        assert done.stdout in README
+        assert done.stdout in TEXT
     else:
         assert " agree: " in done.stdout
 
@@ -247,7 +245,7 @@ def test_an_evaluation_of_the_readme_has_its_table(command: str, execute: Execut
 
 
 def test_the_study_document_of_the_readme_is_one(tmp_path: Path) -> None:
-    (text,) = (block for block in re.findall(r"```yaml\n(.*?)```", README, re.DOTALL) if "vary:" in block)
+    (text,) = (block for block in blocks("yaml") if "vary:" in block)
     (tmp_path / "study.yaml").write_text(text.replace("../humanoid.xml", str(ROOT / "scenes/humanoid.xml")))
     request = read_study(tmp_path / "study.yaml", ["samples=2", "duration=0.01"])
     with request.located():
@@ -338,7 +336,7 @@ def test_the_python_of_the_readme_makes_its_outputs(tmp_path: Path) -> None:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     small = "\n".join(PYTHON).replace("duration=7", "duration=0.1").replace("time=3.7", "time=0.05")
     small = small.replace('camera="closeup"', 'camera="closeup", size=(64, 48)')
-    assert (small.count("0.1"), small.count("0.05"), small.count("size=(64")) == (1, 1, 2)
+    assert (small.count("0.1"), small.count("0.05"), small.count("size=(64")) == (2, 1, 3)
     small += 'assert (depth.shape, str(depth.dtype), unit) == ((240, 320), "float32", "J")'
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", small],
@@ -348,10 +346,32 @@ def test_the_python_of_the_readme_makes_its_outputs(tmp_path: Path) -> None:
         text=True,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    names = ("tippe_top.mp4", "tippe_top.png", "tippe_top.npz", "small.webm")
+    names = ("top.mp4", "tippe_top.mp4", "tippe_top.png", "tippe_top.npz", "small.webm")
     assert all((tmp_path / name).stat().st_size > 0 for name in names)
 
 
-def test_images_of_the_readme_are_there_and_small() -> None:
-    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", README):
-        assert 0 < (ROOT / picture).stat().st_size < 200_000
+def test_images_of_the_pages_exist_and_are_small() -> None:
+    for path, text in PAGES.items():
+        for image in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
+            assert 0 < (path.parent / image).stat().st_size < 200_000
+
+
+def anchors(page: Path) -> set[str]:
+    """Returns the anchors of the headings of a page, as GitHub makes them."""
+    prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)", prose, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_between_pages_lead_somewhere(page: Path) -> None:
+    for target, _, anchor in re.findall(r"\]\((?!https?:)([^)#]*)(#([^)]*))?\)", PAGES[page]):
+        other = page.parent / target if target else page
+        assert other.exists(), target
+        assert not anchor or anchor in anchors(other), f"{target}#{anchor}"
+
+
+def test_the_readme_is_short_and_leads_to_every_page() -> None:
+    readme = PAGES[ROOT / "README.md"]
+    assert len(readme.splitlines()) <= 250
+    assert all(f"(docs/{page.name})" in readme for page in PAGES if page.parent.name == "docs")

@@ -23,14 +23,12 @@ from numpy.typing import NDArray
 from mjrun.errors import UnstableError
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
+from tests.documentation import PAGES, ROOT, commands
 
 Vector = NDArray[np.float64]
 
-ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-SECTION = README.partition("## The tutorial's numbers\n")[2].partition("\n## ")[0]
-BLOCKS = re.findall(r"```sh\n(.*?)```", SECTION, re.DOTALL)
-COMMANDS = [line for block in BLOCKS for line in block.replace("\\\n", " ").splitlines()]
+PAGE = PAGES[ROOT / "docs/tutorial.md"]
+COMMANDS = commands(PAGE)
 ACCURATE = np.power(10, np.linspace(-2, -4, 5)).tolist()  # [s]
 DIVERGENT = np.power(10, np.linspace(-2, -1.5, 7)).tolist()  # [s]
 SPINS = [2 * np.random.default_rng(seed).standard_normal(3) for seed in (1, 3, 4)]  # [rad/s]
@@ -317,7 +315,7 @@ def test_a_command_of_the_readme_s_section_does_all_that_it_says(
         step, time, joint = re.findall(r"step (\d+), time ([\d.]+) s: the acceleration of joint '(\w+)'", done.stderr)[
             0
         ]
-        assert f"step {step}, {time} s, by the acceleration of `{joint}`, with exit code 4" in " ".join(SECTION.split())
+        assert f"step {step}, {time} s, in the acceleration of `{joint}`, with exit code 4" in " ".join(PAGE.split())
         assert not list(tmp_path.glob("*.csv"))
     else:
         assert done.stderr == ""

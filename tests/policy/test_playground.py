@@ -17,6 +17,7 @@ from mjrun.document.task import read_task
 from mjrun.formats.table_reader import read_table
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
+from tests.documentation import TEXT
 from tests.policy.networks import value, write
 
 MODEL = """
@@ -37,8 +38,7 @@ MODEL = """
   <keyframe><key name="home" qpos="0 0 .4 1 0 0 0 .3 -.2" ctrl=".3 -.2"/></keyframe>
 </mujoco>
 """
-README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-(TASK,) = re.findall(r"Its conventions as a task:\n\n```yaml\n(.*?)```", README, re.DOTALL)
+(TASK,) = re.findall(r"Its conventions as a task:\n\n```yaml\n(.*?)```", TEXT, re.DOTALL)
 SIZE, PERIODS, SUBSTEPS, DT = 20, 100, 5, 0.02
 
 

@@ -11,9 +11,10 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from scripts.make_stubs import STUB, stub
+from tests.documentation import blocks
 
 ROOT = Path(__file__).parents[2]
-BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+BLOCKS = blocks("python")
 ACCEPTED = """
 from fractions import Fraction
 from pathlib import Path
