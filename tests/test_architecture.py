@@ -61,7 +61,7 @@ LIBRARIES = {
         "evaluation.statistics",
         "physics.distribution",
         "study.design",
-        "plotting.study.correlations",
+        "plotting.study.statistics",
         "fit",
     ),
     "onnx": ("policy",),

@@ -137,8 +137,8 @@ def test_without_any_extra_the_rest_works(made: Path, tmp_path: Path, command: l
 
 
 # Modules that import a library of an extra as they are imported themselves. Others import it within functions.
-DRAWING = ("canvas", "figure", "legend")
-STUDIES = ("axes", "figure", "graph", "heat_map", "key", "parallel", "rank_bars")
+DRAWING = ("axis_ticks", "canvas", "figure_painter")
+STUDIES = ("figure_painter", "graph", "heat_map")
 EAGER = {
     "mjrun.gym",
     *(f"mjrun.plotting.{name}" for name in DRAWING),

@@ -15,8 +15,7 @@ from mjrun.outputs.perform import Published
 from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
-from mjrun.plotting.html_page import Page, PageFigure, PageTable
-from mjrun.plotting.page_files import PageFile, page_file
+from mjrun.plotting.html_page import Page, PageFigure, PageFile, PageTable, page_file
 from mjrun.plotting.page_manifest import PageManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure

@@ -1,29 +1,32 @@
-"""A sheet of pixels on which matplotlib draws: its settings, and text that fits and that its font has."""
+"""A figure that matplotlib lays out: its style, and text that fits and that its font has."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib import font_manager
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from mjrun.errors import clean
 from mjrun.palette import Colour
+from mjrun.plotting.panel_grid import PanelGrid
 from mjrun.plotting.theme import Theme
 
 DPI = 96  # pixels per inch, as in CSS, so that sizes in an svg are those asked for
 POINT = 72 / DPI  # [points per pixel]
 FONT = "DejaVu Sans"  # which comes with matplotlib: Latin, Greek, Cyrillic and symbols
 LONGEST = 200  # letters of a text that is too wide, of which some are shown
+SMALL = 0.92  # letters of ticks and keys [em]
+TITLE = 1.25  # letters of the title of a figure [em]
 
 
 @contextmanager
-def settings() -> Iterator[None]:
-    """Matplotlib with our settings, and none of the user's, which would make other pictures elsewhere."""
+def settings(theme: Theme, em: float) -> Iterator[None]:
+    """Sets matplotlib to our style, with letters of `em` pixels, and to none of the user's settings."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rc("font", family=[FONT])
@@ -31,21 +34,74 @@ def settings() -> Iterator[None]:
         matplotlib.rc("path", simplify=False)  # done already, without loss
         matplotlib.rc("svg", fonttype="none", hashsalt="mjrun")  # text stays text, and identifiers stay the same
         matplotlib.rc("pdf", fonttype=42)
+        matplotlib.rcParams.update(_style(theme, em * POINT))
         yield
 
 
+def _style(theme: Theme, em: float) -> dict[Any, Any]:
+    """The settings of matplotlib for a theme, with letters of `em` points."""
+    ink, grey = rgb(theme.ink), rgb(theme.grey)
+    hair = max(0.8 * POINT, em / 16)
+    ticks = {"major.size": 0, "major.pad": 0.35 * em, "labelsize": SMALL * em, "color": grey}
+    return {
+        "figure.facecolor": rgb(theme.ground),
+        "figure.titlesize": TITLE * em,
+        "figure.titleweight": "bold",
+        "text.color": ink,
+        "axes.facecolor": "none",
+        "axes.edgecolor": rgb(theme.zero),
+        "axes.linewidth": hair,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.axisbelow": True,
+        "axes.labelcolor": ink,
+        "axes.labelsize": em,
+        "axes.labelpad": 0.3 * em,
+        "axes.titlecolor": ink,
+        "axes.titlelocation": "left",
+        "axes.titlesize": em,
+        "axes.titlepad": 0.4 * em,
+        "axes.xmargin": 0,
+        "grid.color": rgb(theme.grid),
+        "grid.linewidth": hair,
+        "hatch.linewidth": hair,
+        "lines.linewidth": max(1.25 * POINT, 0.125 * em) * theme.weight,
+        "lines.dash_capstyle": "butt",
+        "lines.solid_capstyle": "round",
+        "lines.solid_joinstyle": "round",
+        "legend.fontsize": SMALL * em,
+        "legend.frameon": False,
+        "legend.borderpad": 0.2,
+        "legend.borderaxespad": 0.7,
+        "legend.handlelength": 1.6,
+        "legend.handletextpad": 0.45,
+        "legend.columnspacing": 1.6,
+        **{f"{axis}tick.{key}": value for axis in "xy" for key, value in ticks.items()},
+    }
+
+
 class Canvas:
-    """A figure whose places are in pixels from its top left, as text sizes and widths of lines are in pixels.
+    """A figure whose axes matplotlib places, once all that belongs to them is there.
+
+    To be made, and saved, within `settings`.
 
     Args:
-      size: width and height [pixels].
-      any_letter: whether letters that the font does not have are left as they are, for whoever shows them.
+      any_letter: whether letters that the font does not have are left unchanged, for a program that has them.
+
+    Attributes:
+      width, height: of the figure [pixels].
+      em: size of letters [pixels].
+      hair, weight: widths of thin lines and of curves [points].
     """
 
-    def __init__(self, size: tuple[int, int], theme: Theme, any_letter: bool) -> None:
-        self.width, self.height = size
+    def __init__(self, grid: PanelGrid, theme: Theme, any_letter: bool = False) -> None:
+        (self.width, self.height), self.em = grid.size, grid.em
         self.theme, self._any_letter = theme, any_letter
-        self.figure = Figure(figsize=(self.width / DPI, self.height / DPI), dpi=DPI, facecolor=rgb(theme.ground))
+        self.hair: float = matplotlib.rcParams["axes.linewidth"]
+        self.weight: float = matplotlib.rcParams["lines.linewidth"]
+        self.figure = Figure(figsize=(self.width / DPI, self.height / DPI), dpi=DPI)
+        pads = {"w_pad": 0.7 * self.em / DPI, "h_pad": 0.5 * self.em / DPI, "wspace": 0, "hspace": 0}
+        self.figure.set_layout_engine("constrained", **pads)
         self._agg = FigureCanvasAgg(self.figure)
 
     def pixels(self) -> np.ndarray:
@@ -53,34 +109,28 @@ class Canvas:
         self._agg.draw()
         return np.ascontiguousarray(np.asarray(self._agg.buffer_rgba())[:, :, :3])
 
-    def box(self, left: float, top: float, right: float, bottom: float) -> tuple[float, float, float, float]:
-        """A rectangle as matplotlib places axes."""
-        across, up = (right - left) / self.width, (bottom - top) / self.height
-        return left / self.width, 1 - bottom / self.height, across, up
-
-    def text(
-        self, text: str, x: float, y: float, size: float, colour: Colour, *, bold: bool = False, plate: bool = False
-    ) -> None:
-        """Writes `text`, as `fitted` returns it, from x on with its middle at y; on a `plate` of the ground."""
-        face = {"facecolor": rgb(self.theme.ground), "edgecolor": "none", "alpha": 0.8, "pad": 0.1 * size}
-        self.figure.text(
-            x / self.width,
-            1 - y / self.height,
-            text,
-            fontsize=size * POINT,
-            va="center_baseline",
-            ha="left",
-            weight="bold" if bold else "normal",
-            color=rgb(colour),
-            bbox=face if plate else None,
-            zorder=5,
-        )
-
-    def line(self, line: Line2D, x: float, y: float, length: float) -> None:
-        """Draws a horizontal line that looks like `line`."""
-        line.set_transform(self.figure.transFigure)
-        line.set_data([x / self.width, (x + length) / self.width], [1 - y / self.height] * 2)
-        self.figure.add_artist(line)
+    def settle(self, title: str = "") -> None:
+        """Gives all axes their places, in whole pixels, and texts above and below them the room that there is."""
+        heading = self.figure.suptitle(self.shown(title), x=0, ha="left") if title else None
+        engine = self.figure.get_layout_engine()
+        assert engine
+        engine.execute(self.figure)
+        self.figure.set_layout_engine("none")
+        size = np.array([self.width, self.height])
+        panels = [axes for axes in self.figure.axes if axes.get_subplotspec()]  # without colour bars
+        for axes in self.figure.axes:
+            place = axes.get_position()
+            axes.set_position((*np.round(place.p0 * size) / size, *np.round(place.size * size) / size))
+        boxes = [axes.get_window_extent() for axes in panels]
+        for axes, box in zip(panels, boxes, strict=True):
+            end = min((other.x0 for other in boxes if other.x0 > box.x1), default=self.width) - 0.7 * self.em
+            axes.set_title(self.fitted(axes.get_title("left"), end - box.x0, self.em))
+            axes.set_xlabel(self.fitted(axes.get_xlabel(), box.width, self.em))
+            axes.set_ylabel(self.fitted(axes.get_ylabel(), box.height, self.em))
+        if heading:
+            left = min(box.x0 for box in boxes)
+            heading.set_x(left / self.width)
+            heading.set_text(self.fitted(title, self.width - left - self.em, TITLE * self.em, bold=True))
 
     def measure(self, text: str, size: float, *, bold: bool = False) -> float:
         """The width of a text [pixels]."""

@@ -7,11 +7,18 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.column_units import with_units
-from mjrun.plotting.curve_text import CurveText, Mark, panel_index, parse_curves, parse_log, parse_mark, split_unit
-from mjrun.plotting.drawing import MARGIN, Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.curve_syntax import (
+    CurveSpec,
+    ReferenceLine,
+    panel_index,
+    parse_curves,
+    parse_log,
+    parse_reference_line,
+    split_unit,
+)
 from mjrun.plotting.envelope import Envelope, Points
-from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column
+from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
 from mjrun.probe.event import RisingEdgeDetector
 from mjrun.probe.row_condition import RowCondition, parse_row_condition
@@ -30,7 +37,7 @@ class TableColumns:
 
 
 @dataclass(frozen=True)
-class EventMark:
+class EventLines:
     """A condition whose beginnings are marked."""
 
     label: str
@@ -112,7 +119,7 @@ class FigurePlan:
         marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
         return DrawnPanel(panel.label, curves, index in self.log_y, marks)
 
-    def _x_axis(self) -> CurveText | None:
+    def _x_axis(self) -> CurveSpec | None:
         """The x axis; None for the number of the row."""
         if self.options.x is not None:
             found = parse_curves(self.options.x, list(self._units), option("x"))
@@ -156,21 +163,23 @@ class FigurePlan:
             self.notes.append(f"{len(left)} columns are left out, {listing(left)}; choose with {option('y')}")
         return panels[:PANELS]
 
-    def _marks(self) -> list[Mark]:
-        marks: list[Mark] = []
+    def _marks(self) -> list[ReferenceLine]:
+        marks: list[ReferenceLine] = []
         for index, text in enumerate(self.options.mark):
             with concerning("mark", index):
-                marks.append(parse_mark(text))
+                marks.append(parse_reference_line(text))
                 if marks[-1].panel is not None:
                     panel_index(marks[-1].panel, len(self.panels), "mark")
         return marks
 
-    def _event_marks(self) -> list[EventMark]:
-        events: list[EventMark] = []
+    def _event_marks(self) -> list[EventLines]:
+        events: list[EventLines] = []
         for index, text in enumerate(self.options.mark_event):
             with concerning("mark_event", index):
                 label, condition = _named_condition(text)
-                events.append(EventMark(label, parse_row_condition(condition, list(self._units), option("mark_event"))))
+                events.append(
+                    EventLines(label, parse_row_condition(condition, list(self._units), option("mark_event")))
+                )
         return events
 
 
@@ -183,7 +192,7 @@ class TableCollector:
       has_curves: whether the table has any column of the figure.
     """
 
-    def __init__(self, plan: FigurePlan, table: int, events: Sequence[EventMark]) -> None:
+    def __init__(self, plan: FigurePlan, table: int, events: Sequence[EventLines]) -> None:
         self._plan, self._name = plan, plan.tables[table].name
         names = set(plan.tables[table].units)
         x = plan.x.expression if plan.x else None
@@ -204,7 +213,7 @@ class TableCollector:
         self._events = [event for event in events if names.issuperset(event.condition.columns)]
         self._edges = [RisingEdgeDetector() for _ in self._events]
         self._seen = [0 for _ in self._events]
-        self.rows, self.marks = 0, list[Mark]()
+        self.rows, self.marks = 0, list[ReferenceLine]()
         self._lost = {"without x": 0, "with x at or below zero": 0}
         self._negative = np.zeros(len(self._curves), int)
 
@@ -271,7 +280,7 @@ class TableCollector:
             detector.indices.clear()
             room = max(0, EVENTS - self._seen[index])
             self._seen[index] += len(places)
-            self.marks += [Mark(event.label, float(place), vertical=True) for place in places[:room]]
+            self.marks += [ReferenceLine(event.label, float(place), vertical=True) for place in places[:room]]
 
 
 def _are(count: int, noun: str, which: str) -> str:

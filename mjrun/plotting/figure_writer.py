@@ -3,10 +3,8 @@
 import io
 import re
 import warnings
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mjrun.errors import BadValueError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
@@ -14,15 +12,10 @@ from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.figure_format import DRAWINGS
 from mjrun.formats.image_format import FORMATS, ImageData
 from mjrun.packages import require
-from mjrun.plotting.drawing import Drawing
+from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.panel_grid import PanelGrid
-from mjrun.plotting.theme import THEMES, Theme
-
-if TYPE_CHECKING:
-    from mjrun.plotting.canvas import Canvas
-
-# Draws a canvas in a theme; letters that the font does not have are left as they are, or not.
-Draw = Callable[[Theme, bool], "Canvas"]
+from mjrun.plotting.study.figure_data import StudyDrawing
+from mjrun.plotting.theme import THEMES
 
 LIBRARY, EXTRA = "matplotlib", "plot"
 
@@ -59,7 +52,7 @@ class FigureWriter(OutputWriter):
             raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side, as {format} holds")
         super().__init__(StandardOutput(terminal=format == "svg") if output is None else StagedFile(Path(output)))
 
-    def write(self, drawing: Drawing, grid: PanelGrid, style: str) -> None:
+    def write(self, drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> None:
         """Draws and writes the figure.
 
         Raises:
@@ -68,27 +61,27 @@ class FigureWriter(OutputWriter):
         """
         self.write_file(encoded(drawing, grid, style, self._name, self._tags))
 
-    def write_drawn(self, draw: Draw, style: str) -> None:
-        """Writes what a function draws.
 
-        Raises:
-          FileError, ClosedPipeError: as `write`.
-        """
-        self.write_file(encoded_canvas(draw, style, self._name, self._tags))
+def encoded(
+    drawing: Drawing | StudyDrawing,
+    grid: PanelGrid,
+    style: str,
+    format: str,  # noqa: A002
+    tags: Mapping[str, str],
+) -> bytes:
+    """Draws a figure, and returns it as the content of a file."""
+    from mjrun.plotting.canvas import Canvas, settings
+    from mjrun.plotting.figure_painter import paint
+    from mjrun.plotting.study.figure_painter import paint_study
 
-
-def encoded(drawing: Drawing, grid: PanelGrid, style: str, format: str, tags: Mapping[str, str]) -> bytes:  # noqa: A002
-    """The figure as the content of a file."""
-    return encoded_canvas(partial(_draw, drawing, grid), style, format, tags)
-
-
-def encoded_canvas(draw: Draw, style: str, format: str, tags: Mapping[str, str]) -> bytes:  # noqa: A002
-    """What a function draws as the content of a file."""
-    from mjrun.plotting.canvas import settings
-
-    with settings(), warnings.catch_warnings():
+    theme = THEMES[style]
+    with settings(theme, grid.em), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        canvas = draw(THEMES[style], format == "svg")
+        canvas = Canvas(grid, theme, any_letter=format == "svg")
+        if isinstance(drawing, Drawing):
+            paint(drawing, grid, canvas)
+        else:
+            paint_study(drawing, grid, canvas)
         if format not in DRAWINGS:
             encode = FORMATS["rgb"][format].encode
             assert encode  # all of colours have one
@@ -98,21 +91,10 @@ def encoded_canvas(draw: Draw, style: str, format: str, tags: Mapping[str, str])
         return file.getvalue() if format == "pdf" else _svg(file.getvalue().decode()).encode()
 
 
-def svg_text(drawing: Drawing, grid: PanelGrid, style: str) -> str:
-    """The figure as an `<svg>` element, to stand in a page."""
-    return drawn_svg(partial(_draw, drawing, grid), style)
-
-
-def drawn_svg(draw: Draw, style: str) -> str:
-    """What a function draws as an `<svg>` element."""
-    document = encoded_canvas(draw, style, "svg", {}).decode()
+def svg_text(drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> str:
+    """Draws a figure as an `<svg>` element of a page."""
+    document = encoded(drawing, grid, style, "svg", {}).decode()
     return document[document.index("<svg") :]
-
-
-def _draw(drawing: Drawing, grid: PanelGrid, theme: Theme, any_letter: bool) -> "Canvas":
-    from mjrun.plotting.figure import draw
-
-    return draw(drawing, grid, theme, any_letter=any_letter)
 
 
 def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  # noqa: A002

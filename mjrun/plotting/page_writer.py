@@ -8,8 +8,7 @@ from mjrun.errors import BadValueError, FileError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.manifest import parse_manifest
-from mjrun.plotting.html_page import Page, html_page
-from mjrun.plotting.page_files import PageFile, page_file
+from mjrun.plotting.html_page import Page, PageFile, html_page, page_file
 from mjrun.plotting.page_manifest import PageManifest
 from mjrun.probe.verdict import Verdict
 from mjrun.version import __version__

@@ -6,10 +6,22 @@ from dataclasses import dataclass, replace
 from itertools import groupby, takewhile
 
 from mjrun.errors import concerning
-from mjrun.plotting.curve_text import CurveText, PanelText, parse_curves, parse_panel, split_unit
+from mjrun.model.names import FREE, QPOS_COMPONENTS, QVEL_COMPONENTS
+from mjrun.model.units import DATA_UNITS
+from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel, split_unit
+from mjrun.probe.fields import DOF_UNITS
 
 CURVES = 12  # in a panel that nobody asked for
 _TIMES = ("time", "t")  # names of the x axis
+_GROUPS = DATA_UNITS | {
+    "energy": "J",
+    "xpos": "m",
+    "speed": "m/s",
+    "com": "m",
+    "contact_force": "N",
+    "penetration": "m",
+}
+_POSITIONS = {name: "m" for name in QPOS_COMPONENTS[FREE] if not name.startswith("q")}
 
 
 @dataclass(frozen=True)
@@ -18,7 +30,7 @@ class PanelCurve:
 
     name: str
     unit: str
-    text: CurveText
+    text: CurveSpec
 
 
 @dataclass(frozen=True)
@@ -104,13 +116,13 @@ def _curve(name: str, units: Mapping[str, str]) -> PanelCurve:
     return PanelCurve(name, units[name], text)
 
 
-def _chosen(panel: PanelText, units: Mapping[str, str]) -> Panel:
+def _chosen(panel: PanelSpec, units: Mapping[str, str]) -> Panel:
     curves = [PanelCurve(text.name, _unit(text, panel, units), text) for text in panel.curves]
     kinds = {curve.unit for curve in curves}
     return _panel(panel.title or "", kinds.pop() if len(kinds) == 1 else "", curves, titled=panel.title is not None)
 
 
-def _unit(text: CurveText, panel: PanelText, units: Mapping[str, str]) -> str:
+def _unit(text: CurveSpec, panel: PanelSpec, units: Mapping[str, str]) -> str:
     if text.unit is not None:
         return text.unit
     if panel.unit is not None:
@@ -135,3 +147,25 @@ def _common(names: Sequence[str]) -> str:
     """What all names begin with, up to a slash."""
     parents = zip(*(name.split("/")[:-1] for name in names), strict=False)
     return "".join(f"{parts[0]}/" for parts in takewhile(lambda parts: len(set(parts)) == 1, parents))
+
+
+def with_units(names: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
+    """The unit of every column: that of the table, the one in brackets after the name, or that of mjrun's columns.
+
+    A column of mjrun's has its unit by its name where that is so for every model: `energy/total` is in joules,
+    `qpos/knee` may be in radians or metres. The time is in seconds in a table that has columns of groups.
+    """
+    grouped = any("/" in name for name in names)
+    return {name: units.get(name) or split_unit(name)[1] or _usual(name, grouped) for name in names}
+
+
+def _usual(name: str, grouped: bool) -> str:
+    if name == "time":
+        return "s" if grouped else ""
+    group, _, rest = name.partition("/")
+    component = rest.rpartition("/")[2] if "/" in rest else ""
+    if group == "qpos":
+        return _POSITIONS.get(component, "")
+    if group in DOF_UNITS and component in QVEL_COMPONENTS[FREE]:
+        return DOF_UNITS[group][component.startswith("w")]
+    return _GROUPS.get(group, "")

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 from mjrun.errors import UsageError, listing, option, quoted
@@ -12,15 +11,14 @@ from mjrun.formats.study_results import read_study
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
-from mjrun.plotting.figure_writer import FigureWriter, drawn_svg, require_matplotlib
+from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
 from mjrun.plotting.html_page import Page, PageFigure
-from mjrun.plotting.page_theme import adaptive
 from mjrun.plotting.page_writer import MAKER, PageWriter, included
 from mjrun.plotting.panel_grid import PanelGrid
-from mjrun.plotting.study.drawing import StudyDrawing
-from mjrun.plotting.study.grid import study_grid
+from mjrun.plotting.study.figure_data import StudyDrawing, study_grid
 from mjrun.plotting.study.plan import StudyPlan
 from mjrun.plotting.table_plot import TablePlotResult
+from mjrun.plotting.theme import adaptive
 from mjrun.reporter import Reporter, WarningReporter
 
 OF_TABLES = ("mark", "mark_event", "assert")  # options that mean nothing to a study
@@ -66,20 +64,17 @@ class StudyPlot(TablePlotOptions):
 
     def _write(self, drawing: StudyDrawing, grid: PanelGrid, notes: Sequence[str]) -> None:
         """Writes the picture and the page: both, or neither."""
-        from mjrun.plotting.study.figure import draw_study
-
-        draw = partial(draw_study, drawing, grid)
         writers: list[FigureWriter | PageWriter] = []
         with ExitStack() as stack:
             if self.output:
                 target = None if self.output == STDIN else self.output
                 tags = {"comment": MAKER} | ({"title": self.title} if self.title else {})
                 picture = FigureWriter(target, figure_format(target, self.format), grid.size, tags)
-                stack.enter_context(picture).write_drawn(draw, self.style)
+                stack.enter_context(picture).write(drawing, grid, self.style)
                 writers.append(picture)
             if self.html:
                 page = stack.enter_context(PageWriter(self.html))
-                svg = drawn_svg(draw, self.style)
+                svg = svg_text(drawing, grid, self.style)
                 names = listing([panel.label for panel in drawing.panels])
                 figure = PageFigure(adaptive(svg) if self.style == "light" else svg, names, notes)
                 files, manifests = included(self.include, self.html, self.embed_up_to)

@@ -1,20 +1,24 @@
 """A figure of tables, which are read once."""
 
+import re
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 from mjrun.errors import CellError, FileError, UsageError, listing, option
+from mjrun.formats.point_manifest import point_values, values_in_words
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.column_units import with_units
-from mjrun.plotting.drawing import Drawing
+from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import svg_text
 from mjrun.plotting.html_page import PageFigure
 from mjrun.plotting.page_manifest import PageManifest
-from mjrun.plotting.page_theme import adaptive
-from mjrun.plotting.table_names import table_names
+from mjrun.plotting.panel import with_units
 from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.theme import adaptive
+
+_WORD = re.compile(r"[^/\\\s_-]+")
 
 
 class TableFigure:
@@ -97,3 +101,37 @@ class TableFigure:
         if path == STDIN or len(wanted) == len(reader.names):
             return reader
         return self._stack.enter_context(open_table(path, wanted, missing="nan"))
+
+
+def table_names(paths: Sequence[str]) -> list[str]:
+    """A short name for each of several files: `1`, `2` for `kick_1.csv`, `kick_2.csv`; the whole path if need be.
+
+    Files of points of a study are called by the values in which the points differ.
+    """
+    if len(paths) > 1 and (values_of_points := _point_names(paths)):
+        return values_of_points
+    stems = [Path(path).stem for path in paths]
+    if len(set(stems)) < len(stems):
+        stems = [str(Path(path).with_suffix("")) for path in paths]
+    if len(set(stems)) < len(stems):
+        return list(paths)
+    if len(stems) < 2:
+        return stems
+    words = [list(_WORD.finditer(stem)) for stem in stems]
+    least = min(map(len, words))
+    before = next((i for i in range(least) if len({w[i][0] for w in words}) > 1), least)
+    after = next((i for i in range(least - before) if len({w[-1 - i][0] for w in words}) > 1), least - before)
+    if any(len(found) <= before + after for found in words):  # nothing would be left of one
+        return stems
+    short = [stem[w[before].start() : w[len(w) - 1 - after].end()] for stem, w in zip(stems, words, strict=True)]
+    return short if len(set(short)) == len(short) else stems
+
+
+def _point_names(paths: Sequence[str]) -> list[str]:
+    """The values in which points of a study differ; nothing if a file is of none, or two are the same."""
+    points = [point_values(Path(path).parent) for path in paths]
+    if any(set(values) != set(points[0]) or not values for values in points):
+        return []
+    differing = [name for name in points[0] if len({values[name] for values in points}) > 1]
+    values_of_points = [", ".join(values_in_words({name: values[name] for name in differing})) for values in points]
+    return values_of_points if len(set(values_of_points)) == len(values_of_points) else []

@@ -1,5 +1,9 @@
-"""How figures look: the colours of a style, and the patterns of lines that have the same colour."""
+"""How figures look: the colours of a style, and the patterns of lines that have the same colour.
 
+The figures of a page follow it: light on light ground, dark on dark.
+"""
+
+import re
 from dataclasses import dataclass
 
 from mjrun.palette import ON_DARK, ON_LIGHT, Colour
@@ -53,3 +57,30 @@ THEMES = {
     "dark": Theme((14, 15, 18), (242, 243, 245), (166, 170, 178), (42, 44, 50), (92, 96, 104), ON_DARK),
     "print": Theme((255, 255, 255), (0, 0, 0), (60, 60, 60), (215, 215, 215), (140, 140, 140), ON_LIGHT, True, 1.15),
 }
+_HEX = re.compile(r"#[0-9a-f]{6}\b")
+
+
+def adaptive(svg: str) -> str:
+    """A figure in the light style with variables for its colours, which `theme_style` declares."""
+    names = {_hex(colour): name for name, colour in reversed(_colours(THEMES["light"]).items())}
+    return _HEX.sub(lambda found: f"var({names[found[0]]})" if found[0] in names else found[0], svg)
+
+
+def theme_style() -> str:
+    """The variables of `adaptive`: those of the light style, and on dark screens those of the dark one."""
+    dark = f"@media screen and (prefers-color-scheme: dark) {{\n  {_declared(THEMES['dark'])}\n}}"
+    return f"{_declared(THEMES['light'])}\n{dark}\n"
+
+
+def _declared(theme: Theme) -> str:
+    return ":root {" + "".join(f" {name}: {_hex(colour)};" for name, colour in _colours(theme).items()) + " }"
+
+
+def _colours(theme: Theme) -> dict[str, Colour]:
+    plain = {"ground": theme.ground, "ink": theme.ink, "grey": theme.grey, "grid": theme.grid, "zero": theme.zero}
+    curves = {f"curve-{index}": colour for index, colour in enumerate(theme.curves)}
+    return {f"--figure-{name}": colour for name, colour in (plain | curves).items()}
+
+
+def _hex(colour: Colour) -> str:
+    return "#" + "".join(f"{part:02x}" for part in colour)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -10,33 +9,28 @@ _PLAIN = (1e-4, 1e6)  # of the largest tick; beyond, powers of ten are shown
 _DIGITS = 15  # that a float has
 
 
-@dataclass(frozen=True)
-class Ticks:
-    """The ticks of an axis: their values, ascending, and their labels."""
-
-    values: Sequence[float]
-    labels: Sequence[str]
-
-
-def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> Ticks:
-    """At most about so many ticks at equal distances between `low` and `high`; at whole numbers alone if need be."""
+def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> list[float]:
+    """At most about `most` ticks at equal distances between `low` and `high`; at whole numbers alone if need be."""
     from matplotlib.ticker import MaxNLocator
 
     locator = MaxNLocator(max(1, int(most)), steps=[1, 2, 2.5, 5, 10], integer=whole)
-    values = [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
-    return Ticks(values, tick_labels(values))
+    return [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
 
 
-def log_ticks(low: float, high: float, most: float) -> Ticks:
+def log_ticks(low: float, high: float, most: float) -> list[float]:
     """Ticks at powers of ten, and at their multiples where those are few; at equal distances in less than a decade."""
-    if high < 8 * low:
+    if _is_narrow(low, high):
         return linear_ticks(low, high, min(5, most))
     first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
     stride = max(1, math.ceil((last - first + 1) / max(1, int(most))))
     factors = (1,) if last - first > 1 else (1, 2, 5)
     values = [factor * 10.0**power for power in range(first - 1, last + 1) if power % stride == 0 for factor in factors]
-    values = [value for value in values if low <= value <= high]
-    return Ticks(values, [log_label(value) for value in values])
+    return [value for value in values if low <= value <= high]
+
+
+def labels_of(values: Sequence[float], low: float, high: float, *, log: bool) -> list[str]:
+    """The labels of ticks of an axis from `low` to `high`."""
+    return [log_label(value) for value in values] if log and not _is_narrow(low, high) else tick_labels(values)
 
 
 def tick_labels(values: Sequence[float]) -> list[str]:
@@ -69,6 +63,11 @@ def value_labels(values: Sequence[float]) -> list[str]:
         if len(set(labels)) == len(set(values)):
             break
     return labels
+
+
+def _is_narrow(low: float, high: float) -> bool:
+    """Whether a logarithmic axis has about a decade at most, over which ticks at equal distances read better."""
+    return high < 8 * low
 
 
 def _decimals(step: float) -> int:

@@ -12,7 +12,7 @@ from PIL import Image as Pillow
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, MissingExtraError, MjrunError, UnknownNameError, UsageError
 from mjrun.outputs.plot import Plot
-from mjrun.plotting.drawing import Drawing
+from mjrun.plotting.figure_data import Drawing
 from mjrun.simulation.simulation import Simulation
 
 SIZE = (320, 200)

@@ -3,10 +3,12 @@
 import matplotlib
 import pytest
 
-from mjrun.plotting.canvas import Canvas, rgb, settings
+from mjrun.plotting.canvas import Canvas, settings
+from mjrun.plotting.panel_grid import PanelGrid
 from mjrun.plotting.theme import THEMES
 
-CANVAS = Canvas((400, 200), THEMES["light"], False)
+LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
+CANVAS = Canvas(GRID, LIGHT)
 
 
 @pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 300, "一" * 40])
@@ -30,17 +32,12 @@ def test_bold_text_is_wider_and_larger_text_too() -> None:
 
 def test_letters_without_a_shape_are_left_to_who_shows_them_if_asked() -> None:
     assert CANVAS.shown("位\n") == "\\u4f4d\\n"
-    assert Canvas((100, 100), THEMES["light"], True).shown("位\n") == "位\\n"
-
-
-def test_a_box_is_from_the_bottom_left_in_shares() -> None:
-    assert CANVAS.box(100, 50, 300, 150) == (0.25, 0.25, 0.5, 0.5)
-    assert rgb((255, 0, 51)) == (1, 0, 0.2)
+    assert Canvas(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
 
 
 def test_settings_are_ours_and_the_user_s_come_back() -> None:
     with matplotlib.rc_context({"font.size": 31}):
-        with settings():
+        with settings(LIGHT, 12.0):
             assert matplotlib.rcParams["font.size"] == 10
             assert matplotlib.rcParams["text.parse_math"] is False
         assert matplotlib.rcParams["font.size"] == 31

@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.drawing import Drawing
+from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.figure_plan import EVENTS, PANELS, FigurePlan, TableColumns
 
 UNITS = {"time": "s", "qpos/a": "rad", "qpos/b": "rad", "contact/ncon": ""}

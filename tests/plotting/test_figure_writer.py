@@ -11,8 +11,8 @@ from PIL import Image
 
 import mjrun.plotting.figure_writer
 from mjrun.errors import BadValueError, FileError, MissingExtraError
-from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.envelope import Points
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.figure_writer import FigureWriter, encoded, require_matplotlib, svg_text
 from mjrun.plotting.panel_grid import PanelCount, panel_grid
 

@@ -1,8 +1,12 @@
 """Panels by group and unit, and their titles."""
 
+from pathlib import Path
+
 import pytest
 
-from mjrun.plotting.panel import CURVES, chosen_panels, panels_by_unit, time_column
+from mjrun.outputs.trace import columns
+from mjrun.plotting.panel import CURVES, chosen_panels, panels_by_unit, time_column, with_units
+from mjrun.simulation.simulation import Simulation
 
 UNITS = {
     "qpos/root/x": "m",
@@ -87,3 +91,30 @@ def test_a_chosen_panel_has_the_label_that_its_text_says(text: str, label: str) 
 )
 def test_the_time_is_found_by_its_name(names: list[str], time: str | None) -> None:
     assert time_column(names) == time
+
+
+SCENES = Path(__file__).parents[2] / "scenes"
+
+
+@pytest.mark.parametrize("scene", ["humanoid", "free_body", "pinata", "car"])
+def test_no_unit_is_wrong(scene: str) -> None:
+    known = {column.name: column.unit for column in columns(Simulation(SCENES / f"{scene}.xml"))}
+    guessed = with_units(list(known), {})
+    told = {name: unit for name, unit in guessed.items() if unit}
+    assert told == {name: known[name] for name in told}
+    assert {"time", "energy/total", "com/z"} <= set(told)
+
+
+def test_a_table_s_own_units_come_first_and_brackets_second() -> None:
+    names = ["time", "time [ms]", "energy/total", "force [N]", "a"]
+    assert with_units(names, {"energy/total": "kJ"}) == {
+        "time": "s",
+        "time [ms]": "ms",
+        "energy/total": "kJ",
+        "force [N]": "N",
+        "a": "",
+    }
+
+
+def test_the_time_of_another_program_may_be_in_anything() -> None:
+    assert with_units(["time", "force"], {}) == {"time": "", "force": ""}

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.table_summary import ColumnCounter, TableSummary
 
 UNITS = {"time": "s", "a": "m", "a/b": "", "c": "N"}
 ROWS = np.random.default_rng(0).normal(size=(50, 4))
@@ -40,3 +42,33 @@ def test_verdicts_and_numbers_are_those_of_numpy() -> None:
 def test_a_name_that_no_column_has_is_told_with_those_there_are() -> None:
     with pytest.raises(UnknownNameError, match="a/b"):
         summary(["c"], "max(a/bb) < 1")
+
+
+def counted(values: np.ndarray, cuts: list[int]) -> ColumnCounter:
+    counter = ColumnCounter([f"c{k}" for k in range(values.shape[1])])
+    for block in np.split(values, sorted(cuts)):
+        counter.feed(block)
+    return counter
+
+
+@given(st.integers(1, 60), st.lists(st.integers(0, 60), max_size=4), st.integers(0, 99))
+@settings(deadline=None)
+def test_columns_with_gaps_are_those_of_numpy(rows: int, cuts: list[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.normal(1e3, 1, (rows, 3))
+    values[rng.random((rows, 3)) < 0.3] = np.nan
+    values[0] = 1.0
+    counter = counted(values, [min(cut, rows) for cut in cuts])
+    assert counter.rows == rows
+    for column, true in zip(counter.statistics(["m", "", "s"]), values.T, strict=True):
+        assert (column.least, column.largest) == (np.nanmin(true), np.nanmax(true))
+        assert column.mean == pytest.approx(np.nanmean(true), rel=1e-12)
+        assert column.missing == np.isnan(true).sum()
+        assert np.array_equal(column.last, true[-1], equal_nan=True)
+
+
+def test_a_column_of_gaps_alone_and_one_that_is_infinite() -> None:
+    empty, infinite = counted(np.array([[np.nan, np.inf], [np.nan, 1.0]]), [1]).statistics(["", ""])
+    assert np.isnan([empty.least, empty.largest, empty.mean, empty.last]).all()
+    assert empty.missing == 2
+    assert (infinite.largest, infinite.mean, infinite.least) == (np.inf, np.inf, 1.0)

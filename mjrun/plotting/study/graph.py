@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
-from mjrun.plotting.canvas import rgb
-from mjrun.plotting.study.axes import Box, Sheet, set_ticks
-from mjrun.plotting.study.drawing import GraphPanel, Series
-from mjrun.plotting.study.key import KeyEntry
+from mjrun.plotting.axis_ticks import category_ticks, number_ticks
+from mjrun.plotting.canvas import POINT, Canvas, rgb
+from mjrun.plotting.study.figure_data import GraphPanel, Scale, Series
 
 OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow; they add up
 BANDS = ("5–95 %", "25–75 %")
@@ -17,63 +18,81 @@ FEW, LARGE = 50, 4.0  # dots, up to which each is large, and how large
 MANY = 400  # dots that are drawn faintly
 
 
-def graph_key(sheet: Sheet, panels: Sequence[GraphPanel]) -> list[KeyEntry]:
-    """What the lines, bands and marks of panels mean, once for all of them."""
-    theme, first = sheet.canvas.theme, panels[0]
-    named = {series.name: series for panel in panels for series in panel.series if series.name}
-    entries = [KeyEntry(name, _line(sheet, series)) for name, series in named.items()]
-    banded = next((s for s in first.series if s.bands), None)
+def graph_key(canvas: Canvas, panels: Sequence[GraphPanel]) -> dict[str, Artist]:
+    """What the lines, bands and marks of panels mean, once for all of them: a sample of each by its name."""
+    theme, first = canvas.theme, panels[0]
+    key: dict[str, Artist] = {}
+    for series in (series for panel in panels for series in panel.series if series.name):
+        key[series.name] = _line(canvas, series)
+    banded = next((series for series in first.series if series.bands), None)
     if banded:
         colour = rgb(theme.grey) if banded.name else rgb(theme.colour(banded.colour))
-        entries.append(KeyEntry("median", Line2D([], [], color=colour, linewidth=sheet.weight)))
+        key["median"] = Line2D([], [], color=colour)
         for name, opacity in zip(BANDS, (OPACITIES[0], sum(OPACITIES)), strict=True):
-            shade = _mixed(rgb(theme.ground), colour, opacity)
-            sample = Line2D([], [], color=shade, linewidth=4.5 * sheet.weight, solid_capstyle="butt")
-            entries.append(KeyEntry(name, sample))
+            key[name] = Patch(facecolor=colour, alpha=opacity, linewidth=0)
     for index, each in enumerate(first.failures):
-        mark = Line2D([], [], color=_failure_colour(sheet, first, index), linestyle="none", marker="|")
-        mark.set_markersize(0.75 * RUG * sheet.em)
-        mark.set_markeredgewidth(0.8 * sheet.weight)
-        count = len(each.x)
-        entries.append(KeyEntry(f"{each.status}: {count} point{'' if count == 1 else 's'}", mark))
-    return entries
+        count, size = len(each.x), 0.75 * RUG * canvas.em
+        key[f"{each.status}: {count} point{'' if count == 1 else 's'}"] = Line2D(
+            [],
+            [],
+            color=_failure_colour(canvas, first, index),
+            linestyle="none",
+            marker="|",
+            markersize=size,
+            markeredgewidth=0.8 * canvas.weight,
+        )
+    return key
 
 
-def draw_graph(sheet: Sheet, panel: GraphPanel, box: Box, *, lowest: bool) -> None:
-    """Draws a panel into a box, with labels on x where it is the lowest."""
-    theme, axes = sheet.canvas.theme, sheet.axes(box)
-    axes.set_xscale("log" if panel.x.log else "linear")
-    axes.set_yscale("log" if panel.y.log else "linear")
-    axes.set_xlim(panel.x.low, panel.x.high)
-    axes.set_ylim(panel.y.low, panel.y.high)
-    set_ticks(axes.xaxis, sheet.x_ticks(panel.x, box.width), shown=lowest)
-    set_ticks(axes.yaxis, sheet.y_ticks(panel.y, box.height))
-    axes.grid(True, which="major", color=rgb(theme.grid), linewidth=sheet.hair)
+def draw_graph(canvas: Canvas, panel: GraphPanel, axes: Axes) -> None:
+    """Draws a panel."""
+    theme = canvas.theme
+    set_scale(canvas, axes, "x", panel.x)
+    set_scale(canvas, axes, "y", panel.y)
+    axes.grid(True)
     if not panel.y.log and panel.y.low < 0 < panel.y.high:
-        axes.axhline(0, color=rgb(theme.zero), linewidth=sheet.hair, zorder=1)
+        axes.axhline(0, color=rgb(theme.zero), linewidth=canvas.hair, zorder=1)
     for series in reversed(panel.series):  # the first on top
-        _series(sheet, axes, series)
+        _series(canvas, axes, series)
     for index, each in enumerate(panel.failures):
-        colour, height = _failure_colour(sheet, panel, index), RUG * sheet.em / box.height
-        axes.vlines(each.x, 0, height, transform=axes.get_xaxis_transform(), color=colour, linewidth=0.8 * sheet.weight)
-    if lowest:
-        sheet.x_label(panel.x.name, box)
+        height = RUG * canvas.em * POINT
+        axes.plot(
+            each.x,
+            [0] * len(each.x),
+            color=_failure_colour(canvas, panel, index),
+            linestyle="none",
+            marker=[(0, 0), (0, 1)],
+            markersize=2 * height,  # a marker is drawn to half its size from its place
+            markeredgewidth=0.8 * canvas.weight,
+            transform=axes.get_xaxis_transform(),
+            clip_on=False,
+        )
 
 
-def _series(sheet: Sheet, axes: Axes, series: Series) -> None:
-    colour = rgb(sheet.canvas.theme.colour(series.colour))
+def set_scale(canvas: Canvas, axes: Axes, name: str, scale: Scale) -> None:
+    """Gives the axis `name`, x or y, the range and the ticks of a scale."""
+    axis = axes.xaxis if name == "x" else axes.yaxis
+    axes.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": (scale.low, scale.high)})
+    if scale.categories:
+        category_ticks(axis, scale.categories, canvas)
+    else:
+        number_ticks(axis, canvas.em)
+
+
+def _series(canvas: Canvas, axes: Axes, series: Series) -> None:
+    colour = rgb(canvas.theme.colour(series.colour))
     if series.joined:
         for band, opacity in zip(series.bands, OPACITIES, strict=False):
             axes.fill_between(series.x, band.low, band.high, color=colour, alpha=opacity, linewidth=0)
-        line = _line(sheet, series)
+        line = _line(canvas, series)
         line.set_data(series.x, series.y)
         axes.add_line(line)
     else:
         for band, width in zip(series.bands, (1.0, 3.5), strict=False):
-            axes.vlines(series.x, band.low, band.high, color=colour, alpha=0.45, linewidth=width * sheet.weight)
+            axes.vlines(series.x, band.low, band.high, color=colour, alpha=0.45, linewidth=width * canvas.weight)
     if series.dots:
         alone = not series.joined and not series.bands
-        size = (LARGE if alone and len(series.x) <= FEW else 2.4 if alone else 2.8) * sheet.weight
+        size = (LARGE if alone and len(series.x) <= FEW else 2.4 if alone else 2.8) * canvas.weight
         axes.plot(
             series.x,
             series.y,
@@ -86,23 +105,14 @@ def _series(sheet: Sheet, axes: Axes, series: Series) -> None:
         )
 
 
-def _line(sheet: Sheet, series: Series) -> Line2D:
+def _line(canvas: Canvas, series: Series) -> Line2D:
     """A line that looks like that of a series."""
-    theme = sheet.canvas.theme
-    line = Line2D([], [], color=rgb(theme.colour(series.colour)), linewidth=sheet.weight, alpha=series.opacity)
-    if pattern := theme.pattern(series.colour):
+    line = Line2D([], [], color=rgb(canvas.theme.colour(series.colour)), alpha=series.opacity)
+    if pattern := canvas.theme.pattern(series.colour):
         line.set_linestyle((0, pattern))
-    line.set_solid_joinstyle("round")
     return line
 
 
-def _failure_colour(sheet: Sheet, panel: GraphPanel, index: int) -> tuple[float, float, float]:
+def _failure_colour(canvas: Canvas, panel: GraphPanel, index: int) -> tuple[float, float, float]:
     """The colour of a status: one that no series has."""
-    return rgb(sheet.canvas.theme.colour(len(panel.series) + index))
-
-
-def _mixed(
-    ground: tuple[float, float, float], colour: tuple[float, float, float], opacity: float
-) -> tuple[float, float, float]:
-    red, green, blue = (g + opacity * (c - g) for g, c in zip(ground, colour, strict=True))
-    return red, green, blue
+    return rgb(canvas.theme.colour(len(panel.series) + index))

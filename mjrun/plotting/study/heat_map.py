@@ -1,93 +1,122 @@
-"""Draws a metric over two parameters as colours, with a colour bar; where all points failed is hatched."""
+"""Draws panels whose colours are the values of a metric: over two parameters, and over any number as parallel lines."""
 
-import math
+import re
 from collections.abc import Sequence
 
-import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.patches import Rectangle
+from matplotlib.text import Annotation
 
-from mjrun.plotting.canvas import rgb
-from mjrun.plotting.study.axes import COLOUR_MAP, SMALL, Box, Sheet, number_ticks, set_ticks
-from mjrun.plotting.study.drawing import CELLS, HeatPanel, Scale
-from mjrun.plotting.study.key import KeyEntry
-from mjrun.plotting.ticks import Ticks
+from mjrun.plotting.axis_ticks import number_ticks
+from mjrun.plotting.canvas import POINT, SMALL, Canvas, rgb
+from mjrun.plotting.study.figure_data import HeatPanel, ParallelPanel, Scale
+from mjrun.plotting.study.graph import set_scale
 
-BAR, GAP = 0.8, 0.7  # width of the colour bar, and what is before it [em]
-LONGEST = 9  # names of rows [em]
+COLOUR_MAP = "viridis"  # perceptually uniform
+BAR, GAP = 0.8, 0.7  # width of a colour bar, and what is before it [em]
+METRIC = 10  # the most that the name of a metric takes above its colour bar [em]
 VECTORS = 4000  # cells that are an image in an svg or a pdf when there are more
 
 
-def heat_margins(sheet: Sheet, panels: Sequence[HeatPanel]) -> tuple[float, float]:
-    """The room to the left of all panels, for the ticks of rows, and to the right, for colour bars [pixels]."""
-    rows = max(sheet.tick_width(_row_ticks(sheet, panel.rows, 20 * sheet.em)) for panel in panels)
-    bars = max(sheet.tick_width(number_ticks(panel.colours, 6)) for panel in panels)
-    return rows + 1.4 * sheet.em, bars + (BAR + GAP + 1.4) * sheet.em
-
-
-def draw_heat_map(sheet: Sheet, panel: HeatPanel, box: Box, *, lowest: bool) -> None:
-    """Draws a panel into a box; its colour bar is to the right of it."""
-    em, axes = sheet.em, sheet.axes(box)
+def draw_heat_map(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
+    """Draws a panel, with its colour bar to the right of it."""
     height, width = panel.values.shape
     across, up = _edges(panel.columns, width), _edges(panel.rows, height)
-    axes.set_xscale("log" if panel.columns.log else "linear")
-    axes.set_yscale("log" if panel.rows.log else "linear")
-    axes.set_xlim(across[0], across[-1])
-    axes.set_ylim(up[0], up[-1])
-    table, norm = matplotlib.colormaps[COLOUR_MAP], colour_norm(panel.colours)
-    many = width * height > VECTORS
-    axes.pcolormesh(across, up, np.ma.masked_invalid(panel.values), cmap=table, norm=norm, rasterized=many)
-    matplotlib.rcParams["hatch.linewidth"] = sheet.hair
+    set_scale(canvas, axes, "x", panel.columns)
+    set_scale(canvas, axes, "y", panel.rows)
+    values, many = np.ma.masked_invalid(panel.values), width * height > VECTORS
+    axes.pcolormesh(across, up, values, cmap=COLOUR_MAP, norm=_norm(panel.colours), rasterized=many)
     for row, column in np.argwhere(np.isnan(panel.values)).tolist():
         corner, size = (across[column], up[row]), (across[column + 1] - across[column], up[row + 1] - up[row])
-        axes.add_patch(_empty_cell(sheet, corner, size, failed=panel.failed[row, column]))
-    set_ticks(axes.xaxis, _column_ticks(sheet, panel.columns, box.width), shown=lowest)
-    set_ticks(axes.yaxis, _row_ticks(sheet, panel.rows, box.height))
-    if lowest:
-        sheet.x_label(panel.columns.name, box)
-
-    left = box.right + GAP * em
-    bar = sheet.axes(Box(left, box.top, left + BAR * em, box.bottom))
-    bar.spines[:].set_visible(False)
-    draw_colour_bar(sheet, bar, panel.colours)
-    bar.yaxis.tick_right()
-    set_ticks(bar.yaxis, sheet.y_ticks(panel.colours, box.height))
-    bar.tick_params(axis="y", length=0)
+        axes.add_patch(_empty_cell(canvas, corner, size, failed=panel.failed[row, column]))
+    _colour_bar(canvas, axes, panel.colours, GAP)
 
 
-def heat_key(sheet: Sheet, panels: Sequence[HeatPanel]) -> list[KeyEntry]:
-    """What cells without a colour mean, as far as there are any."""
-    failed = any(panel.failed.any() for panel in panels)
-    missing = any((np.isnan(panel.values) & ~panel.failed).any() for panel in panels)
-    entries: list[KeyEntry] = []
-    for name, is_there, hatched in (("every point failed", failed, True), ("no point", missing, False)):
-        if is_there:
-            entries.append(KeyEntry(name, _empty_cell(sheet, (0, 0), (0, 0), failed=hatched)))
-    return entries
+def heat_key(canvas: Canvas, panels: Sequence[HeatPanel]) -> dict[str, Artist]:
+    """What cells without a colour mean, as far as there are any: a sample of each by its name."""
+    key: dict[str, Artist] = {}
+    if any(panel.failed.any() for panel in panels):
+        key["every point failed"] = _empty_cell(canvas, (0, 0), (1, 1), failed=True)
+    if any((np.isnan(panel.values) & ~panel.failed).any() for panel in panels):
+        key["no point"] = _empty_cell(canvas, (0, 0), (1, 1), failed=False)
+    return key
 
 
-def draw_colour_bar(sheet: Sheet, axes: Axes, colours: Scale) -> None:
-    """Fills axes with the colours of a scale, from the bottom up."""
-    ends = np.geomspace(colours.low, colours.high, 257) if colours.log else np.linspace(colours.low, colours.high, 257)
-    axes.set_yscale("log" if colours.log else "linear")
-    middle = (ends[:-1] + ends[1:]) / 2
-    table = matplotlib.colormaps[COLOUR_MAP]
-    axes.pcolormesh([0, 1], ends, middle[:, None], cmap=table, norm=colour_norm(colours))
-    axes.set_xlim(0, 1)
-    axes.set_ylim(colours.low, colours.high)
-    set_ticks(axes.yaxis, Ticks([], []))
+def draw_parallel(canvas: Canvas, panel: ParallelPanel, host: Axes) -> None:
+    """Draws a line for each point; the axis of the metric is the colour bar."""
+    theme, em = canvas.theme, canvas.em
+    *scales, metric = panel.scales
+    host.axis("off")
+    host.set(xlim=(0, len(scales)), ylim=(0, 1))
+
+    shares = np.column_stack([scale.shares(panel.values[:, i]) for i, scale in enumerate(panel.scales)])
+    lines = np.stack([np.broadcast_to(np.arange(shares.shape[1]), shares.shape), shares], axis=2)
+    good, thin = ~panel.failed, canvas.weight
+    if panel.failed.any():
+        failed = LineCollection(list(lines[panel.failed, :-1]), colors=[rgb(theme.grey)], linewidths=0.6 * thin)
+        failed.set(linestyle=(0, (2, 2)), alpha=0.6)
+        host.add_collection(failed)
+    opacity = float(np.clip(80 / max(1, good.sum()), 0.15, 0.85))
+    colours = _colours(metric).to_rgba(panel.values[good, -1])
+    host.add_collection(LineCollection(list(lines[good]), colors=colours, linewidths=0.8 * thin, alpha=opacity))
+    bar = _colour_bar(canvas, host, metric, 0)
+    _name(bar, canvas.fitted(metric.name, METRIC * em, em), 0, em)
+
+    span = (canvas.width - METRIC * em) / len(scales) - 0.6 * em
+    names = [scale.name for scale in scales]
+    if any(canvas.measure(canvas.shown(name), em) > span for name in names):
+        names = _distinct(names)
+    for index, (scale, name) in enumerate(zip(scales, names, strict=True)):
+        axis = host.twinx()
+        set_scale(canvas, axis, "y", scale)
+        axis.spines[:].set_visible(False)
+        axis.spines["right"].set(visible=True, position=("axes", index / len(scales)), color=rgb(theme.grey))
+        axis.spines["right"].set_linewidth(1.5 * canvas.hair)
+        _name(host, canvas.fitted(name, span, em), index, em)
 
 
-def colour_norm(colours: Scale) -> Normalize:
-    """From values to shares of the colour map."""
-    return (LogNorm if colours.log else Normalize)(colours.low, colours.high)
+def plate_labels(canvas: Canvas, host: Axes) -> None:
+    """Puts the labels of parallel axes, whose places are known, on plates, so that lines do not hide them."""
+    plate = {"facecolor": rgb(canvas.theme.ground), "edgecolor": "none", "alpha": 0.8, "pad": 0.1 * SMALL * canvas.em}
+    for axes in canvas.figure.axes:
+        if axes is not host and axes.get_subplotspec() == host.get_subplotspec():
+            for label in axes.get_yticklabels():
+                label.set_bbox(plate)
 
 
-def _empty_cell(sheet: Sheet, corner: tuple[float, float], size: tuple[float, float], *, failed: bool) -> Rectangle:
+def _name(axes: Axes, name: str, x: float, em: float) -> Annotation:
+    """Writes the name of an axis above it."""
+    place = {"xytext": (0, 0.6 * em * POINT), "textcoords": "offset points"}
+    return axes.annotate(name, (x, 1), xycoords=("data", "axes fraction"), va="bottom", fontsize=em * POINT, **place)
+
+
+def _colour_bar(canvas: Canvas, axes: Axes, colours: Scale, gap: float) -> Axes:
+    """Draws a colour bar to the right of axes, after a gap [em]."""
+    box = axes.get_window_extent()
+    pad, aspect = gap * canvas.em / box.width, box.height / (BAR * canvas.em)
+    bar = canvas.figure.colorbar(_colours(colours), ax=axes, pad=pad, aspect=aspect)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    number_ticks(bar.ax.yaxis, canvas.em)
+    return bar.ax
+
+
+def _colours(scale: Scale) -> ScalarMappable:
+    """The colours of values."""
+    return ScalarMappable(_norm(scale), COLOUR_MAP)
+
+
+def _norm(scale: Scale) -> Normalize:
+    return (LogNorm if scale.log else Normalize)(scale.low, scale.high)
+
+
+def _empty_cell(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float], *, failed: bool) -> Rectangle:
     """A cell without a value, hatched if its points failed."""
-    theme = sheet.canvas.theme
+    theme = canvas.theme
     cell = Rectangle(corner, *size, facecolor=rgb(theme.grid), edgecolor="none", linewidth=0)
     if failed:
         cell.set(edgecolor=rgb(theme.grey), hatch="/////")
@@ -99,28 +128,11 @@ def _edges(scale: Scale, count: int) -> np.ndarray:
     return (np.geomspace if scale.log else np.linspace)(scale.low, scale.high, count + 1)
 
 
-def _column_ticks(sheet: Sheet, scale: Scale, width: float) -> Ticks:
-    if not scale.categories:
-        return sheet.x_ticks(scale, width)
-    needed = sheet.tick_width(Ticks([], scale.categories)) + 0.9 * sheet.em
-    room = width / len(scale.categories)
-    return (
-        sheet.x_ticks(scale, width)
-        if needed > room and len(scale.categories) <= CELLS
-        else _every(scale, needed / room)
-    )
-
-
-def _row_ticks(sheet: Sheet, scale: Scale, height: float) -> Ticks:
-    if not scale.categories:
-        return sheet.y_ticks(scale, height)
-    ticks = _every(scale, 1.5 * sheet.em * len(scale.categories) / height)
-    return Ticks(
-        ticks.values, [sheet.canvas.fitted(text, LONGEST * sheet.em, SMALL * sheet.em) for text in ticks.labels]
-    )
-
-
-def _every(scale: Scale, stride: float) -> Ticks:
-    """A tick at every so many cells."""
-    step = max(1, math.ceil(stride))
-    return Ticks(range(0, len(scale.categories), step), scale.categories[::step])
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names without the kind and the field that all have in common: `torso` of `geom/torso.friction[0]`."""
+    parts = [re.fullmatch(r"(.*?/)?(.*?)(\.[^/]*)?", name, re.DOTALL) for name in names]
+    groups = [part.groups("") for part in parts if part]
+    kinds, objects, fields = ({part[i] for part in groups} for i in range(3))
+    if len(names) < 2 or "" in objects or len(objects) < len(names) or len(kinds) > 1 or len(fields) > 1:
+        return [*names]
+    return [part[1] for part in groups]

@@ -10,11 +10,8 @@ import numpy as np
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.study_results import StudyResults
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.curve_text import CurveText, parse_curves, parse_log, parse_panel
-from mjrun.plotting.study.correlations import rank_correlations
-from mjrun.plotting.study.drawing import (
-    EDGE,
-    Band,
+from mjrun.plotting.curve_syntax import CurveSpec, parse_curves, parse_log, parse_panel
+from mjrun.plotting.study.figure_data import (
     Failures,
     GraphPanel,
     HeatPanel,
@@ -24,62 +21,28 @@ from mjrun.plotting.study.drawing import (
     Series,
     StudyDrawing,
     StudyPanel,
-    cell_scale,
     colour_range,
-    is_even_in_ratios,
-    is_geometric,
     scale,
     spans_decades,
     y_scale,
 )
+from mjrun.plotting.study.statistics import (
+    SEED,
+    Parameter,
+    grouped,
+    is_grid,
+    parameter_of,
+    rank_correlations,
+    ranks,
+    summary,
+)
 from mjrun.plotting.study.trajectories import Trajectories
-from mjrun.plotting.ticks import value_labels
 
-SEED = "seed"  # whose values are repeats where anything else varies
-QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # of the bands
 LINES = 6  # curves of another parameter in one panel
-DOTS = 40  # values of x that are marked
 FEW = 3  # parameters that have a scatter plot each
 GRAPHS = 24  # panels, at most
 DRAWN = 4000  # lines of parallel coordinates
 RANKED = 40  # parameters in a panel of rank correlations
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """Something that varies.
-
-    Attributes:
-      name: as the study writes it.
-      values: of the points `(n,)`; of texts, their index in `categories`.
-      levels: the different values, ascending.
-    """
-
-    name: str
-    values: np.ndarray
-    levels: np.ndarray
-    categories: Sequence[str] = ()
-
-    @property
-    def is_listed(self) -> bool:
-        """Whether points share its values, as on a grid, rather than having one each, as when drawn at random."""
-        return bool(self.categories) or 2 * len(self.levels) <= len(self.values)
-
-    @property
-    def labels(self) -> list[str]:
-        """Its levels as texts."""
-        return list(self.categories) or value_labels(self.levels.tolist())
-
-    def scale(self, log: bool | None = None) -> Scale:
-        """Its axis, logarithmic where `log` says so, or without it where its values are in equal ratios."""
-        is_log = log
-        if is_log is None:
-            is_log = is_geometric(self.levels) if self.is_listed else is_even_in_ratios(self.values)
-        return scale(self.name, self.values, log=is_log, categories=self.categories, edge=EDGE)
-
-    def cells(self) -> Scale:
-        """Its axis where each level has a cell."""
-        return cell_scale(self.name, self.levels, self.labels)
 
 
 @dataclass(frozen=True)
@@ -108,9 +71,9 @@ class StudyPlan:
     def __init__(self, results: StudyResults, options: FigureOptions) -> None:
         self._results, self._options = results, options
         self.notes: list[str] = []
-        varying = [_parameter(results, name) for name in results.parameters]
+        varying = [parameter_of(results, name) for name in results.parameters]
         self._parameters = [each for each in varying if len(each.levels) > 1]
-        self._trajectories, self._over_time = Trajectories(results), list[CurveText]()
+        self._trajectories, self._over_time = Trajectories(results), list[CurveSpec]()
         self._metrics = self._chosen_metrics()
         self._log_x, _ = parse_log(options.log, len(self._metrics))
 
@@ -134,9 +97,9 @@ class StudyPlan:
         if len(main) == 1:
             return self._over(main[0])
         numbers = [each for each in main if not each.categories or len(each.levels) > LINES]
-        if len(main) == 2 and len(numbers) == 1 and _is_grid(*main):
+        if len(main) == 2 and len(numbers) == 1 and is_grid(*main):
             return self._over(numbers[0])  # a curve for each text
-        if len(main) == 2 and _is_grid(*main):
+        if len(main) == 2 and is_grid(*main):
             return self._heat_maps(*main)
         listed = [each for each in main if each.is_listed]
         if len(listed) == 1 and len(main) == 2:
@@ -169,7 +132,7 @@ class StudyPlan:
         _, chosen = parse_log(self._options.log, len(found))
         return [MetricValues(*each, self._is_log(i, each[1], chosen)) for i, each in enumerate(found)]
 
-    def _curves(self, text: str, columns: list[str]) -> Sequence[CurveText]:
+    def _curves(self, text: str, columns: list[str]) -> Sequence[CurveSpec]:
         """The curves that `text` describes, over metrics and what varies; it is about no columns over time alone."""
         try:
             return parse_panel(text, columns).curves
@@ -227,7 +190,7 @@ class StudyPlan:
                 (f"{lines.name} = {label}", lines.values == level)
                 for level, label in zip(lines.levels, lines.labels, strict=True)
             ]
-        series = [_summary(name, x, metric.values, chosen, i) for i, (name, chosen) in enumerate(groups)]
+        series = [summary(name, x, metric.values, chosen, i) for i, (name, chosen) in enumerate(groups)]
         drawn = [each for s in series for each in (s.y, *(end for band in s.bands for end in (band.low, band.high)))]
         y = y_scale(metric.name, np.concatenate(drawn), log=metric.log)
         return GraphPanel(axis, y, series, self._failures(x.values))
@@ -252,7 +215,7 @@ class StudyPlan:
         panels: list[StudyPanel] = []
         for metric in self._shown(self._metrics):
             values = np.full(len(count), np.nan)
-            for cell, inside in _grouped(cells, metric.values):
+            for cell, inside in grouped(cells, metric.values):
                 values[int(cell)] = np.median(inside)
             failed = (count > 0) & np.isnan(values)
             ends = colour_range(metric.name, values, log=metric.log)
@@ -265,7 +228,7 @@ class StudyPlan:
         """Parallel coordinates, and the rank correlations of all parameters with each metric."""
         first = self._metrics[0]
         values = np.column_stack([*(each.values for each in parameters), first.values])
-        order = np.argsort(np.abs(_ranks(first.values) - 0.5), kind="stable")  # the extremes last, on top
+        order = np.argsort(np.abs(ranks(first.values) - 0.5), kind="stable")  # the extremes last, on top
         order = np.concatenate([order[np.isnan(first.values[order])], order[~np.isnan(first.values[order])]])
         if len(order) > DRAWN:
             self.notes.append(f"{DRAWN} of {len(order)} points have a line, evenly chosen")
@@ -291,7 +254,7 @@ class StudyPlan:
             self.notes.append(
                 f"of {len(parameters)} parameters, the {RANKED} with the strongest correlations have bars"
             )
-        names = [_told(parameters[i]) for i in order]
+        names = [parameters[i].ordinal_name for i in order]
         return [RankPanel(metric.name, names, row[order]) for metric, row in zip(metrics, found, strict=True)]
 
     # --- parts ---------------------------------------------------------------------------------------
@@ -318,53 +281,3 @@ class StudyPlan:
         """Where points failed, by status."""
         status = self._results.status
         return [Failures(str(kind), x[status == kind]) for kind in dict.fromkeys(status.tolist()) if kind != "ok"]
-
-
-def _parameter(results: StudyResults, name: str) -> Parameter:
-    if name in results.numbers:
-        values = results.numbers[name]
-        return Parameter(name, values, np.unique(values))
-    categories = list(dict.fromkeys(results.texts[name]))
-    places = {text: float(index) for index, text in enumerate(categories)}
-    values = np.array([places[text] for text in results.texts[name]])
-    return Parameter(name, values, np.arange(len(categories), dtype=float), categories)
-
-
-def _is_grid(a: Parameter, b: Parameter) -> bool:
-    """Whether at least half of all pairs of their values are points."""
-    if not (a.is_listed and b.is_listed):
-        return False
-    pairs = len(np.unique(np.column_stack([a.values, b.values]), axis=0))
-    return 2 * pairs >= len(a.levels) * len(b.levels)
-
-
-def _summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> Series:
-    """The median at each value of x, with bands where several points share one."""
-    chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
-    groups = list(_grouped(x.values[chosen], values[chosen]))
-    places = np.array([place for place, _ in groups])
-    medians = np.array([np.median(inside) for _, inside in groups])
-    bands = [
-        Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
-        for shares in (QUANTILES if any(len(inside) > 1 for _, inside in groups) else ())
-    ]
-    joined = not x.categories and x.name != SEED  # neither has an order
-    return Series(name, places, medians, bands, joined, len(groups) <= DOTS, colour)
-
-
-def _grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:
-    """The finite values of each key, in the order of keys."""
-    keys, values = keys[np.isfinite(values)], values[np.isfinite(values)]
-    order = np.argsort(keys, kind="stable")
-    different, starts = np.unique(keys[order], return_index=True)
-    return list(zip(different.tolist(), np.split(values[order], starts[1:]), strict=False))
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    """Ranks of values, from 0 to 1."""
-    return np.argsort(np.argsort(values, kind="stable"), kind="stable") / max(1, len(values) - 1)
-
-
-def _told(parameter: Parameter) -> str:
-    """Its name; of two texts, which of them counts as more."""
-    return f"{parameter.name}: {parameter.categories[1]}" if parameter.categories else parameter.name

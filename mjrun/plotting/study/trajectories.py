@@ -9,8 +9,8 @@ from mjrun.formats.point_manifest import point_values, values_in_words
 from mjrun.formats.study_results import StudyResults
 from mjrun.formats.table import Table
 from mjrun.formats.table_reader import open_table, read_table
-from mjrun.plotting.curve_text import CurveText, parse_panel
-from mjrun.plotting.study.drawing import GraphPanel, Scale, Series, scale, y_scale
+from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
+from mjrun.plotting.study.figure_data import GraphPanel, Scale, Series, scale, y_scale
 
 TIME = "time"
 POINTS = 100  # trajectories in a panel, at most
@@ -54,13 +54,13 @@ class Trajectories:
                 self.columns = [name for name in table.names if name != TIME]
 
     @property
-    def usual(self) -> list[CurveText]:
+    def usual(self) -> list[CurveSpec]:
         """The columns that the metrics read; the first of all in a study without metrics."""
         read = set(self._results.metric_columns)
         names = [name for name in self.columns if name in read or not self._results.metrics]
         return [curve for name in names[:PANELS] for curve in parse_panel(name, self.columns).curves]
 
-    def panels(self, curves: Sequence[CurveText]) -> list[GraphPanel]:
+    def panels(self, curves: Sequence[CurveSpec]) -> list[GraphPanel]:
         """A panel over time for each of these curves."""
         if not curves:
             return []
@@ -73,7 +73,7 @@ class Trajectories:
             largest[each.unit] = max(largest.get(each.unit, 0.0), each.largest)
         return [self._panel(each, times, tables, labels, largest[each.unit]) for each in drawn]
 
-    def _curve(self, curve: CurveText, tables: Mapping[int, Table]) -> "_Curve":
+    def _curve(self, curve: CurveSpec, tables: Mapping[int, Table]) -> "_Curve":
         unit = next(iter(tables.values())).units.get(curve.column or "", "") if curve.unit is None else curve.unit
         return _Curve(curve.name, unit, [curve.expression.values(table.columns) for table in tables.values()])
 

@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
 from mjrun.formats.study_results import StudyResults
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.study.drawing import GraphPanel, HeatPanel, RankPanel, StudyDrawing
+from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyPlan
 
 Columns = Mapping[str, "np.ndarray | list[str]"]

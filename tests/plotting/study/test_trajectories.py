@@ -12,7 +12,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.formats.study_results import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study import trajectories
-from mjrun.plotting.study.drawing import GraphPanel, StudyDrawing
+from mjrun.plotting.study.figure_data import GraphPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyPlan
 
 TIMES = np.arange(50) * 0.1

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import MissingExtraError
-from mjrun.plotting.study.correlations import rank_correlations
+from mjrun.plotting.study.statistics import rank_correlations
 
 
 def test_correlations_are_those_of_pandas_without_what_is_missing() -> None:

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mjrun.plotting.curve_text import Mark
-from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Points
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
 
 
 def panel(*values: float, log: bool = False, marks: tuple[float, ...] = ()) -> DrawnPanel:
     points = Points(np.arange(float(len(values))), np.array(values, float))
-    return DrawnPanel("a", [DrawnCurve("a", points, 0)], log, [Mark("m", value) for value in marks])
+    return DrawnPanel("a", [DrawnCurve("a", points, 0)], log, [ReferenceLine("m", value) for value in marks])
 
 
 @pytest.mark.parametrize("values", [(1, 2), (-5, 5), (0.3, 0.300001), (1e-30, 2e-30), (1e200, -1e200), (0, np.nan, 1)])
@@ -42,7 +42,7 @@ def test_marks_are_within_the_range() -> None:
 
 
 def test_x_is_from_the_first_to_the_last_sample() -> None:
-    drawing = Drawing("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [Mark("m", 99, vertical=True)])
+    drawing = Drawing("", "t", False, [panel(1, 2, 3), panel(1, 2, 3, 4)], [ReferenceLine("m", 99, vertical=True)])
     assert drawing.x_range() == (0, 3)
     assert replace(drawing, x_margin=0.1).x_range() == pytest.approx((-0.3, 3.3))
     assert Drawing("", "t", False, [panel(1)], []).x_range() == (-0.5, 0.5)

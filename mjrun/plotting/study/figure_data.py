@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.plotting.drawing import FLAT, MARGIN, Range
+from mjrun.plotting.figure_data import FLAT, MARGIN, Range
+from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
 
 CELLS = 8  # in a row, up to which each has its value below it
 EDGE = 0.04  # before the first and after the last value of an axis, as a share of its range
@@ -234,3 +235,20 @@ def colour_range(name: str, values: np.ndarray, *, log: bool) -> Range:
     """The lowest and highest value that colours show."""
     exact = scale(name, values, log=log, edge=0.0)
     return exact.low, exact.high
+
+
+def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None) -> PanelGrid:
+    """The size of a figure, and the places of its panels.
+
+    Raises:
+      BadValueError: they have no room in `size` pixels.
+    """
+    panels = len(drawing.panels)
+    most = 2 if panels == 4 else 3  # four are two by two
+    is_heat = isinstance(drawing.panels[0], HeatPanel)
+    side = drawing.columns or (1 if panels < 3 and not is_heat else min(most, panels))
+    if drawing.columns is None and size and size[0] < 900:
+        side = 1
+    names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)
+    above = min(side, panels) if drawing.above else 0
+    return panel_grid(PanelCount(panels + above, names, bool(drawing.title)), size, min(side, panels))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.plotting.curve_text import Mark
+from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Points
 
 FLAT = 1e-9  # range of an axis, as a share of the largest value, below which curves count as constant
@@ -36,7 +36,7 @@ class DrawnPanel:
     label: str
     curves: Sequence[DrawnCurve]
     log: bool
-    marks: Sequence[Mark]
+    marks: Sequence[ReferenceLine]
 
     def y_range(self) -> Range:
         """The range of the y axis: that of curves and marks, and a little more; what is constant is in its middle."""
@@ -69,7 +69,7 @@ class Drawing:
     x_label: str
     log_x: bool
     panels: Sequence[DrawnPanel]
-    marks: Sequence[Mark]
+    marks: Sequence[ReferenceLine]
     x_margin: float = 0.0
 
     def x_range(self) -> Range:

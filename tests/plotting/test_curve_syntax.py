@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError
-from mjrun.plotting.curve_text import Mark, panel_index, parse_curves, parse_log, parse_mark, parse_panel, split_unit
+from mjrun.plotting.curve_syntax import (
+    ReferenceLine,
+    panel_index,
+    parse_curves,
+    parse_log,
+    parse_panel,
+    parse_reference_line,
+    split_unit,
+)
 
 COLUMNS = ["time", "qpos/knee", "qpos/hip/x", "qvel/knee", "a,b", "force [N]", "x=y", "joint:3"]
 ROWS = {name: np.array([1.0, 2.0]) * (i + 1) for i, name in enumerate(COLUMNS)}
@@ -79,22 +87,22 @@ def test_x_is_written_as_a_curve() -> None:
 @pytest.mark.parametrize(
     ("text", "mark"),
     [
-        ("m·g=87.356", Mark("m·g", 87.356)),
-        ("2:0.50", Mark("0.50", 0.5, panel=2)),
-        ("2:m·g = -1e3", Mark("m·g", -1000, panel=2)),
-        ("x:impact=0.52", Mark("impact", 0.52, vertical=True)),
-        ("a=b=3", Mark("a=b", 3)),
-        ("7", Mark("7", 7)),
+        ("m·g=87.356", ReferenceLine("m·g", 87.356)),
+        ("2:0.50", ReferenceLine("0.50", 0.5, panel=2)),
+        ("2:m·g = -1e3", ReferenceLine("m·g", -1000, panel=2)),
+        ("x:impact=0.52", ReferenceLine("impact", 0.52, vertical=True)),
+        ("a=b=3", ReferenceLine("a=b", 3)),
+        ("7", ReferenceLine("7", 7)),
     ],
 )
-def test_a_mark_is_a_label_and_a_number(text: str, mark: Mark) -> None:
-    assert parse_mark(text) == mark
+def test_a_mark_is_a_label_and_a_number(text: str, mark: ReferenceLine) -> None:
+    assert parse_reference_line(text) == mark
 
 
 @pytest.mark.parametrize("text", ["m·g", "a=", "a=nan", "x:a=b", "=inf"])
 def test_a_mark_without_a_number_is_refused(text: str) -> None:
     with pytest.raises(BadValueError, match=r"mark: .* is not a NUMBER or LABEL=NUMBER"):
-        parse_mark(text)
+        parse_reference_line(text)
 
 
 def test_axes_are_logarithmic_for_all_panels_or_one() -> None:

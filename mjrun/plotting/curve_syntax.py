@@ -25,7 +25,7 @@ _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
 
 
 @dataclass(frozen=True)
-class CurveText:
+class CurveSpec:
     """A curve over the columns of a table.
 
     Attributes:
@@ -42,16 +42,16 @@ class CurveText:
 
 
 @dataclass(frozen=True)
-class PanelText:
+class PanelSpec:
     """A panel: its title and unit, where it has its own, and its curves."""
 
     title: str | None
     unit: str | None
-    curves: tuple[CurveText, ...]
+    curves: tuple[CurveSpec, ...]
 
 
 @dataclass(frozen=True)
-class Mark:
+class ReferenceLine:
     """A line at a value: horizontal, or vertical at a value of x.
 
     Attributes:
@@ -64,7 +64,7 @@ class Mark:
     panel: int | None = None
 
 
-def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> PanelText:
+def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> PanelSpec:
     """The panel that `text` describes, of a table with `columns`.
 
     Args:
@@ -79,10 +79,10 @@ def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> Pane
     curves = [curve for part in _split(text, columns) for curve in parse_curves(part, columns, option("y"), x)]
     if not curves:
         raise BadValueError(option("y"), text, "a column, a wildcard or an expression")
-    return PanelText(title, unit, tuple(curves))
+    return PanelSpec(title, unit, tuple(curves))
 
 
-def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = None) -> list[CurveText]:
+def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = None) -> list[CurveSpec]:
     """The curves that one part of a panel's text describes: several where it is a wildcard or a group, without x."""
     text = text.strip()
     if text in columns:
@@ -92,7 +92,7 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
         inner = parse_curves(named[2], columns, label, x)
         if len(inner) != 1:
             raise UsageError(f"{label}: {quoted(named[2].strip())} is {len(inner)} columns, and has one name")
-        return [CurveText(name, unit if unit is not None else inner[0].unit, inner[0].expression, inner[0].column)]
+        return [CurveSpec(name, unit if unit is not None else inner[0].unit, inner[0].expression, inner[0].column)]
     matching = [name for name in columns if fnmatchcase(name, text) or name.startswith(f"{text}/")]
     matching = [name for name in matching if name != x] or matching
     if matching:
@@ -100,10 +100,10 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
     if _WILDCARD.fullmatch(text):
         raise UnknownNameError("column", text, columns, where=label)
     expression = parse_row_expression(text, columns, label)
-    return [CurveText(text, None, expression, None)]
+    return [CurveSpec(text, None, expression, None)]
 
 
-def parse_mark(text: str) -> Mark:
+def parse_reference_line(text: str) -> ReferenceLine:
     """The mark that `text` describes: `m·g=87.356`, `2:m·g=87.356`, `x:impact=0.52`, or `0.5`, its own label.
 
     Raises:
@@ -121,7 +121,7 @@ def parse_mark(text: str) -> Mark:
         number = math.nan
     if not math.isfinite(number):
         raise BadValueError(option("mark"), text, "a NUMBER or LABEL=NUMBER; x: before it makes a vertical line")
-    return Mark(label.strip() or value.strip(), number, vertical, panel)
+    return ReferenceLine(label.strip() or value.strip(), number, vertical, panel)
 
 
 def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
@@ -160,8 +160,8 @@ def split_unit(text: str) -> tuple[str, str | None]:
     return (found[1], found[2].strip()) if found else (text, None)
 
 
-def _of_column(name: str) -> CurveText:
-    return CurveText(name, None, parse_row_expression(spelled(name), [name], option("y")), name)
+def _of_column(name: str) -> CurveSpec:
+    return CurveSpec(name, None, parse_row_expression(spelled(name), [name], option("y")), name)
 
 
 def _split(text: str, columns: Sequence[str]) -> Iterator[str]:

@@ -3,13 +3,20 @@
 import numpy as np
 import pytest
 
-from mjrun.plotting.study.drawing import (
+from mjrun.errors import BadValueError
+from mjrun.plotting.study.figure_data import (
+    GraphPanel,
+    ParallelPanel,
+    RankPanel,
+    Scale,
+    StudyDrawing,
     cell_scale,
     colour_range,
     is_even_in_ratios,
     is_geometric,
     scale,
     spans_decades,
+    study_grid,
     y_scale,
 )
 
@@ -64,3 +71,26 @@ def test_the_axis_of_a_metric_has_a_margin_and_colours_have_none() -> None:
     axis = y_scale("z", values, log=False)
     assert axis.low < 1 < 2 < axis.high
     assert colour_range("z", values, log=False) == (1, 2)
+
+
+GRAPH = GraphPanel(Scale("x", 0, 1), Scale("z", 0, 1), [], [])
+
+
+def test_panels_have_the_columns_that_suit_or_those_asked_for() -> None:
+    assert study_grid(StudyDrawing("", [GRAPH] * 2), None).columns == 1
+    assert study_grid(StudyDrawing("", [GRAPH] * 6), None).columns == 3
+    assert study_grid(StudyDrawing("", [GRAPH] * 4), None).columns == 2
+    assert study_grid(StudyDrawing("", [GRAPH] * 6), (640, 2000)).columns == 1
+    assert study_grid(StudyDrawing("", [GRAPH] * 6, columns=2), None).columns == 2
+
+
+def test_parallel_coordinates_take_room_above() -> None:
+    ranks = RankPanel("z", ["a"], np.array([0.5]))
+    above = ParallelPanel([], np.empty((0, 0)), np.empty(0, bool))
+    grid = study_grid(StudyDrawing("", [ranks] * 3, 3, above), None)
+    assert (grid.columns, grid.rows) == (3, 2)
+
+
+def test_a_size_too_small_is_told() -> None:
+    with pytest.raises(BadValueError, match="at least"):
+        study_grid(StudyDrawing("", [GRAPH] * 4), (100, 100))

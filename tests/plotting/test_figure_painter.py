@@ -1,26 +1,30 @@
 """Figures, by the artists that matplotlib has of them and by their pixels."""
 
 import warnings
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from mjrun.options.plot import STYLES
-from mjrun.plotting.canvas import settings
-from mjrun.plotting.curve_text import Mark
-from mjrun.plotting.drawing import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.canvas import Canvas, settings
+from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Envelope, Points
-from mjrun.plotting.figure import draw
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.figure_painter import BESIDE, SMALLEST, Entry, arranged, paint
 from mjrun.plotting.panel_grid import PanelCount, panel_grid
 from mjrun.plotting.theme import THEMES
 
 TIME = np.linspace(0, 2, 50)
 
 
-def panel(*names: str, label: str = "qpos [rad]", log: bool = False, marks: tuple[Mark, ...] = ()) -> DrawnPanel:
+def panel(
+    *names: str, label: str = "qpos [rad]", log: bool = False, marks: tuple[ReferenceLine, ...] = ()
+) -> DrawnPanel:
     curves = [DrawnCurve(name, Points(TIME, np.sin(TIME + i) + 2), i) for i, name in enumerate(names)]
     return DrawnPanel(label, curves, log, marks)
 
@@ -31,15 +35,16 @@ def figure(
     columns: int | None = None,
     style: str = "light",
     title: str = "",
-    marks: tuple[Mark, ...] = (),
+    marks: tuple[ReferenceLine, ...] = (),
     log_x: bool = False,
 ) -> Figure:
     """A figure that is drawn; its artists know where they are."""
     most = max(len(each.curves) for each in panels)
     grid = panel_grid(PanelCount(len(panels), most, bool(title)), size, columns)
-    with settings(), warnings.catch_warnings():
+    with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
-        canvas = draw(Drawing(title, "time [s]", log_x, panels, marks), grid, THEMES[style])
+        canvas = Canvas(grid, THEMES[style])
+        paint(Drawing(title, "time [s]", log_x, panels, marks), grid, canvas)
         canvas.pixels()
         return canvas.figure
 
@@ -60,18 +65,22 @@ def boxes(made: Figure) -> np.ndarray:
     return np.array([axes.get_position().bounds for axes in made.axes])
 
 
-@pytest.mark.parametrize("size", [(320, 200), (640, 480), (1280, 720), (1920, 1080)])
-@pytest.mark.parametrize("count", [1, 6])
-def test_no_text_lies_on_another_or_leaves_the_figure(size: tuple[int, int], count: int) -> None:
-    if size[1] // count < 80:
-        size = size[0], 80 * count
-    made = figure(*[panel("left_knee", "right_knee", "left_hip")] * count, size=size, title="A long title " * 4)
+def require_room(made: Figure) -> None:
+    """Asserts that no text lies on another or leaves the figure."""
+    width, height = made.get_size_inches() * made.dpi
     shown = [(each.get_text(), each.get_window_extent()) for each in texts(made)]
     for index, (text, box) in enumerate(shown):
-        assert min(box.x0, box.y0, size[0] - box.x1, size[1] - box.y1) >= -1, text
+        assert min(box.x0, box.y0, width - box.x1, height - box.y1) >= -1, text
         for other, second in shown[index + 1 :]:
             overlap = min(box.x1, second.x1) - max(box.x0, second.x0), min(box.y1, second.y1) - max(box.y0, second.y0)
             assert min(overlap) < 2.5, (text, other)
+
+
+@pytest.mark.parametrize("size", [(320, 200), (640, 480), (1280, 720), (1920, 1080)])
+@pytest.mark.parametrize("count", [1, 6])
+def test_no_text_lies_on_another_or_leaves_the_figure(size: tuple[int, int], count: int) -> None:
+    size = size[0], max(size[1], 80 * count)
+    require_room(figure(*[panel("left_knee", "right_knee", "left_hip")] * count, size=size, title="A long title " * 4))
 
 
 def test_panels_share_one_x_axis_and_are_aligned() -> None:
@@ -80,7 +89,7 @@ def test_panels_share_one_x_axis_and_are_aligned() -> None:
     assert len({tuple(place[[0, 2]]) for place in places.round(9)}) == 1
     assert {axes.get_xlim() for axes in made.axes} == {(0.0, 2.0)}
     assert words(made).count("time [s]") == 1
-    assert [axes.get_ylabel() for axes in made.axes] == ["qpos [rad]", "force", "qpos [rad]"]
+    assert [axes.get_title("left") for axes in made.axes] == ["qpos [rad]", "force", "qpos [rad]"]
 
 
 def test_panels_side_by_side_have_one_width() -> None:
@@ -104,7 +113,7 @@ def test_names_stand_beside_the_ends_of_their_curves_and_one_alone_needs_none() 
 
 def test_a_legend_that_all_panels_have_stands_once() -> None:
     made = figure(panel("1", "2", label="angle"), panel("1", "2", label="energy"))
-    assert len([each for each in texts(made) if each.get_text() == "2" and each.axes is None]) == 1
+    assert words(made).count("2") == 1
 
 
 @pytest.mark.parametrize("count", [12, 60])
@@ -183,9 +192,9 @@ def test_logarithmic_axes_have_plain_labels() -> None:
 
 def test_marks_are_lines_with_labels() -> None:
     made = figure(
-        panel("a", "b", marks=(Mark("m·g", 2.5),)),
+        panel("a", "b", marks=(ReferenceLine("m·g", 2.5),)),
         panel("a", "b"),
-        marks=(Mark("hit", 0.5, True), Mark("off", 9, True)),
+        marks=(ReferenceLine("hit", 0.5, True), ReferenceLine("off", 9, True)),
     )
     levels = [set(np.ravel(line.get_ydata())) for line in made.axes[0].lines]
     assert {2.5} in levels
@@ -228,3 +237,43 @@ def test_a_figure_without_any_value_is_empty_and_not_an_error() -> None:
     gap = np.full(3, np.nan)
     made = figure(DrawnPanel("a", [DrawnCurve("a", Points(np.arange(3.0), gap), 0)], True, ()))
     assert isinstance(made.axes[0], Axes)
+
+
+LINE = 10.0
+
+
+def entries(heights: list[float]) -> list[Entry]:
+    return [Entry(str(i), Line2D([], []), y) for i, y in enumerate(heights)]
+
+
+@pytest.mark.parametrize("heights", [[50, 51, 52], [0, 0, 100, 100], [99, 1, 50], [50] * BESIDE, [-40, 140]])
+def test_names_are_a_line_apart_in_the_order_of_their_heights(heights: list[float]) -> None:
+    (column,), scale = arranged(entries(heights), 0, 100, LINE)
+    places = np.array([entry.y for entry in column])
+    assert np.all(np.diff(places) >= LINE - 1e-9)
+    assert places[0] >= LINE / 2 - 1e-9
+    assert places[-1] <= 100 - LINE / 2 + 1e-9
+    assert [heights[int(entry.name)] for entry in column] == sorted(heights)
+    assert scale == 1
+
+
+def test_a_name_that_has_room_stands_where_its_curve_ends_and_of_equal_ones_the_first_is_above() -> None:
+    assert [entry.y for entry in arranged(entries([20, 60, 85]), 0, 100, LINE)[0][0]] == [20, 60, 85]
+    assert [entry.name for entry in arranged(entries([50, 50]), 0, 100, LINE)[0][0]] == ["1", "0"]
+    assert arranged([], 0, 100, LINE) == ([], 1)
+
+
+@pytest.mark.parametrize("bottom", np.linspace(0, 100, 7))
+def test_names_that_fit_exactly_are_in_one_column(bottom: float) -> None:
+    assert len(arranged(entries([50.0] * 12), bottom, bottom + 98.7, LINE)[0]) == 1
+
+
+@pytest.mark.parametrize("count", [7, 12, 30, 100])
+def test_many_names_are_in_their_own_order_in_columns_that_fit(count: int) -> None:
+    columns, scale = arranged(entries([50.0] * count), 0, 100, LINE)
+    assert [entry.name for column in columns for entry in column] == [str(i) for i in range(count)]
+    assert SMALLEST <= scale <= 1
+    for column in columns:
+        places = [entry.y for entry in column]
+        assert 0 <= min(places) < max(places) <= 100
+        assert all(a - b >= scale * LINE - 1e-9 for a, b in pairwise(places))

@@ -1,0 +1,132 @@
+"""What varies in a study, and statistics of its points: medians with bands, ranks and their correlations."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjrun.formats.study_results import StudyResults
+from mjrun.packages import require
+from mjrun.plotting.study.figure_data import (
+    EDGE,
+    Band,
+    Scale,
+    Series,
+    cell_scale,
+    is_even_in_ratios,
+    is_geometric,
+    scale,
+)
+from mjrun.plotting.ticks import value_labels
+
+SEED = "seed"  # whose values are repeats where anything else varies
+QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # of the bands
+DOTS = 40  # values of x that are marked
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Something that varies.
+
+    Attributes:
+      name: as the study writes it.
+      values: of the points `(n,)`; of texts, their index in `categories`.
+      levels: the different values, ascending.
+    """
+
+    name: str
+    values: np.ndarray
+    levels: np.ndarray
+    categories: Sequence[str] = ()
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether points share its values, as on a grid, rather than having one each, as when drawn at random."""
+        return bool(self.categories) or 2 * len(self.levels) <= len(self.values)
+
+    @property
+    def labels(self) -> list[str]:
+        """Its levels as texts."""
+        return list(self.categories) or value_labels(self.levels.tolist())
+
+    @property
+    def ordinal_name(self) -> str:
+        """Its name; of two texts, with the one that counts as more."""
+        return f"{self.name}: {self.categories[1]}" if self.categories else self.name
+
+    def scale(self, log: bool | None = None) -> Scale:
+        """Its axis, logarithmic where `log` says so, or without it where its values are in equal ratios."""
+        is_log = log
+        if is_log is None:
+            is_log = is_geometric(self.levels) if self.is_listed else is_even_in_ratios(self.values)
+        return scale(self.name, self.values, log=is_log, categories=self.categories, edge=EDGE)
+
+    def cells(self) -> Scale:
+        """Its axis where each level has a cell."""
+        return cell_scale(self.name, self.levels, self.labels)
+
+
+def parameter_of(results: StudyResults, name: str) -> Parameter:
+    if name in results.numbers:
+        values = results.numbers[name]
+        return Parameter(name, values, np.unique(values))
+    categories = list(dict.fromkeys(results.texts[name]))
+    places = {text: float(index) for index, text in enumerate(categories)}
+    values = np.array([places[text] for text in results.texts[name]])
+    return Parameter(name, values, np.arange(len(categories), dtype=float), categories)
+
+
+def is_grid(a: Parameter, b: Parameter) -> bool:
+    """Whether at least half of all pairs of their values are points."""
+    if not (a.is_listed and b.is_listed):
+        return False
+    pairs = len(np.unique(np.column_stack([a.values, b.values]), axis=0))
+    return 2 * pairs >= len(a.levels) * len(b.levels)
+
+
+def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> Series:
+    """The median at each value of x, with bands where several points share one."""
+    chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
+    groups = list(grouped(x.values[chosen], values[chosen]))
+    places = np.array([place for place, _ in groups])
+    medians = np.array([np.median(inside) for _, inside in groups])
+    bands = [
+        Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
+        for shares in (QUANTILES if any(len(inside) > 1 for _, inside in groups) else ())
+    ]
+    joined = not x.categories and x.name != SEED  # neither has an order
+    return Series(name, places, medians, bands, joined, len(groups) <= DOTS, colour)
+
+
+def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:
+    """The finite values of each key, in the order of keys."""
+    keys, values = keys[np.isfinite(values)], values[np.isfinite(values)]
+    order = np.argsort(keys, kind="stable")
+    different, starts = np.unique(keys[order], return_index=True)
+    return list(zip(different.tolist(), np.split(values[order], starts[1:]), strict=False))
+
+
+def ranks(values: np.ndarray) -> np.ndarray:
+    """Ranks of values, from 0 to 1."""
+    return np.argsort(np.argsort(values, kind="stable"), kind="stable") / max(1, len(values) - 1)
+
+
+def rank_correlations(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndarray:
+    """Spearman's rank correlation of each parameter `(n,)` with `metric` `(n,)`: from -1 to 1, `(parameters,)`.
+
+    Points at which either is not finite are left out. What does not vary, or has fewer than three points, has none:
+    NaN.
+
+    Raises:
+      MissingExtraError: scipy is not installed.
+    """
+    require("rank correlations", "sweep", "scipy")
+    from scipy.stats import spearmanr
+
+    ranked = np.full(len(parameters), np.nan)
+    for index, values in enumerate(parameters):
+        usable = np.isfinite(values) & np.isfinite(metric)
+        a, b = values[usable], metric[usable]
+        if len(a) >= 3 and np.ptp(a) > 0 and np.ptp(b) > 0:
+            ranked[index], _ = spearmanr(a, b)
+    return ranked

@@ -1,0 +1,201 @@
+"""Figures of studies, read back from matplotlib's artists and from pixels."""
+
+import warnings
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from mjrun.plotting.axis_ticks import WHOLE
+from mjrun.plotting.canvas import Canvas, settings
+from mjrun.plotting.study.figure_data import (
+    Band,
+    Failures,
+    GraphPanel,
+    HeatPanel,
+    ParallelPanel,
+    RankPanel,
+    Scale,
+    Series,
+    StudyDrawing,
+    study_grid,
+)
+from mjrun.plotting.study.figure_painter import paint_study
+from mjrun.plotting.study.graph import BANDS as BAND_NAMES
+from mjrun.plotting.study.heat_map import COLOUR_MAP
+from mjrun.plotting.theme import THEMES
+from tests.plotting.test_figure_painter import require_room, words
+
+X, Y = np.array([0.0, 1, 2]), np.array([1.0, 3, 2])
+BANDS = [Band(Y - 1, Y + 1), Band(Y - 0.5, Y + 0.5)]
+FAILURES = [Failures("unstable", np.array([2.0, 2.0])), Failures("crashed", np.array([1.0]))]
+MASS, Z = Scale("mass", -0.1, 2.1), Scale("z", 0, 4)
+GRAPH = GraphPanel(MASS, Z, [Series("", X, Y, BANDS)], FAILURES)
+OTHER = GraphPanel(Scale("w", 0, 3), Z, [Series("", X, Y)], [])
+VALUES = np.array([[1.0, 2, np.nan], [4, 5, np.nan]])
+FAILED = np.array([[False, False, True], [False, False, False]])
+CATEGORIES = Scale("mass", -0.5, 2.5, categories=("1", "2", "3"))
+HEAT = HeatPanel("z", CATEGORIES, Scale("friction", 0, 2), VALUES, FAILED, Scale("z", 1, 5))
+RANK = RankPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]))
+SCALES = [Scale("mass", 0, 2), Scale("model", -0.5, 1.5, categories=("a", "b")), Scale("z", 0.1, 10, log=True)]
+POINTS = np.array([[1.0, 1, np.nan], [0.5, 0, 1.0]])
+ABOVE = ParallelPanel(SCALES, POINTS, np.isnan(POINTS[:, 2]))
+
+DRAWINGS = {
+    "curves": StudyDrawing("A title " * 9, [GRAPH, GRAPH]),
+    "scatter": StudyDrawing("", [GRAPH, OTHER, GRAPH, OTHER], 2),
+    "maps": StudyDrawing("", [HEAT, HEAT]),
+    "parallel": StudyDrawing("A title", [RANK], 1, ABOVE),
+}
+
+
+def figure(
+    drawing: StudyDrawing, size: tuple[int, int] | None = (640, 480), style: str = "light"
+) -> tuple[Figure, Any]:
+    """The figure of a study, and its pixels."""
+    grid = study_grid(drawing, size)
+    with settings(THEMES[style], grid.em), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        canvas = Canvas(grid, THEMES[style])
+        paint_study(drawing, grid, canvas)
+        return canvas.figure, canvas.pixels()
+
+
+def pixel(made: tuple[Figure, np.ndarray], axes: Axes, x: float, y: float) -> np.ndarray:
+    """The colour at a place of axes."""
+    across, up = axes.transData.transform((x, y))
+    return made[1][made[1].shape[0] - 1 - int(up), int(across)].astype(int)
+
+
+@pytest.mark.parametrize("name", DRAWINGS)
+@pytest.mark.parametrize("size", [(320, 320), (640, 480), None])
+def test_a_figure_is_the_same_pixels_again_and_texts_have_room(name: str, size: tuple[int, int] | None) -> None:
+    (made, first), (_, again) = (figure(DRAWINGS[name], size, "dark") for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    edges = np.concatenate([first[0], first[-1], first[:, 0], first[:, -1]])
+    assert (edges == THEMES["dark"].ground).all()
+    require_room(made)
+
+
+def test_x_axes_that_are_the_same_are_labelled_once() -> None:
+    curves, scatter = (words(figure(DRAWINGS[name], (900, 700))[0]) for name in ("curves", "scatter"))
+    assert curves.count("mass") == 1
+    assert (scatter.count("mass"), scatter.count("w")) == (1, 1)
+
+
+def test_a_curve_its_bands_and_failures_are_where_they_should_be() -> None:
+    (axes,) = figure(StudyDrawing("", [GRAPH]))[0].axes
+    assert any(np.array_equal(line.get_xydata(), np.column_stack([X, Y])) for line in axes.lines)
+    bands: list[Any] = [*axes.collections]
+    for band, drawn in zip(BANDS, bands, strict=True):
+        (path,) = drawn.get_paths()
+        corners = {tuple(vertex) for vertex in np.asarray(path.vertices).tolist()}
+        assert {*zip(X, band.low, strict=True), *zip(X, band.high, strict=True)} <= corners
+    rugs = [
+        np.ravel(line.get_xdata()).tolist() for line in axes.lines if line.get_transform() == axes.get_xaxis_transform()
+    ]
+    assert rugs == [[2, 2], [1]]
+
+
+def test_categories_are_dots_with_lines() -> None:
+    axis = Scale("model", -0.5, 2.5, categories=("a", "b", "c"))
+    (axes,) = figure(StudyDrawing("", [GraphPanel(axis, Z, [Series("", X, Y, BANDS, joined=False)], [])]))[0].axes
+    assert len(axes.collections) == 2
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(("count", "shown"), [(WHOLE, WHOLE), (40, 10)])
+def test_many_categories_have_some_of_their_names_and_few_have_shorter_ones(count: int, shown: int) -> None:
+    names = [f"a_model_with_a_name_{i}.xml" for i in range(count)]
+    axis = Scale("model", -0.5, count - 0.5, categories=names)
+    (axes,) = figure(StudyDrawing("", [GraphPanel(axis, Z, [Series("", X, Y, joined=False)], [])]), (1280, 480))[0].axes
+    labels = [label.get_text() for label in axes.get_xticklabels()]
+    assert 1 < len(labels) <= shown
+    assert (labels[0] == names[0]) == (count > WHOLE)
+
+
+def keyed(size: tuple[int, int], *panels: GraphPanel | HeatPanel, title: str = "") -> tuple[list[str], float]:
+    """The names in the key of a figure, and the height of the key [pixels]."""
+    (legend,) = figure(StudyDrawing(title, panels), size)[0].legends
+    return [text.get_text() for text in legend.get_texts()], legend.get_window_extent().height
+
+
+def test_the_key_names_lines_bands_and_each_status_with_its_number() -> None:
+    series = [Series("model = a", X, Y, BANDS), Series("_b", X, Y, BANDS, colour=1)]
+    names, one = keyed((900, 480), GraphPanel(MASS, Z, series, FAILURES))
+    assert names == ["model = a", "_b", "median", *BAND_NAMES, "unstable: 2 points", "crashed: 1 point"]
+    assert keyed((320, 480), GraphPanel(MASS, Z, series, FAILURES))[1] > 2 * one * 0.6
+    assert keyed((900, 480), HEAT, title="A title")[0] == ["every point failed", "no point"]
+    assert figure(StudyDrawing("", [OTHER]))[0].legends == []
+
+
+def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
+    made = figure(StudyDrawing("", [HEAT]))
+    axes, bar = made[0].axes
+    for (row, column), value in np.ndenumerate(VALUES[:, :2]):
+        expected = np.round(np.array(matplotlib.colormaps[COLOUR_MAP]((value - 1) / 4)[:3]) * 255)
+        assert abs(pixel(made, axes, column, row + 0.5) - expected).max() <= 2
+    hatched, empty = (
+        np.unique([pixel(made, axes, x, y) for x in np.linspace(1.6, 2.4, 40)], axis=0) for y in (0.5, 1.5)
+    )
+    assert (len(hatched) > 3, len(empty)) == (True, 1)
+    assert bar.get_ylim() == (1, 5)
+
+
+def test_a_logarithmic_grid_is_drawn_in_equal_cells() -> None:
+    values = np.array([[1.0, 10]])
+    scales = Scale("x", 1, 100, log=True), Scale("y", 0, 1)
+    made = figure(StudyDrawing("", [HeatPanel("z", *scales, values, values < 0, Scale("z", 1, 10, log=True))]))
+    axes = made[0].axes[0]
+    left, middle, right = (pixel(made, axes, x, 0.5) for x in (1.1, 9.5, 10.5))
+    assert (left == middle).all()
+    assert (middle != right).any()
+
+
+def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None:
+    axes = figure(StudyDrawing("", [RANK]))[0].axes[0]
+    bars: list[Any] = [*axes.patches]
+    assert [bar.get_width() for bar in bars] == [-0.99, 0.5, 0]
+    assert [text.get_text() for text in axes.texts] == ["−0.99", "+0.50", "–"]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["mass", "friction", "none"]
+    zero = axes.transData.transform((0, 0))[0]
+    low, high, _ = (text.get_window_extent() for text in axes.texts)
+    assert high.x1 < zero < low.x0
+
+
+def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_panel_alone() -> None:
+    long = RankPanel("z", ["m" * 200], np.array([0.5]))
+    first, second = figure(StudyDrawing("", [long, long], 2), (640, 300))[0].axes
+    assert first.get_position().x0 < 0.36
+    assert [label.get_text() for label in second.get_yticklabels()] == [""]
+
+
+def test_a_line_is_at_the_share_of_each_axis_and_failed_ones_end_before_the_metric() -> None:
+    made, _ = figure(StudyDrawing("", [RANK], 1, ABOVE))
+    failed, good = (c for c in made.axes[0].collections if isinstance(c, LineCollection))
+    (line,) = failed.get_segments()
+    assert [y for _, y in line] == [0.5, 0.75]
+    (line,) = good.get_segments()
+    np.testing.assert_allclose([y for _, y in line], [0.25, 0.25, 0.5])
+    assert {"mass", "model", "z", "a", "b"} <= set(words(made))
+    assert made.axes[1].get_ylim() == pytest.approx((0.1, 10))
+
+
+@pytest.mark.parametrize(
+    ("names", "shown"),
+    [
+        (
+            ("geom/right_lower_foot.friction[0]", "geom/right_lower_hand.friction[0]"),
+            {"right_lower_foot", "right_lower_hand"},
+        ),
+        (("geom/a.x", "geom/b.x"), {"geom/a.x", "geom/b.x"}),
+    ],
+)
+def test_names_without_room_lose_what_all_of_them_share(names: tuple[str, ...], shown: set[str]) -> None:
+    scales = [*(Scale(name, 0, 1) for name in names), SCALES[-1]]
+    above = ParallelPanel(scales, np.full((1, len(scales)), 0.5), np.array([False]))
+    assert shown <= set(words(figure(StudyDrawing("", [RANK], 1, above), (320, 400))[0]))
