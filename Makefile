@@ -29,9 +29,13 @@ test: setup ## run the tests
 explore: setup ## run the property tests on examples drawn at random; add what fails as @example
 	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m hypothesis --hypothesis-profile explore $(ARGS)
 
-# Rooms with a library at home that has a lower bound in pyproject.toml.
-LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting tests/diff tests/policy tests/gym tests/fit \
-  tests/study tests/evaluation tests/physics tests/task tests/model/sources tests/cli
+# Tests of what libraries with a lower bound in pyproject.toml decide.
+LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting tests/diff tests/policy tests/gym \
+  tests/task/test_gymnasium.py tests/task/test_environment_description.py tests/model/sources/test_gym.py \
+  tests/physics/test_distribution.py tests/physics/test_warp_engine.py tests/study/test_design.py \
+  tests/study/test_executors.py tests/fit/test_gauss_newton.py tests/fit/test_chirp.py tests/fit/test_solution.py \
+  tests/evaluation/test_statistics.py tests/evaluation/test_table.py tests/cli/test_click_command.py \
+  tests/cli/test_console.py tests/cli/test_page_layout.py tests/cli/test_schema.py
 
 test-lowest: setup ## run the tests of what libraries do, with the lowest version of each that mjrun accepts: .venv-lowest
 	.venv/bin/python scripts/lowest_versions.py > .venv/lowest.txt

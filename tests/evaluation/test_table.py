@@ -20,7 +20,10 @@ def test_a_row_is_an_episode_with_integers_as_integers(tmp_path: Path) -> None:
     columns, rows = episode_columns([PlayedEpisodes("p", 0, some)], ALONE, ["near", "cost"], ["m"], compared=False)
     write_results(tmp_path, columns, rows, {}, FILES)
 
-    csv, parquet = pd.read_csv(tmp_path / FILES[1]), pq.read_table(tmp_path / FILES[0])
+    csv, parquet = (
+        pd.read_csv(tmp_path / FILES[1], converters=dict.fromkeys(["return", "reward/cost", "m"], float)),
+        pq.read_table(tmp_path / FILES[0]),
+    )
     names = ["episode", "seed", "return", "length", "steps", "ending", "outcome", "reward/near", "reward/cost", "m"]
     assert [*csv.columns] == parquet.column_names == names
     for name in ("episode", "seed", "steps"):

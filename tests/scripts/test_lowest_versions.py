@@ -22,6 +22,13 @@ def test_each_library_is_tested_at_its_bound() -> None:
     assert printed == sorted(f"{name}=={version}" for name, version in lowest.items())
 
 
+def test_the_tests_of_the_lowest_versions_exist() -> None:
+    paths = re.search(r"^LOWEST = ((?:.*\\\n)*.*)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert paths
+    for path in paths[1].replace("\\\n", " ").split():
+        assert (ROOT / path).exists(), path
+
+
 def test_the_constraints_satisfy_every_requirement_and_have_hashes_but_no_address() -> None:
     text = (ROOT / "constraints.txt").read_text("utf-8")
     pins = re.findall(r"^([\w.-]+)==(\S+)((?: \\\n    --hash=sha256:[0-9a-f]{64})+)$", text, re.MULTILINE)

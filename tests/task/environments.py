@@ -16,9 +16,13 @@ CART = """<mujoco><option timestep=".01"/><worldbody><geom type="plane" size="5 
 <body pos="0 0 .2"><joint name="x" type="slide" axis="1 0 0" damping=".1"/><geom name="cart" size=".1"/></body>
 </worldbody><actuator><motor name="motor" joint="x" ctrlrange="-1 1" ctrllimited="true"/></actuator></mujoco>"""
 
+RENDER_MODES = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # which older Gymnasiums ask for
+
 
 class Cart(MujocoEnv):
     """A cart on a rail; `fault` says what is wrong with it."""
+
+    metadata = RENDER_MODES
 
     def __init__(self, path: str, fault: str = "", **kwargs: Any) -> None:
         self.fault = fault

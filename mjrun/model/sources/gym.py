@@ -44,6 +44,7 @@ EXTRA = "gym"
 OWN = "gymnasium.envs.mujoco."  # where the MuJoCo environments are that come with Gymnasium
 NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
 RENDER_MODE, EPISODE_STEPS = "render_mode", "max_episode_steps"  # the one is ours, the other `gymnasium.make`'s
+FIRST = 4  # version of those that need no mujoco-py
 REMOVED = "it needs mujoco-py, which Gymnasium has given up; use a later version"
 
 
@@ -244,7 +245,8 @@ def _registered(name: str) -> "EnvSpec":
     except gymnasium.error.Error:
         raise _not_found(name, "no such environment") from None
     entry_point = spec.entry_point
-    if callable(entry_point) and entry_point.__module__ == "gymnasium.envs":  # stands for environments that moved
+    has_moved = callable(entry_point) and entry_point.__module__ == "gymnasium.envs"
+    if has_moved or (str(entry_point).startswith(OWN) and (spec.version or 0) < FIRST):
         raise _not_found(name, REMOVED)
     if isinstance(entry_point, str) and entry_point.startswith("gymnasium.envs.") and not entry_point.startswith(OWN):
         raise _not_mujoco(name)
@@ -305,8 +307,8 @@ def _own_names() -> tuple[str, ...]:
         return ()
     import gymnasium
 
-    own = {name for name, spec in gymnasium.registry.items() if str(spec.entry_point).startswith(OWN)}
-    return tuple(sorted(own))
+    own = [spec for spec in gymnasium.registry.values() if str(spec.entry_point).startswith(OWN)]
+    return tuple(sorted(spec.id for spec in own if (spec.version or 0) >= FIRST))
 
 
 def _broken(name: str, error: Exception) -> BrokenModelError:

@@ -29,6 +29,8 @@ from gymnasium.envs.mujoco import MujocoEnv
 class Cart(MujocoEnv):
     """A model from a file, which Python changes if asked."""
 
+    metadata = {"render_modes": ["human", "rgb_array", "depth_array", "rgbd_tuple"]}  # which older Gymnasiums ask for
+
     def __init__(self, heavy=False, **kwargs):
         space = gymnasium.spaces.Box(-np.inf, np.inf, (2,))
         super().__init__(FILE, 3, space, **kwargs)
