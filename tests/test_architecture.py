@@ -305,7 +305,7 @@ def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
     assert {"mujoco", "mjrun.outputs.trace"} <= loaded
     rooms = {module.split(".")[1] for module in loaded if module.startswith("mjrun.")}
     assert rooms.isdisjoint({"rendering", "camera", "document", "plotting", "diff", "check", "bench"})
-    unused = ("probe.parser", "probe.event", "simulation.column_map", "physics.motion", "formats.codecs")
+    unused = ("probe.parser", "probe.row_expression", "simulation.column_map", "physics.motion", "formats.codecs")
     assert loaded.isdisjoint(f"mjrun.{module}" for module in unused)
 
 

@@ -16,7 +16,7 @@ from mjrun.errors import UsageError, clean, option
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.model import state
 from mjrun.options.diff import TableDiffOptions
-from mjrun.probe.state_columns import state_columns
+from mjrun.probe.fields import state_columns
 
 STEP = "step"
 

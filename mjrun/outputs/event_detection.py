@@ -13,8 +13,9 @@ from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.replay import ReplayStepper
 from mjrun.physics.state_buffer import StateBuffer
 from mjrun.physics.stepper import Stepper
+from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
-from mjrun.probe.event import RisingEdgeDetector, condition
+from mjrun.probe.row_expression import RisingEdgeDetector, parse_condition
 from mjrun.task.replayed_episode import ControlInstants
 from mjrun.timeline import Timeline
 
@@ -32,7 +33,8 @@ class EventDetector:
     def __init__(
         self, model: mujoco.MjModel, timeline: Timeline, texts: Collection[str], episode: EpisodeColumns | None = None
     ) -> None:
-        watched = [condition(text, model, episode=episode) for text in sorted(texts)]
+        available = _vocabulary(model, episode)
+        watched = [parse_condition(text, available, "when") for text in sorted(texts)]
         self._conditions = [(each, RisingEdgeDetector()) for each in watched]
         self._tables = [ProbeSampler(model, each.columns, timeline, episode) for each in watched]
         self._timeline = timeline
@@ -60,12 +62,16 @@ class EventDetector:
         """Frees the recording."""
         self._states.close()
 
-    def _rows(self, stepper: Stepper) -> list[np.ndarray]:
-        """The columns of each condition `(1, n)`, time first."""
+    def _rows(self, stepper: Stepper) -> list[dict[str, np.ndarray]]:
+        """The columns of each condition by name, `(1,)` each."""
         time = float(self._timeline.time(stepper.step))
-        return [np.concatenate([[time], table.read(stepper).values])[None] for table in self._tables]
+        rows: list[dict[str, np.ndarray]] = []
+        for table in self._tables:
+            values = np.array([time, *table.read(stepper).values])[:, None]
+            rows.append({column.name: value for column, value in zip(table.columns, values, strict=True)})
+        return rows
 
-    def _evaluate(self, rows: Sequence[np.ndarray]) -> None:
+    def _evaluate(self, rows: Sequence[Mapping[str, np.ndarray]]) -> None:
         for (watched, onsets), row in zip(self._conditions, rows, strict=True):
             onsets.feed(watched.holds(row))
 
@@ -81,15 +87,20 @@ def conditions(
     Raises:
       UsageError: one of them cannot be measured in this simulation.
     """
+    available = _vocabulary(model, episode)
     texts: list[str] = []
     for path, event in events.items():
         try:
             with concerning(*path):
-                texts.append(condition(event.when, model, episode=episode).text)
+                texts.append(parse_condition(event.when, available, "when").text)
         except UsageError as error:
             error.add_note(f"in {quoted(event.when)}")
             raise
     return list(dict.fromkeys(texts))
+
+
+def _vocabulary(model: mujoco.MjModel, episode: EpisodeColumns | None) -> AvailableProbes:
+    return AvailableProbes(model, episode.names if episode else ())
 
 
 def time_of(

@@ -20,8 +20,8 @@ from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
-from mjrun.probe.event import RisingEdgeDetector
-from mjrun.probe.row_condition import RowCondition, parse_row_condition
+from mjrun.probe.available import TableVocabulary
+from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition
 
 PANELS = 48  # of a figure that nobody asked for
 PAGE_PANELS = 12  # that stand under each other in a page
@@ -41,7 +41,7 @@ class EventLines:
     """A condition whose beginnings are marked."""
 
     label: str
-    condition: RowCondition
+    condition: Condition
 
 
 class FigurePlan:
@@ -177,9 +177,8 @@ class FigurePlan:
         for index, text in enumerate(self.options.mark_event):
             with concerning("mark_event", index):
                 label, condition = _named_condition(text)
-                events.append(
-                    EventLines(label, parse_row_condition(condition, list(self._units), option("mark_event")))
-                )
+                vocabulary = TableVocabulary(list(self._units))
+                events.append(EventLines(label, parse_condition(condition, vocabulary, option("mark_event"))))
         return events
 
 

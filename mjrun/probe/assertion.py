@@ -34,7 +34,7 @@ A column is called by its name. The longest known name at a place is taken: `a/b
 one, and else `a` divided by `b`; `a / b` is a division always. A name with characters other than letters, digits,
 `_ / : . -` and single inner spaces, or that is also a number or a keyword, is quoted, 'so' or `so` or "so"; a quote
 within is doubled. Where it is known what model the table measures, `speed(box)` is the column `speed/box`, as in an
-event (`mjrun.probe.event`).
+condition (`mjrun.probe.row_expression`).
 
 A quoted name with wildcards, "cfrc_ext/*", is a vector: all columns that match, in the order of the table. What is
 elementwise applies to its numbers one by one, together with single values and with vectors of the same length; `norm`,
@@ -59,7 +59,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.errors import clean, option
-from mjrun.probe.aggregate import RowChunk, shown
+from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_rows, shown
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.expression import (
     OF_CONDITIONS,
@@ -74,8 +74,7 @@ from mjrun.probe.expression import (
     walk,
 )
 from mjrun.probe.parser import Parser
-from mjrun.probe.row_chunks import Aggregates, ChunkBuffer, evaluate_rows
-from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.verdict import PartRows, Verdict
 
 
@@ -150,10 +149,9 @@ def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") 
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
-    truth = Parser(SourceText(text, option(name)), vocabulary).whole()
+    parser = Parser(text, option(name), columns)
+    truth, table = parser.assertion(), parser.vocabulary.names
     read = {*columns_read(truth)}
-    table = vocabulary.names
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
 
 

@@ -1,4 +1,4 @@
-"""The names that a model offers to an expression, and what `xpos(top).z` and `contact(ball, floor)` stand for."""
+"""The names that models and tables offer to expressions; what `xpos(top).z` and `contact(ball, floor)` stand for."""
 
 import shlex
 from collections.abc import Iterable, Sequence
@@ -129,6 +129,24 @@ class SelectedProbes(Vocabulary):
     @cached_property
     def _offer(self) -> AvailableProbes:
         return AvailableProbes(self._model, self._others)  # every column of a large model takes a while
+
+
+class TableVocabulary(Vocabulary):
+    """The columns of a table, by their own names and as `group(object).component`."""
+
+    @property
+    def groups(self) -> frozenset[str]:
+        return frozenset(name.partition("/")[0] for name in self.names if "/" in name)
+
+    def is_count(self, column: str) -> bool:
+        return column.startswith(f"{PAIRS}/")
+
+    def accessed(self, accessor: ProbeReference, source: SourceText) -> str:
+        objects = "/".join(token.text for token in accessor.objects)
+        name = f"{accessor.group.text}/{objects}" + accessor.component.text.replace(".", "/")
+        if self.column(name) is None:
+            raise self.missing(name, accessor.group.start, source)
+        return name
 
 
 def _plain(name: str, component: Token, source: SourceText) -> UsageError:

@@ -14,6 +14,7 @@ import numpy as np
 from mujoco.batch import DATA_FIELDS
 from mujoco.introspect import structs
 
+from mjrun.model import state
 from mjrun.model.column import Column
 from mjrun.model.names import KIND_OF_COUNT, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS, VECTOR, actuator_parts, names
 from mjrun.model.units import field_unit, sensor_unit
@@ -234,3 +235,13 @@ def _objects(model: mujoco.MjModel, counted: str, count: int) -> tuple[str, list
     if not kind or counted in NUMBERED:
         return "", [(str(i), -1) for i in range(count)]
     return kind, [(name, i) for i, name in enumerate(names(model, kind))]
+
+
+def state_columns(model: mujoco.MjModel) -> list[str]:
+    """The names of all numbers in an integration state of `model`, in order, as columns of traces are named."""
+    names: list[str] = []
+    for field, part in state.fields(state.sizes(model)).items():
+        own = ["time"] if field == "time" else [column.name for column in field_probe(model, field).columns]
+        assert len(own) == part.stop - part.start, field
+        names += own
+    return names

@@ -1,7 +1,7 @@
 """Metrics: one number of a simulation, such as `max(abs(energy/drift))` or `first(time, contact(ball, floor))`.
 
 The language is that of assertions (`mjrun.probe.assertion`), and so are the values, to the last bit; every column that
-a model offers may be used, as in an event (`mjrun.probe.event`).
+a model offers may be used, as in a condition (`mjrun.probe.row_expression`).
 """
 
 import math
@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mjrun.probe.aggregate import RowChunk
+from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
 from mjrun.probe.evaluation import evaluate
-from mjrun.probe.expression import AggregateCall, NumericExpression, columns_read, walk
+from mjrun.probe.expression import NumericExpression, columns_read, walk
 from mjrun.probe.parser import Parser
-from mjrun.probe.row_chunks import Aggregates, ChunkBuffer
-from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.scanner import Vocabulary
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,6 @@ class Metric:
     text: str
     columns: tuple[str, ...]
     _value: NumericExpression = field(repr=False)
-    _calls: tuple[AggregateCall, ...] = field(repr=False)
 
 
 class MetricEvaluation:
@@ -43,7 +41,7 @@ class MetricEvaluation:
     def __init__(self, metrics: Sequence[Metric], table: Sequence[str]) -> None:
         self._metrics = metrics
         self._rows = ChunkBuffer(table, {name for metric in metrics for name in metric.columns})
-        self._aggregates = [Aggregates(metric._calls) for metric in metrics]
+        self._aggregates = [Aggregates(walk(metric._value)) for metric in metrics]
 
     def feed(self, block: np.ndarray) -> None:
         """Takes the next rows `(n, columns)`, one column for each of the table's."""
@@ -75,7 +73,5 @@ def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> 
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
-    value = Parser(SourceText(text, label), vocabulary).table_value()
-    calls = tuple(node for node in walk(value) if isinstance(node, AggregateCall))
-    return Metric(text, columns_read(value), value, calls)
+    value = Parser(text, label, columns).table_value()
+    return Metric(text, columns_read(value), value)

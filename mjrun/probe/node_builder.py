@@ -43,12 +43,14 @@ class NodeBuilder:
 
     Args:
       source: of which messages show the place.
+
+    Attributes:
       aggregates: whether there are any; without them all values are per row.
-      control_dt: the time between two rows [s], where a row may refer to the one before it.
     """
 
-    def __init__(self, source: SourceText, vocabulary: Vocabulary, aggregates: bool, control_dt: float | None) -> None:
-        self.source, self.vocabulary, self.aggregates, self.control_dt = source, vocabulary, aggregates, control_dt
+    def __init__(self, source: SourceText, vocabulary: Vocabulary) -> None:
+        self.source, self.vocabulary = source, vocabulary
+        self.aggregates = vocabulary.control_dt is None
 
     def call(self, name: Token, arguments: list[Node], end: int) -> Node:
         """A call that is written up to character `end`."""
@@ -136,14 +138,14 @@ class NodeBuilder:
 
     def _successive(self, name: Token, value: NumericExpression, end: int) -> NumericExpression:
         """`previous(x)` or `rate(x)`."""
-        if self.control_dt is None:
+        if self.vocabulary.control_dt is None:
             raise self.source.fault(name.start, f"{name.text}, which only tasks have", "values of one instant")
         if value.kind != ROW:
             raise self.source.fault(value.start, f"{name.text} of what never changes", "a column in it")
         previous = PreviousValue(name.start, end, ROW, value)
         if name.text == "previous":
             return previous
-        step = NumberLiteral(end, end, FIXED, self.control_dt)
+        step = NumberLiteral(end, end, FIXED, self.vocabulary.control_dt)
         return FunctionCall(name.start, end, ROW, (ARITHMETIC["-"], ARITHMETIC["/"]), (value, previous, step))
 
     def _aggregate(self, name: Token, arguments: list[Node], end: int) -> NumericExpression:

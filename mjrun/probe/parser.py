@@ -1,7 +1,7 @@
 """From the text of an expression to its tree: precedence, what may stand where, and errors that say so."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from operator import neg, pos
 
 import numpy as np
@@ -47,30 +47,26 @@ class Parser:
     """Precedence climbing: an expression of a level is operands joined by operators above that level.
 
     Args:
-      aggregates: whether there are any; without them all values are per row.
-      control_dt: the time between two rows [s], where a row may refer to the one before it as `previous` and `rate` do.
+      label: what messages call the text.
+      vocabulary: the columns, or whatever names them.
     """
 
-    def __init__(
-        self,
-        source: SourceText,
-        vocabulary: Vocabulary,
-        aggregates: bool = True,
-        control_dt: float | None = None,
-    ) -> None:
-        if len(source.text) > LONGEST:
-            raise UsageError(f"{source.label}: {len(source.text)} characters, expected at most {LONGEST}")
-        self.source, self.text, self.vocabulary, self.aggregates = source, source.text, vocabulary, aggregates
-        self.control_dt, self.nodes = control_dt, NodeBuilder(source, vocabulary, aggregates, control_dt)
-        self.scanner, self.depth = Scanner(source, vocabulary), 0
+    def __init__(self, text: str, label: str, vocabulary: Vocabulary | Sequence[str]) -> None:
+        if len(text) > LONGEST:
+            raise UsageError(f"{label}: {len(text)} characters, expected at most {LONGEST}")
+        self.source, self.text = SourceText(text, label), text
+        self.vocabulary = vocabulary if isinstance(vocabulary, Vocabulary) else Vocabulary(vocabulary)
+        self.nodes = NodeBuilder(self.source, self.vocabulary)
+        self.scanner, self.depth = Scanner(self.source, self.vocabulary), 0
         self.token, self.end = self.scanner.token(0), 0
 
-    def whole(self) -> BooleanExpression:
-        """The whole text as one truth, in which `AllRows` marks what is checked row by row."""
-        return self._planned(self.truth())
+    def assertion(self) -> BooleanExpression:
+        """The whole text as one truth of a table, in which `AllRows` marks what is checked row by row."""
+        return self._planned(self.nodes.truth(self._to_end()))
 
-    def truth(self) -> BooleanExpression:
-        """The whole text as one truth."""
+    def condition(self) -> BooleanExpression:
+        """The whole text as one truth per row, without aggregates."""
+        self.nodes.aggregates = False
         return self.nodes.truth(self._to_end())
 
     def row_value(self) -> NumericExpression:
@@ -224,8 +220,8 @@ class Parser:
         return self._unquoted() or self.vocabulary.missing(token.text, token.start, self.source)
 
     def _no_function(self, name: Token) -> UsageError:
-        valid = [*ELEMENTWISE, *OTHERS, *(AGGREGATES if self.aggregates else FOLDED)]
-        valid += SUCCESSIVE if self.control_dt is not None else ()
+        valid = [*ELEMENTWISE, *OTHERS, *(AGGREGATES if self.nodes.aggregates else FOLDED)]
+        valid += SUCCESSIVE if self.vocabulary.control_dt is not None else ()
         groups = sorted(self.vocabulary.groups)
         if not groups:
             return self.source.unknown(name.start, "function", name.text, valid)

@@ -1,23 +1,51 @@
-"""Expressions with one value per row of a table, such as `knee_deg * pi/180`: the arithmetic of assertions.
+"""Expressions with one value per row of a table, or per instant of a simulation: conditions, and numbers.
 
-The language is that of `mjrun.probe.assertion`, without comparisons; of aggregates, `first(x)` alone can be used, since
-it is known from the first row on.
+The language is that of `mjrun.probe.assertion`, without comparisons in numbers, and without aggregates in conditions;
+of aggregates, numbers can use `first(x)` alone, since it is known from the first row on. What is more:
+
+    speed(box)                  the column `speed/box`
+    xpos(top).z                 the column `xpos/top/z`
+    contact(ball, floor)        the column `contact/ball/floor`, the number of contacts between the two
+
+An object is written as a column is, quoted where it needs quotes: `speed('left (upper)')`. Which columns there are, a
+vocabulary tells: those of a table, or all that can be asked for as probes, by each of their names. A number of contacts
+may stand where a comparison may, and holds above zero: `not contact(ball, floor)`.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from mjrun.probe.evaluation import KnownValues, evaluate
-from mjrun.probe.expression import START, AggregateCall, NumericExpression, columns_read, walk
+from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.expression import START, AggregateCall, BooleanExpression, NumericExpression, columns_read, walk
 from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.scanner import Vocabulary
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """A condition that is well formed.
+
+    Attributes:
+      text: as it was written.
+      columns: the names of the columns that it reads, in the order in which it first mentions them.
+    """
+
+    text: str
+    columns: tuple[str, ...]
+    _truth: BooleanExpression = field(repr=False)
+
+    def holds(self, columns: Mapping[str, Any]) -> np.ndarray:
+        """At which of n rows it holds: `(n,)` bool; `columns` are `(n,)` each, by name. No comparison with NaN does."""
+        with np.errstate(all="ignore"):
+            return evaluate_truth(self._truth, columns, {})
 
 
 @dataclass(frozen=True, eq=False)
 class RowExpression:
-    """An expression that is well formed.
+    """A number per row that is well formed.
 
     Attributes:
       text: as it was written.
@@ -50,10 +78,9 @@ class RowEvaluator:
         count = len(next(iter(block.values())))
         if not count:
             return np.empty(0)
-        if self._first is None:
-            self._first = self._first_values({name: values[:1] for name, values in block.items()})
-
         with np.errstate(all="ignore"):  # 1/0 is inf, as in assertions
+            if self._first is None:
+                self._first = self._first_values({name: values[:1] for name, values in block.items()})
             value = evaluate(self._value, block, self._first)
         return np.array(np.broadcast_to(value, count), np.float64)
 
@@ -61,13 +88,41 @@ class RowEvaluator:
         known: KnownValues = {}
         for node in walk(self._value):
             if isinstance(node, AggregateCall) and node.kind == START:
-                with np.errstate(all="ignore"):
-                    known[node] = float(np.ravel(evaluate(node.operand, row, known))[0])
+                known[node] = float(np.ravel(evaluate(node.operand, row, known))[0])
         return known
 
 
+class RisingEdgeDetector:
+    """Where a condition begins to hold, while rows come by in blocks."""
+
+    def __init__(self) -> None:
+        self.indices: list[int] = []  # of rows, counted from the first
+        self._count, self._held = 0, False
+
+    def feed(self, holds: np.ndarray) -> None:
+        """Takes the next rows: `(n,)` bool, whether it holds at each."""
+        before = np.concatenate([[self._held], holds])
+        begins = holds & ~before[:-1]
+        self.indices += (self._count + np.flatnonzero(begins)).tolist()
+        self._count, self._held = self._count + len(holds), bool(before[-1])
+
+
+def parse_condition(text: str, vocabulary: Vocabulary, label: str) -> Condition:
+    """The condition that `text` is over the columns that a vocabulary names.
+
+    Args:
+      label: what messages call the text: `when`, `option("mark_event")`.
+
+    Raises:
+      UnknownNameError: a name is that of no column, object or function; the message lists near and valid ones.
+      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+    """
+    truth = Parser(text, label, vocabulary).condition()
+    return Condition(text, columns_read(truth), truth)
+
+
 def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: str) -> RowExpression:
-    """The expression that `text` is over a table of `columns`, or of those that a vocabulary names.
+    """The number per row that `text` is over a table of `columns`, or of those that a vocabulary names.
 
     Args:
       label: what messages call the text: `option("y")`.
@@ -76,7 +131,5 @@ def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: 
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    vocabulary = columns if isinstance(columns, Vocabulary) else Vocabulary(columns)
-    value = Parser(SourceText(text, label), vocabulary).row_value()
-    read = columns_read(value)
-    return RowExpression(text, read, value)
+    value = Parser(text, label, columns).row_value()
+    return RowExpression(text, columns_read(value), value)

@@ -98,10 +98,13 @@ class Vocabulary:
       groups: names that may be called with objects, `speed(box)`.
       beginnings: of names that may be columns without being listed, `contact/`.
       constants: numbers by name.
+      control_dt: the time between two rows [s], where a row may refer to the one before it as `previous` and `rate` do;
+        such rows are instants, and have no aggregates.
     """
 
     beginnings: tuple[str, ...] = ()
     constants: Mapping[str, float] = CONSTANTS
+    control_dt: float | None = None
 
     def __init__(self, columns: Mapping[str, str] | Sequence[str]) -> None:
         self.names = tuple(columns)

@@ -1,7 +1,7 @@
 """Expressions over the control instants of a task, such as `exp(-norm(goal/x, goal/y)) - 0.1*rate(qpos/hip)`.
 
-The language is that of `mjrun.probe.assertion`, with the values of one instant as in an event (`mjrun.probe.event`):
-there are no aggregates. What is more:
+The language is that of `mjrun.probe.row_expression`, with the values of one instant: there are no aggregates. What is
+more:
 
     previous(x)         the value of x at the control instant before; at the first instant of an episode, x itself
     rate(x)             (x − previous(x)) / control_dt
@@ -130,15 +130,11 @@ def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpress
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    root = _parser(text, columns, label).row_value()
+    root = Parser(text, label, columns).row_value()
     return TaskExpression(text, columns_read(root), root)
 
 
 def parse_task_condition(text: str, columns: TaskColumns, label: str) -> TaskExpression:
     """The condition at each control instant that `text` is, see `parse_task_value`."""
-    root = _parser(text, columns, label).truth()
+    root = Parser(text, label, columns).condition()
     return TaskExpression(text, columns_read(root), root)
-
-
-def _parser(text: str, columns: TaskColumns, label: str) -> Parser:
-    return Parser(SourceText(text, label), columns, aggregates=False, control_dt=columns.control_dt)

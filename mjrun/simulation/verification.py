@@ -16,7 +16,7 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.physics.replay import ReplayStepper
 from mjrun.physics.verification import FirstDifference, first_difference
-from mjrun.probe.state_columns import state_columns
+from mjrun.probe.fields import state_columns
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation

@@ -15,10 +15,8 @@ from mjrun.model.names import names
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.physics.distribution import Distribution, parse_distribution
 from mjrun.physics.parameter_grid import scan_values
-from mjrun.probe.evaluation import evaluate_truth
-from mjrun.probe.expression import BooleanExpression
-from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.row_expression import Condition, parse_condition
+from mjrun.probe.scanner import Vocabulary
 
 EACH = "each:"
 COMBINATIONS = {"grid": product, "zip": zip}
@@ -208,19 +206,17 @@ def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
     keep = np.ones(len(whole.points), bool)
     for index, text in enumerate(conditions):
         with concerning("where", index):
-            truth = Parser(SourceText(text, option("where")), ParameterNames(whole.names), aggregates=False).truth()
-            keep &= _holds(truth, whole)
+            keep &= _holds(parse_condition(text, ParameterNames(whole.names), option("where")), whole)
     if not keep.any():
         raise UsageError(f"{option('where')}: no point is left of {len(whole.points)}")
     return Design(whole.names, [point for point, kept in zip(whole.points, keep, strict=True) if kept])
 
 
-def _holds(truth: BooleanExpression, whole: Design) -> np.ndarray:
+def _holds(condition: Condition, whole: Design) -> np.ndarray:
     columns = {name: numbers(name, [point[i] for point in whole.points]) for i, name in enumerate(whole.names)}
     usable = {name: values for name, values in columns.items() if values is not None}
     try:
-        with np.errstate(all="ignore"):
-            return np.broadcast_to(evaluate_truth(truth, usable, {}), len(whole.points))
+        return np.broadcast_to(condition.holds(usable), len(whole.points))
     except KeyError as error:
         raise UsageError(f"{quoted(str(error.args[0]))} has values that are not numbers") from None
 

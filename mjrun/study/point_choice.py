@@ -7,10 +7,8 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.options.keep import KeepOptions
-from mjrun.probe.evaluation import evaluate_truth
-from mjrun.probe.expression import BooleanExpression, columns_read
-from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.row_expression import Condition, parse_condition
+from mjrun.probe.scanner import Vocabulary
 from mjrun.study.design import ParameterNames
 from mjrun.study.results import STATUSES, with_flags
 
@@ -55,11 +53,10 @@ class PointChoice:
         states = np.array(status)
         chosen = able.copy()
         table = {**columns, **{name: (states == name).astype(float) for name in STATUSES}}
-        for text, truth in self._conditions:
-            if texts := [name for name in columns_read(truth) if name not in table]:
+        for text, condition in self._conditions:
+            if texts := [name for name in condition.columns if name not in table]:
                 raise UsageError(f"{option('keep_where')} {text}: {clean(texts[0])} has values that are not numbers")
-            with np.errstate(all="ignore"):
-                chosen &= np.broadcast_to(evaluate_truth(truth, table, {}), len(states))
+            chosen &= np.broadcast_to(condition.holds(table), len(states))
         if not self._ranked:
             return np.flatnonzero(chosen).tolist()
         ranked = set[int]()
@@ -69,9 +66,9 @@ class PointChoice:
             ranked.update(usable[order[:count]].tolist())
         return sorted(ranked)
 
-    def _condition(self, index: int, text: str, names: "PointNames") -> tuple[str, BooleanExpression]:
+    def _condition(self, index: int, text: str, names: "PointNames") -> tuple[str, Condition]:
         with concerning("keep_where", index):
-            return text, Parser(SourceText(with_flags(text), option("keep_where")), names, aggregates=False).truth()
+            return text, parse_condition(with_flags(text), names, option("keep_where"))
 
 
 class PointNames(Vocabulary):

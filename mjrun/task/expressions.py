@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mjrun.errors import concerning
-from mjrun.probe.column_matrix import ColumnLayout, ColumnMatrix
+from mjrun.probe.evaluation import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import (
     TaskColumns,
     TaskExpression,

@@ -10,7 +10,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.assertion import parse
 from mjrun.probe.available import AvailableProbes, SelectedProbes
 from mjrun.probe.episode import EpisodeColumns, EpisodeProbe
-from mjrun.probe.event import condition
+from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.select import available_columns, select
 
 MODEL = mujoco.MjModel.from_xml_string(
@@ -74,10 +74,12 @@ def test_without_a_policy_an_error_says_so(text: str) -> None:
 
 
 def test_expressions_read_them() -> None:
-    expression = condition("reward/alive > 1 and norm('obs/position/*') < action(hip)", MODEL, episode=EPISODE)
+    expression = parse_condition(
+        "reward/alive > 1 and norm('obs/position/*') < action(hip)", AvailableProbes(MODEL, EPISODE.names), "when"
+    )
     assert expression.columns == ("reward/alive", "obs/position/x", "obs/position/y", "action/hip")
     with pytest.raises(UsageError, match="'return' can be measured where a policy acts only"):
-        condition("return > 1", MODEL)
+        parse_condition("return > 1", AvailableProbes(MODEL), "when")
     with pytest.raises(UnknownNameError, match=r"no column .reward/alife. .*did you mean .reward/alive."):
         parse("last(reward/alife) > 1", AvailableProbes(MODEL, EPISODE.names))
     with pytest.raises(UsageError, match="the model offers it: add probe return"):

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from mjrun.probe.column_matrix import ColumnLayout, ColumnMatrix
-from mjrun.probe.evaluation import evaluate, evaluate_truth, evaluation
+from mjrun.probe.evaluation import ColumnLayout, ColumnMatrix, evaluate, evaluate_truth, evaluation
 from mjrun.probe.parser import Parser
-from mjrun.probe.scanner import SourceText, Vocabulary
+from mjrun.probe.scanner import Vocabulary
 
 NAMES = ["a", "b", "v/0", "v/1", "v/2"]
 TABLE = np.random.default_rng(3).normal(size=(40, 5))
@@ -15,7 +14,7 @@ A, B, V = COLUMNS["a"], COLUMNS["b"], TABLE[:, 2:]
 
 
 def parser(text: str) -> Parser:
-    return Parser(SourceText(text, "text"), Vocabulary(NAMES), aggregates=False)
+    return Parser(text, "text", Vocabulary(NAMES))
 
 
 @pytest.mark.parametrize(
@@ -45,7 +44,7 @@ def test_values_are_numpys_whatever_holds_the_columns(text: str, expected: np.nd
 
 
 def test_conditions_are_numpys() -> None:
-    truth = parser("not (a > 0 or b < 0) and isfinite('v/*')").truth()
+    truth = parser("not (a > 0 or b < 0) and isfinite('v/*')").condition()
     np.testing.assert_array_equal(evaluate_truth(truth, COLUMNS, {}), ~((A > 0) | (B < 0)))
 
 
@@ -60,7 +59,29 @@ def test_a_row_alone_gets_the_bits_that_it_gets_among_others(width: int) -> None
         "sum('v/*'^2) + max('v/*', 0)",
         "sum(where(v/0 > 0, 'v/*' / v/0, -1))",
     ):
-        value = Parser(SourceText(text, "text"), Vocabulary(names), aggregates=False).row_value()
+        value = Parser(text, "text", Vocabulary(names)).row_value()
         whole = evaluate(value, ColumnMatrix(layout, table, {}), {})
         alone = [evaluate(value, ColumnMatrix(layout, row, {}), {}) for row in table]
         np.testing.assert_array_equal(alone, whole)
+
+
+MATRIX = np.random.default_rng(0).normal(size=(5, 6))[:, :4]
+BY_NAME = {**dict(zip("abcd", MATRIX.T, strict=True)), "time": np.arange(5.0)}
+MADE = ColumnMatrix(ColumnLayout("abcd"), MATRIX, {"time": BY_NAME["time"]})
+
+
+def test_it_is_a_mapping_of_contiguous_columns() -> None:
+    assert list(MADE) == list(BY_NAME)
+    assert len(MADE) == 5
+    for name, values in BY_NAME.items():
+        np.testing.assert_array_equal(MADE[name], values)
+        assert MADE[name].flags.c_contiguous
+    with pytest.raises(KeyError):
+        MADE["e"]
+
+
+@pytest.mark.parametrize("names", [("b", "c"), ("a", "b", "c", "d"), ("c", "b"), ("a", "c"), ("d", "time"), ("time",)])
+def test_vectors_have_their_columns_in_order(names: tuple[str, ...]) -> None:
+    vector = MADE.vector(names)
+    np.testing.assert_array_equal(vector, np.stack([BY_NAME[name] for name in names], axis=-1))
+    assert vector.flags.c_contiguous

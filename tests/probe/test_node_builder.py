@@ -13,7 +13,9 @@ NAMES = ["x", "q/a", "q/b", "r/a", "r/b", "r/c"]
 
 
 def builder(aggregates: bool = True) -> NodeBuilder:
-    return NodeBuilder(SourceText("max(x, 'q/*')", "y"), Vocabulary(NAMES), aggregates, None)
+    made = NodeBuilder(SourceText("max(x, 'q/*')", "y"), Vocabulary(NAMES))
+    made.aggregates = aggregates
+    return made
 
 
 X, VECTOR = ColumnReference(4, 5, ROW, "x"), ColumnVector(7, 12, ROW, ("q/a", "q/b"))
@@ -49,7 +51,7 @@ def test_what_is_elementwise_is_as_wide_as_its_vectors() -> None:
     ],
 )
 def test_the_kind_of_a_value_is_that_of_its_latest_part(text: str, kind: str) -> None:
-    parser = Parser(SourceText(text, "y"), Vocabulary(NAMES))
+    parser = Parser(text, "y", Vocabulary(NAMES))
     assert parser.nodes.value(parser._expression(0)).kind == kind
 
 
@@ -65,4 +67,4 @@ def test_the_kind_of_a_value_is_that_of_its_latest_part(text: str, kind: str) ->
 )
 def test_what_does_not_go_together_is_told(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        Parser(SourceText(text, "y"), Vocabulary(NAMES)).row_value()
+        Parser(text, "y", Vocabulary(NAMES)).row_value()
