@@ -9,8 +9,9 @@ TEXT = "\n".join(PAGES.values())
 
 
 def blocks(language: str, text: str = TEXT) -> list[str]:
-    """Returns the code blocks in a language, each once."""
-    return list(dict.fromkeys(re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)))
+    """Returns the code blocks in a language, without those that others contain."""
+    unique = dict.fromkeys(re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
+    return [block for block in unique if not any(block in other for other in unique if other != block)]
 
 
 def commands(text: str = TEXT) -> list[str]:
