@@ -7,7 +7,7 @@ import mujoco
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.confinement.sandbox import confined_load
-from mjrun.model.delays import lengthen_buffers
+from mjrun.model.compilation import lengthen_buffers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
 from mjrun.suffixes import XML

@@ -8,9 +8,8 @@ from mjrun.cli.github_annotations import annotation
 from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
-from mjrun.diff.model_sentences import model_lines
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
-from mjrun.diff.sentences import cell_texts, golden_versions, place, shared_sentence, unmatched_place
+from mjrun.diff.sentences import cell_texts, golden_versions, model_lines, place, shared_sentence, unmatched_place
 from mjrun.errors import clean, counted, flag, listing, spelled
 from mjrun.formats.input_file import is_file
 

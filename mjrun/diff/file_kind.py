@@ -3,7 +3,7 @@
 import zipfile
 from pathlib import Path
 
-from mjrun.diff.result_tables import is_results
+from mjrun.diff.table_files import is_results
 from mjrun.errors import UsageError, clean
 from mjrun.formats import codecs, image_reader, tables
 from mjrun.formats.input_file import is_folder

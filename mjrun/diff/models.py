@@ -1,5 +1,6 @@
 """Do two models agree? What is compared is what MuJoCo compiles them to, object by object."""
 
+import hashlib
 from collections.abc import Iterator, Sequence
 
 import mujoco
@@ -14,8 +15,7 @@ from mjrun.diff.model_differences import (
     ModelObject,
     Value,
 )
-from mjrun.diff.model_matching import PARENTS, ModelObjects, ObjectMatching
-from mjrun.diff.model_values import FieldComparer
+from mjrun.diff.model_matching import PARENTS, ModelObjects, ObjectMatching, RowMatching
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.diff.xml_changes import xml_changes
 from mjrun.model.description.non_default_settings import (
@@ -25,10 +25,191 @@ from mjrun.model.description.non_default_settings import (
     statistic_differences,
     visual_differences,
 )
-from mjrun.model.fields import SIZES, model_fields, user_sizes
+from mjrun.model.fields import (
+    SIZES,
+    STRETCHES,
+    ModelField,
+    array,
+    as_rows,
+    model_fields,
+    referred_kinds,
+    stretch,
+    stretch_kind,
+    user_sizes,
+)
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.names import PLURALS
+from mjrun.model.names import PLURALS, QUATERNION, VECTOR
 from mjrun.model.source import Source
+from mjrun.model.units import field_unit
+
+SHORT = 8  # numbers of an object that are told one by one; more are told as an array
+COLOUR, LIMITS = ("r", "g", "b", "a"), ("lower", "upper")
+# The names of the components of a field, by how its name ends and how many they are.
+COMPONENTS: dict[tuple[str, int], Sequence[str]] = {
+    ("pos", 3): VECTOR, ("axis", 3): VECTOR, ("_dir", 3): VECTOR, ("scale", 3): VECTOR, ("0", 3): VECTOR,
+    ("quat", 4): QUATERNION, ("rgba", 4): COLOUR, ("ambient", 3): COLOUR, ("diffuse", 3): COLOUR,
+    ("light_specular", 3): COLOUR, ("range", 2): LIMITS, ("lengthspring", 2): LIMITS,
+    ("friction", 3): ("slide", "spin", "roll"), ("pair_friction", 5): ("slide1", "slide2", "spin", "roll1", "roll2"),
+    ("surfacevel", 6): ("vx", "vy", "vz", "wx", "wy", "wz"), ("body_invweight0", 2): ("translation", "rotation"),
+    ("resolution", 2): ("width", "height"), ("sensorsize", 2): ("width", "height"),
+    ("exclude_signature", 2): ("body1", "body2"), ("hfield_size", 4): ("x", "y", "top", "bottom"),
+}  # fmt: skip
+TEXTS = ("text_data", "plugin_attr")
+
+
+class FieldComparer:
+    """Compares fields of two models whose objects are matched."""
+
+    def __init__(self, objects: ObjectMatching, tolerances: Tolerances) -> None:
+        self._objects, self._rows = objects, RowMatching(objects)
+        self._models = objects.a.model, objects.b.model
+        self._tolerances = tolerances
+
+    def differences(self, field: ModelField) -> Iterator[Difference]:
+        """What differs in one field, in the order of the first model."""
+        if field.rows in STRETCHES:
+            yield from self._stretches(field)
+        elif self._rows.rows(field.rows) is not None:
+            yield from self._matched_rows(field)
+        else:
+            yield from self._array(field.name, "", *(array(model, field.name) for model in self._models))
+
+    def disagree(self, name: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Where two arrays of one shape differ; floats within the tolerance of the field do not, nor NaN from NaN."""
+        different = a != b
+        if not np.issubdtype(a.dtype, np.floating) or not different.any():
+            return different
+        return different & ~self._tolerances.of(name).agree(a.astype(float), b.astype(float))
+
+    def _matched_rows(self, field: ModelField) -> Iterator[FieldDifference]:
+        rows = self._rows.rows(field.rows)
+        assert rows is not None
+        a, b = _Values(self._objects.a, field).rows(rows.a), _Values(self._objects.b, field).rows(rows.b)
+        names = self._align_components(field, a, b)
+        different = self._different(field, a, b)
+        for k in np.flatnonzero(different.any(axis=1)).tolist():
+            chosen = np.flatnonzero(different[k]).tolist()
+            components = tuple(names[i] for i in chosen) if len(chosen) < len(names) else ()
+            unit = field_unit(self._models[0], field.name, int(rows.a[k]))
+            yield FieldDifference(field.name, rows.labels[k], components, a.plain(k, chosen), b.plain(k, chosen), unit)
+
+    def _align_components(self, field: ModelField, a: "_Values", b: "_Values") -> Sequence[str]:
+        """Makes the columns of both correspond, and names them."""
+        dimension = str(field.extents[1]) if len(field.extents) > 1 else ""
+        columns = self._rows.rows(dimension) if dimension else None
+        if columns is not None:
+            a.columns(columns.a)
+            b.columns(columns.b)
+            return columns.labels
+        width = max(a.width, b.width)  # of user data, of which the shorter ends in zeros
+        a.pad(width)
+        b.pad(width)
+        named = next((names for (end, n), names in COMPONENTS.items() if n == width and field.name.endswith(end)), None)
+        return named or [str(i) for i in range(width)]
+
+    def _stretches(self, field: ModelField) -> Iterator[Difference]:
+        kind = stretch_kind(field.rows)
+        match = self._objects.matches[kind]
+        values = [_Values(objects, field) for objects in (self._objects.a, self._objects.b)]
+        for pair in zip(match.a.tolist(), match.b.tolist(), strict=True):
+            label = self._rows.label(kind, *pair)
+            a, b = (
+                value.rows(np.arange(*stretch(model, field.rows, index).indices(len(value.array))))
+                for value, model, index in zip(values, self._models, pair, strict=True)
+            )
+            if field.name in TEXTS:
+                yield from _text(field.name, label, a.array, b.array)
+            elif a.array.shape != b.array.shape or a.array.size > SHORT:
+                yield from self._array(field.name, label, self._canonical("a", a), self._canonical("b", b))
+            else:
+                yield from self._short(field, label, a, b)
+
+    def _short(self, field: ModelField, label: str, a: "_Values", b: "_Values") -> Iterator[FieldDifference]:
+        """The few numbers of an object as one row."""
+        a, b = a.flat(), b.flat()
+        chosen = np.flatnonzero(self._different(field, a, b)[0]).tolist()
+        if chosen:
+            components = tuple(map(str, chosen)) if len(chosen) < a.width else ()
+            yield FieldDifference(field.name, label, components, a.plain(0, chosen), b.plain(0, chosen))
+
+    def _different(self, field: ModelField, a: "_Values", b: "_Values") -> np.ndarray:
+        """Where rows differ: numbers beyond the tolerance, and ids of what is not the same object."""
+        first, second = self._canonical("a", a), self._canonical("b", b)
+        different = self.disagree(field.name, first, second)
+        if a.kinds is None or b.kinds is None:
+            return different
+        return different | ((first != second) & ((a.kinds != 0) | (b.kinds != 0)))
+
+    def _canonical(self, side: str, values: "_Values") -> np.ndarray:
+        return self._objects.canonical(side, values.array, values.kinds)
+
+    def _array(self, name: str, label: str, a: np.ndarray, b: np.ndarray) -> Iterator[ArrayDifference]:
+        count = largest = None
+        if a.shape == b.shape:
+            count = int(np.count_nonzero(self.disagree(name, a, b)))
+            if not count:
+                return
+            largest = float(np.nanmax(np.abs(b.astype(float) - a.astype(float))))
+        yield ArrayDifference(name, label, a.shape, b.shape, count, largest, _sha256(a), _sha256(b))
+
+
+class _Values:
+    """Rows of a field of one model, `(n, m)`, with the types of the objects that its ids refer to."""
+
+    def __init__(self, objects: ModelObjects, field: ModelField) -> None:
+        self._objects, self._field = objects, field
+        values, kinds = array(objects.model, field.name), referred_kinds(objects.model, field.name)
+        self.array = as_rows(values)
+        self.kinds = None if kinds is None else as_rows(kinds)
+
+    @property
+    def width(self) -> int:
+        return self.array.shape[1]
+
+    def rows(self, indices: np.ndarray) -> "_Values":
+        """Some of the rows."""
+        return self._with(self.array[indices], None if self.kinds is None else self.kinds[indices])
+
+    def flat(self) -> "_Values":
+        """All of it as one row."""
+        return self._with(self.array.reshape(1, -1), None if self.kinds is None else self.kinds.reshape(1, -1))
+
+    def columns(self, indices: np.ndarray) -> None:
+        """Leaves some of the columns."""
+        self.array = self.array[:, indices]
+
+    def pad(self, width: int) -> None:
+        """Adds columns of zeros."""
+        if width > self.width:
+            self.array = np.pad(self.array, ((0, 0), (0, width - self.width)))
+
+    def plain(self, row: int, columns: Sequence[int]) -> tuple[Value, ...]:
+        """Some values of one row, as they are told."""
+        return tuple(self._plain(row, column) for column in columns)
+
+    def _plain(self, row: int, column: int) -> Value:
+        value = self.array[row, column]
+        if self.kinds is not None and (kind := int(self.kinds[row, column])):
+            return self._objects.referred(kind, int(value))
+        return self._field.plain(value)
+
+    def _with(self, values: np.ndarray, kinds: np.ndarray | None) -> "_Values":
+        new = object.__new__(_Values)
+        new._objects, new._field, new.array, new.kinds = self._objects, self._field, values, kinds
+        return new
+
+
+def _text(name: str, label: str, a: np.ndarray, b: np.ndarray) -> Iterator[FieldDifference]:
+    first, second = (
+        values.tobytes().rstrip(b"\0").replace(b"\0", b" ").decode("utf-8", "replace") for values in (a, b)
+    )
+    if first != second:
+        yield FieldDifference(name, label, (), (first,), (second,))
+
+
+def _sha256(values: np.ndarray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
+
 
 MEMORY = "a compiled model"  # what one is called that comes from no file
 

@@ -5,11 +5,19 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from mjrun.diff.alignment import EqualRows, Pairs, Rows, RowStream, Skip, pairs_by_key, pairs_by_row
-from mjrun.diff.cells import as_numbers, cell_text, compare_cells
-from mjrun.diff.keyed_rows import KeyedRows, pairs_by_columns
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference
-from mjrun.diff.tolerances import Tolerance, Tolerances
+from mjrun.diff.row_alignment import (
+    EqualRows,
+    KeyedRows,
+    Pairs,
+    Rows,
+    RowStream,
+    Skip,
+    pairs_by_columns,
+    pairs_by_key,
+    pairs_by_row,
+)
+from mjrun.diff.tolerances import Tolerance, Tolerances, as_numbers, cell_text, compare_cells
 from mjrun.errors import FileError
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from mjrun.errors import FileError, UsageError, clean, listing, option
 from mjrun.formats.atomic_output import OutputWriter, written_file
 from mjrun.formats.temporary_output import temporary_file
-from mjrun.model.attribute_text import Change, changes, with_changes
+from mjrun.model.attribute_edits import Change, changes, with_changes
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.source import Source

@@ -94,13 +94,13 @@ def _tiff(image: ImageData) -> bytes:
 
 
 def _millimetre_png(image: ImageData) -> bytes:
-    from mjrun.model.uint16_pixels import depth_millimetres
+    from mjrun.formats.uint16_pixels import depth_millimetres
 
     return _png(depth_millimetres(image.pixels), image.tags)
 
 
 def _clipped_share(pixels: np.ndarray) -> float:
-    from mjrun.model.uint16_pixels import clipped_share
+    from mjrun.formats.uint16_pixels import clipped_share
 
     return clipped_share(pixels)
 
@@ -120,7 +120,7 @@ def _npy(image: ImageData) -> bytes:
 
 
 def _id_png(image: ImageData) -> bytes:
-    from mjrun.model.uint16_pixels import segment_numbers
+    from mjrun.formats.uint16_pixels import segment_numbers
 
     return _png(segment_numbers(image.pixels, image.segments), image.tags)
 

@@ -12,8 +12,8 @@ from mjrun.formats.coco import CocoDocument
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_format import FORMATS, ImageData
 from mjrun.formats.labels import LabelsWriter
+from mjrun.formats.uint16_pixels import check_segment_count
 from mjrun.model.rendered_view import Segment
-from mjrun.model.uint16_pixels import check_segment_count
 
 # The pixels of a view: their shape after height and width, and their type.
 PIXELS = {"rgb": ((3,), np.uint8), "depth": ((), np.float32), "seg": ((), np.int32)}

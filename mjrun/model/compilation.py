@@ -3,18 +3,105 @@
 import math
 import re
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from mjrun.activity import doing
 from mjrun.confinement.confinement import confinement
-from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, listing, option
-from mjrun.model import finiteness
-from mjrun.model.delays import lengthen_buffers
+from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, listing, option, quoted
 from mjrun.model.mujoco_globals import without_log
-from mjrun.model.override import Override, apply
+from mjrun.model.names import KIND_OF_COUNT, KINDS
+from mjrun.model.override import Override, apply, elements_at
+from mjrun.timeline import rational
+
+# Prefixes and endings of fields that no motion comes from, or that are looked at where they are used.
+LEFT_OUT = ("key_", "numeric_", "tuple_", "mesh_normal", "mesh_polynormal")
+LEFT_OUT_ENDINGS = ("_user", "_texcoord")
+# Endings of bounds and tolerances, which may be infinite.
+BOUNDS = ("range", "margin", "gap", "cutoff", "tolerance", "yield", "limited")
+# Fields that follow from others: a fault of theirs is one of these others.
+DERIVED = ("0", "_aabb", "_rbound", "_subtreemass", "_L")
+
+
+def non_finite_number(model: mujoco.MjModel) -> str | None:
+    """The first number of a model that is not finite, `its dof_damping is nan, of joint 'hip'`; None if there is none.
+
+    MuJoCo compiles NaN, and the simulation explodes. Bounds may be infinite. Keyframes are not looked at: one that
+    nobody starts from does no harm.
+    """
+    for name in _numbers(mujoco.MjOption):
+        if (value := _bad(np.asarray(getattr(model.opt, name)), name)) is not None:
+            return f"its opt.{name} is {value[1]}"
+    for name in _numbers(mujoco.MjModel):
+        if (value := _bad(getattr(model, name), name)) is not None:
+            return f"its {name} is {value[1]}{_owner(model, name, value[0])}"
+    return None
+
+
+@cache
+def _numbers(of: type) -> list[str]:
+    """The fields of a model, or of its options, that hold numbers from which its motion comes."""
+    example = mujoco.MjSpec().compile()
+    owner = example.opt if of is mujoco.MjOption else example
+    fields = {name: getattr(owner, name) for name in dir(owner) if not name.startswith("_")}
+    names = [
+        name
+        for name, value in fields.items()
+        if isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype.kind == "f")
+        if not name.startswith(LEFT_OUT) and not name.endswith(LEFT_OUT_ENDINGS)
+    ]
+    return sorted(names, key=lambda name: name.endswith(DERIVED) and name != "qpos0")
+
+
+def _bad(values: np.ndarray, name: str) -> tuple[int, float] | None:
+    """The row and the value of the first number that cannot be."""
+    if np.isfinite(values).all():
+        return None
+    wrong = np.isnan(values) if name.endswith(BOUNDS) else ~np.isfinite(values)
+    if not wrong.any():
+        return None
+    index = int(wrong.argmax())  # of all numbers, row by row
+    row = index // max(1, int(np.prod(values.shape[1:])))
+    return row, float(values.flat[index])
+
+
+def _owner(model: mujoco.MjModel, field: str, row: int) -> str:
+    """Whose number it is, `, of joint 'hip'`."""
+    prefix = field.partition("_")[0]
+    if prefix == "dof":
+        prefix, row = "jnt", int(model.dof_jntid[row])
+    kind = KIND_OF_COUNT.get(f"n{prefix}")
+    if kind is None:
+        return ""
+    name = mujoco.mj_id2name(model, KINDS[kind], row)
+    return f", of {kind} {quoted(name) if name else row}"
+
+
+DELAYED = ("actuator", "sensor")
+
+
+def lengthen_buffers(spec: mujoco.MjSpec, overrides: Iterable[Override]) -> None:
+    """Makes the buffers of all elements whose delay is overridden as long as their delay needs, if they are shorter.
+
+    MuJoCo reads delays from a buffer of samples: one that is too short makes the delay shorter, without a word.
+
+    Args:
+      overrides: that were applied to `spec`.
+    """
+    timestep = spec.option.timestep
+    if not timestep > 0:  # which the compiler refuses
+        return
+    for override in overrides:
+        kind, _, rest = override.target.partition("/")
+        if kind not in DELAYED or not rest.endswith(".delay"):
+            continue
+        for element in elements_at(spec, override)[0]:
+            element.nsample = max(element.nsample, math.ceil(rational(element.delay) / rational(timestep)))
+
 
 # Everything that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
 # a RuntimeError and means that memory ran out.
@@ -83,7 +170,7 @@ def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") ->
     if not _is_timestep(step := model.opt.timestep):
         must = "be positive and finite" if not step > 0 or math.isinf(step) else f"be at most {LONGEST:g} s"
         raise BrokenModelError(path, f"its timestep is {step:g}, and must {must}", hint=timestep_advice)
-    if fault := finiteness.fault(model):
+    if fault := non_finite_number(model):
         raise BrokenModelError(path, f"{fault}, and must be finite")
 
 

@@ -92,8 +92,8 @@ def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
 
 
 def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -> DiffResult:
-    from mjrun.diff.model_sentences import model_sentences
     from mjrun.diff.models import compare_models
+    from mjrun.diff.sentences import model_sentences
 
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)
     model = compare_models(source_of(a), source_of(b), tolerances)

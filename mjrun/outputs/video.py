@@ -16,8 +16,8 @@ from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.labels import LabelsWriter
+from mjrun.formats.uint16_pixels import UINT16_MAX
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.model.uint16_pixels import UINT16_MAX
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
+from mjrun.formats.uint16_pixels import depth_millimetres, segment_numbers
 from mjrun.model.rendered_view import RenderedView
-from mjrun.model.uint16_pixels import depth_millimetres, segment_numbers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors

@@ -4,8 +4,8 @@ import mujoco
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.diff.model_matching import ModelObjects, ObjectMatching
-from tests.diff.models import compared
+from mjrun.diff.model_matching import ModelObjects, ObjectMatching, RowMatching, equal_blocks
+from tests.diff.models import CRATE, compared, spec
 
 
 def model(*geoms: str) -> mujoco.MjModel:
@@ -59,3 +59,66 @@ def xml(geoms: list[str]) -> str:
     parts = "".join(f'<geom size="{geom.partition("/")[2]}"/>' for geom in geoms)
     inertia = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
     return f'<mujoco><worldbody><body name="b">{inertia}{parts}</body></worldbody></mujoco>'
+
+
+def rows_of(a: mujoco.MjModel, b: mujoco.MjModel) -> RowMatching:
+    return RowMatching(ObjectMatching(ModelObjects(a), ModelObjects(b)))
+
+
+def test_degrees_of_freedom_follow_their_joints() -> None:
+    a, b = spec().compile(), spec(CRATE).compile()
+    matching = rows_of(a, b)
+    positions, velocities = matching.rows("nq"), matching.rows("nv")
+    assert positions is not None
+    assert velocities is not None
+    assert positions.labels[:3] == ["hip", "knee", "root/x"]
+    assert (positions.b - positions.a).tolist() == [7] * a.nq
+    assert (velocities.b - velocities.a).tolist() == [6] * a.nv
+    assert velocities.labels[2:] == [f"root/{name}" for name in ("vx", "vy", "vz", "wx", "wy", "wz")]
+
+
+def test_parts_of_another_number_have_no_rows_in_common() -> None:
+    other = spec()
+    other.joint("knee").type = mujoco.mjtJoint.mjJNT_BALL
+    other.delete(other.keys[0])
+    for each in (*other.equalities, *other.tendons, *other.sensors, *other.actuators):
+        other.delete(each)
+    rows = rows_of(spec().compile(), other.compile()).rows("nv")
+    assert rows is not None
+    assert rows.labels[:2] == ["hip", "root/vx"]
+
+
+def test_what_belongs_to_no_object_has_no_rows() -> None:
+    model = spec().compile()
+    assert rows_of(model, model).rows("nmeshpoly") is None
+
+
+def test_trees_are_those_of_their_first_bodies() -> None:
+    rows = rows_of(spec().compile(), spec(CRATE).compile()).rows("ntree")
+    assert rows is not None
+    assert [*zip(rows.labels, rows.a.tolist(), rows.b.tolist(), strict=True)] == [("torso", 0, 1), ("ball", 1, 2)]
+
+
+ITEMS = st.lists(st.integers(0, 3), max_size=8)
+
+
+@given(ITEMS, ITEMS)
+def test_blocks_are_equal_in_order_and_end_with_both(a: list[int], b: list[int]) -> None:
+    end_a = end_b = 0
+    for block in equal_blocks(a, b):
+        assert block.a >= end_a
+        assert block.b >= end_b
+        end_a, end_b = block.a + block.size, block.b + block.size
+        assert a[block.a : end_a] == b[block.b : end_b]
+    assert (end_a, end_b) == (len(a), len(b))
+
+
+@given(ITEMS, st.integers(0, 8), st.integers(9, 10))
+def test_one_changed_item_leaves_all_others(items: list[int], at: int, new: int) -> None:
+    changed = [*items[:at], new, *items[at + 1 :]]
+    expected = len(items) - (at < len(items))
+    assert sum(block.size for block in equal_blocks(items, changed)) == expected
+
+
+def test_an_item_that_becomes_its_neighbour_has_changed() -> None:
+    assert [block for block in equal_blocks("hk", "kk") if block.size] == [(1, 1, 1)]

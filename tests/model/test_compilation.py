@@ -1,17 +1,16 @@
 """Theorems about compilation: a model that MuJoCo refuses is refused with its line, its reason and the overrides."""
 
+import math
 from pathlib import Path
 
+import mujoco
 import pytest
 
-from mjrun.errors import (
-    BadValueError,
-    BrokenModelError,
-    MjrunError,
-    ModelError,
-    clean,
-)
+from mjrun.errors import BadValueError, BrokenModelError, MjrunError, ModelError, clean
+from mjrun.model.compilation import non_finite_number
 from mjrun.model.load import load
+from mjrun.model.override import Override
+from mjrun.model.sources import parse_source
 from tests.model.model_files import MODEL, write
 
 
@@ -94,3 +93,71 @@ def test_foreign_text_in_an_override_cannot_steer_the_terminal(tmp_path: Path) -
     with pytest.raises(MjrunError) as caught:
         load(path, overrides={"geom/skin.material": "\x1b[31m"})
     assert all(line == clean(line) for line in str(caught.value).splitlines())
+
+
+BODY = (
+    '<worldbody><body name="arm"><joint name="hip" {}/><geom name="bob" size=".1" pos="0 0 1" {}/></body></worldbody>'
+)
+
+
+def model(option: str = "", joint: str = "", geom: str = "") -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(f"<mujoco><option {option}/>{BODY.format(joint, geom)}</mujoco>")
+
+
+@pytest.mark.parametrize(
+    ("parts", "says"),
+    [
+        ({"option": 'gravity="0 nan 0"'}, "its opt.gravity is nan"),
+        ({"option": 'wind="inf 0 0"'}, "its opt.wind is inf"),
+        ({"option": 'density="nan"'}, "its opt.density is nan"),
+        ({"option": 'tolerance="nan"'}, "its opt.tolerance is nan"),
+        ({"joint": 'damping="nan"'}, "its dof_damping is nan, of joint 'hip'"),
+        ({"joint": 'armature="inf"'}, "its dof_armature is inf, of joint 'hip'"),
+        ({"joint": 'range="0 nan"'}, "its jnt_range is nan, of joint 'hip'"),
+        ({"joint": 'ref="nan"'}, "its qpos0 is nan"),
+        ({"geom": 'mass="inf"'}, "its body_inertia is inf, of body 'arm'"),
+        ({"geom": 'friction="nan"'}, "its geom_friction is nan, of geom 'bob'"),
+    ],
+)
+def test_what_is_not_finite_is_named(parts: dict[str, str], says: str) -> None:
+    assert non_finite_number(model(**parts)) == says
+
+
+def test_bounds_may_be_infinite_and_keyframes_are_not_looked_at() -> None:
+    assert non_finite_number(model(joint='range="-inf inf"', option='tolerance="inf"')) is None
+    key = '<keyframe><key qpos="nan"/></keyframe>'
+    assert non_finite_number(mujoco.MjModel.from_xml_string(f"<mujoco>{BODY.format('', '')}{key}</mujoco>")) is None
+
+
+DELAYED = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body><joint name="j" type="slide"/>
+<geom size=".1" mass="1"/></body></worldbody><actuator><motor name="m" joint="j" nsample="SAMPLES"/></actuator>
+<sensor><jointvel name="v" joint="j" nsample="1"/></sensor></mujoco>"""
+
+
+def first_steps(path: Path, overrides: dict[str, str]) -> tuple[int, int]:
+    """The first steps at which a constant control acts, and at which the sensor shows that the joint moves."""
+    model = parse_source(str(path), [Override(*pair) for pair in overrides.items()]).load()
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 1
+    acting, moving = [], []
+    for step in range(40):
+        mujoco.mj_step(model, data)
+        acting += [step] if data.actuator_force[0] else []
+        moving += [step] if data.sensordata[0] else []
+    return acting[0], moving[0]
+
+
+@pytest.mark.parametrize("samples", [0, 3, 30])
+@pytest.mark.parametrize("delay", ["0", "0.002", "0.01", "0.011", "0.04"])
+def test_a_control_arrives_later_by_the_delay(tmp_path: Path, samples: int, delay: str) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text(DELAYED.replace("SAMPLES", str(samples)))
+    steps = math.ceil(round(float(delay) / 0.002, 6))
+    assert first_steps(path, {"actuator/m.delay": delay}) == (steps, steps + 1)
+    assert first_steps(path, {"actuator/*.delay": delay, "sensor/v.delay": "0.006"}) == (steps, steps + 1 + 3)
+
+
+def test_a_shorter_timestep_needs_more_samples(tmp_path: Path) -> None:
+    path = tmp_path / "model.xml"
+    path.write_text(DELAYED.replace("SAMPLES", "0"))
+    assert first_steps(path, {"actuator/m.delay": "0.01", "opt.timestep": "0.001"})[0] == 10

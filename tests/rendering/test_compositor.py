@@ -12,8 +12,8 @@ import pytest
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
+from mjrun.formats.uint16_pixels import depth_millimetres
 from mjrun.model.state import save
-from mjrun.model.uint16_pixels import depth_millimetres
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
 from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel, SceneCompositor

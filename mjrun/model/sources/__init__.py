@@ -13,8 +13,8 @@ from mjrun.errors import BadValueError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
-from mjrun.model.sources.compiled import CompiledSource
 from mjrun.model.sources.file import FileCollectionSource, FileSource
+from mjrun.model.sources.in_memory import CompiledSource
 from mjrun.model.sources.stdin import StdinSource
 from mjrun.suffixes import is_yaml
 

@@ -13,7 +13,7 @@ from mjrun.confinement.sandbox import confined_load
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import existing_files, require_regular_files
-from mjrun.model.nesting import require_finite_nesting
+from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.source import Source
 from mjrun.model.sources.file import FileSource
 

@@ -12,8 +12,8 @@ from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources import listed_collection, model_collections, parse_source, source_of
 from mjrun.model.sources.bundled_scene import BundledScene
-from mjrun.model.sources.compiled import CompiledSource
 from mjrun.model.sources.file import FileSource
+from mjrun.model.sources.in_memory import CompiledSource
 from mjrun.model.sources.stdin import StdinSource
 
 NEW = """

@@ -1,5 +1,6 @@
 """Rows that belong together, beside a merge of whole lists in plain Python."""
 
+import random
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.diff import alignment
-from mjrun.diff.alignment import EqualRows, Pairs, RowStream
+from mjrun.diff import row_alignment
+from mjrun.diff.row_alignment import EqualRows, KeyedRows, Pairs, RowStream, pairs_by_columns
 from mjrun.diff.tolerances import Tolerance
 from mjrun.errors import FileError
 
@@ -17,7 +18,7 @@ from mjrun.errors import FileError
 @pytest.fixture(autouse=True)
 def single_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks stay as small as they are."""
-    monkeypatch.setattr(alignment, "ENOUGH", 1)
+    monkeypatch.setattr(row_alignment, "ENOUGH", 1)
 
 
 class ListedRows:
@@ -42,13 +43,13 @@ def stream(times: list[float], sizes: list[int], key: str | None = "time") -> Ro
 
 
 def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
-    for pairs in alignment.pairs_by_key(a, b, tolerance, lambda: 0):
+    for pairs in row_alignment.pairs_by_key(a, b, tolerance, lambda: 0):
         assert isinstance(pairs, Pairs)
         yield pairs
 
 
 def pairs_by_row(a: RowStream, b: RowStream) -> Iterator[Pairs]:
-    for pairs in alignment.pairs_by_row(a, b, lambda: 0):
+    for pairs in row_alignment.pairs_by_row(a, b, lambda: 0):
         assert isinstance(pairs, Pairs)
         yield pairs
 
@@ -147,7 +148,42 @@ def test_equal_rows_are_passed_over_where_none_wait() -> None:
     times = [1.0, 2.0, 3.0, 4.0]
     counts = iter([7, 0, 5, 0])
     one, other = stream(times, [2, 2]), stream(times, [2, 2])
-    found = list(alignment.pairs_by_key(one, other, Tolerance(), lambda: next(counts)))
+    found = list(row_alignment.pairs_by_key(one, other, Tolerance(), lambda: next(counts)))
     shown = [pair.count if isinstance(pair, EqualRows) else pair.rows_a.tolist() for pair in found]
     assert shown == [7, [7, 8], [9, 10], 5]
     assert (one.row, other.row) == (16, 16)
+
+
+keys = st.lists(st.tuples(st.sampled_from([0.0, 0.5, 3.0]), st.sampled_from(["a", "b", ""])), max_size=8)
+
+
+class TextRows:
+    path, names, units = Path("rows.csv"), ["mass", "x", "name"], {}
+
+    def __init__(self, rows: list[tuple[float, str]]) -> None:
+        self._rows = rows
+
+    def blocks(self) -> Iterator[np.ndarray]:
+        for index, (mass, name) in enumerate(self._rows):
+            yield np.array([[mass, float(index), name]], object)
+
+
+@given(keys, st.randoms(use_true_random=False))
+def test_rows_in_another_order_belong_together_by_their_keys(
+    rows: list[tuple[float, str]], dice: random.Random
+) -> None:
+    order = sorted(range(len(rows)), key=lambda _: dice.random())
+    shuffled = [rows[index] for index in order]
+    a, b = (KeyedRows(TextRows(each), ["x"], ["mass", "name"]) for each in (rows, [*shuffled, (9.0, "c")]))
+    for pairs in pairs_by_columns(a, b):
+        assert [rows[i] for i in pairs.rows_a] == [shuffled[j] for j in pairs.rows_b]
+        assert sorted(pairs.rows_a) == sorted(pairs.rows_b) == [*range(len(rows))]
+        assert pairs.a[:, 0].tolist() == pairs.rows_a.tolist()
+    assert a.unmatched.count == 0
+    assert (b.unmatched.count, b.unmatched.first, b.unmatched.key) == (1, len(rows), "mass = 9, name = c")
+
+
+def test_a_number_is_the_same_key_however_it_is_written() -> None:
+    one, other = TextRows([(3.0, "1.0"), (-0.0, "x")]), TextRows([(0.0, "x"), (3.0, "1")])
+    (pairs,) = pairs_by_columns(KeyedRows(one, ["x"], ["mass", "name"]), KeyedRows(other, ["x"], ["mass", "name"]))
+    assert (pairs.rows_a.tolist(), pairs.rows_b.tolist()) == ([0, 1], [1, 0])

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mjrun.errors import UsageError
-from mjrun.model.uint16_pixels import clipped_share, depth_millimetres, segment_numbers
+from mjrun.formats.uint16_pixels import clipped_share, depth_millimetres, segment_numbers
 
 depths = st.floats(0, 2e5, width=32)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.model.attribute_text import changes, with_changes
+from mjrun.model.attribute_edits import changes, with_changes
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
 from mjrun.model.sources.bundled_scene import scene_folder
