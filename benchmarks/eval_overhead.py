@@ -53,7 +53,7 @@ def played(task: Task, policy: Policy, count: int) -> Played:
     observations, seen, controls = worlds.reset(range(count)), list[np.ndarray](), list[np.ndarray]()
     starts = np.stack([worlds.state(world) for world in range(count)])
     for _ in range(task.periods):
-        actions = np.stack([actor.act(each) for actor, each in zip(actors, observations, strict=True)])
+        actions = np.stack([actor(each) for actor, each in zip(actors, observations, strict=True)])
         seen.append(observations.copy())
         controls.append(worlds.actions.targets(actions))
         observations = worlds.step(actions).observations
@@ -81,7 +81,7 @@ def inference(found: Played, policy: Policy) -> float:
     start = time.perf_counter()
     for observations in found.observations:
         for actor, observation in zip(actors, observations, strict=True):
-            actor.act(observation)
+            actor(observation)
     return time.perf_counter() - start
 
 

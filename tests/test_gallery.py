@@ -91,7 +91,7 @@ def test_a_policy_does_what_the_page_says_it_does(name: str, least: int) -> None
     actors = [policy.episode(seed, space) for seed in range(16)]
     seen, running, successes = worlds.reset(range(16)), np.arange(16), 0
     while len(running):
-        step = worlds.step(np.array([actors[i].act(row) for i, row in zip(running, seen, strict=True)]), running)
+        step = worlds.step(np.array([actors[i](row) for i, row in zip(running, seen, strict=True)]), running)
         successes += sum(ending is not None and ending.kind == "success" for ending in step.ended)
         seen, running = step.observations[~step.over], running[~step.over]
     assert successes >= least

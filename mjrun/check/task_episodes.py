@@ -114,4 +114,4 @@ class _Watch:
 
 
 def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray) -> np.ndarray:
-    return np.array([actors[i].act(seen) for i, seen in zip(running.tolist(), observations, strict=True)])
+    return np.array([actors[i](seen) for i, seen in zip(running.tolist(), observations, strict=True)])

@@ -77,8 +77,7 @@ def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[
     """Shows a task, or sections of it."""
     from mjrun.cli.task_page import task_page
     from mjrun.model.sources.gym import GymSource
-    from mjrun.task.description import describe_task
-    from mjrun.task.environment_description import describe_environment
+    from mjrun.task.description import describe_environment, describe_task
     from mjrun.task.task import Task
 
     task = source(command_line)

@@ -72,9 +72,9 @@ def _plain_player(task: Source, policy: Policy) -> EpisodePlayer:
         return EnvironmentPlayer(task, policy)
     if isinstance(task, Task):
         return TaskPlayer(task, policy)
-    from mjrun.policy.task_of_policy import task_of_policy
+    from mjrun.policy.inferred_task import inferred_task
 
-    return TaskPlayer(task_of_policy(policy, task), policy)
+    return TaskPlayer(inferred_task(policy, task), policy)
 
 
 class _Running:
@@ -202,7 +202,7 @@ class TaskPlayer(EpisodePlayer):
         """Asks the policy in each episode."""
         for world, episode in running.items():
             try:
-                episode.action = episode.actor.act(observations[world])
+                episode.action = episode.actor(observations[world])
                 if not np.isfinite(episode.action).all():
                     step, time = episode.steps * self._worlds.control_steps, episode.steps * self._task.control_dt
                     raise _invalid(self._policy, self._actions, episode.action, step, float(time))
@@ -242,7 +242,7 @@ class EnvironmentPlayer(EpisodePlayer):
         episode = _Running(place, seed, self._policy.episode(seed, self._actions), len(self.rewards))
         observation = environment.reset(seed)
         while True:
-            action = episode.actor.act(observation)
+            action = episode.actor(observation)
             if not np.isfinite(action).all():
                 step, time = episode.steps * environment.control_steps, episode.steps * control_dt
                 raise _invalid(self._policy, self._actions, action, step, time)

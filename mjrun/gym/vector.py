@@ -8,8 +8,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from mjrun.gym.environment import draw_seed, ending_info
-from mjrun.gym.spaces import TaskLike, action_space, observation_space, task_of
+from mjrun.gym.environment import TaskLike, action_space, draw_seed, ending_info, observation_space, task_of
 from mjrun.task.worlds import TaskStep, TaskWorlds
 
 MASK = "reset_mask"

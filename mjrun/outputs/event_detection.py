@@ -16,7 +16,7 @@ from mjrun.physics.stepper import Stepper
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.row_expression import RisingEdgeDetector, parse_condition
-from mjrun.task.replayed_episode import ControlInstants
+from mjrun.task.episode import ControlInstants
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 from mjrun.errors import UsageError, clean, counted, listing, option
 from mjrun.model.names import names
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
+from mjrun.policy.inferred_task import JOINTS
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
-from mjrun.policy.task_of_policy import JOINTS
 from mjrun.task.action_map import TRANSMISSIONS
 from mjrun.task.observation_vector import ObservedNumber
 from mjrun.task.task import Task

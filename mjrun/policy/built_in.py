@@ -17,15 +17,8 @@ class RandomPolicy(Policy):
     def start(self, seed: int, actions: ActionSpace) -> Actor:
         low = np.where(np.isfinite(actions.low), actions.low, np.minimum(-1, actions.high - 2))
         high = np.where(np.isfinite(actions.high), actions.high, np.maximum(1, low + 2))
-        return _RandomActor(np.random.default_rng([seed, STREAM]), low, high)
-
-
-class _RandomActor:
-    def __init__(self, generator: np.random.Generator, low: np.ndarray, high: np.ndarray) -> None:
-        self._generator, self._low, self._high = generator, low, high
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        return self._generator.uniform(self._low, self._high)
+        generator = np.random.default_rng([seed, STREAM])
+        return lambda observation: generator.uniform(low, high)
 
 
 class ZeroPolicy(Policy):
@@ -35,12 +28,4 @@ class ZeroPolicy(Policy):
         super().__init__(ZERO)
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return _ZeroActor(len(actions.names))
-
-
-class _ZeroActor:
-    def __init__(self, size: int) -> None:
-        self._size = size
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        return np.zeros(self._size)
+        return lambda observation: np.zeros(len(actions.names))

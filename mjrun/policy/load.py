@@ -8,12 +8,10 @@ from mjrun.errors import UsageError, clean, option, suggestion
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
+from mjrun.policy.loaders import loader_of, loaders
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import Policy
 from mjrun.policy.python_policy import PythonPolicy, load_python
-from mjrun.suffixes import is_yaml
-
-ARCHIVES, TORCH = (".zip",), (".pt", ".pth", ".jit", ".torchscript")
 
 
 def load_policy(
@@ -50,17 +48,8 @@ def files_of(path: Path) -> list[Path]:
 
 @lru_cache
 def _files_of(path: Path, version: int) -> list[Path]:
-    files = [path]
-    if is_yaml(path):
-        from mjrun.policy.leapp_package import files_beside
-
-        files += files_beside(path)
-    networks = [file for file in files if file.suffix.lower() == ".onnx"]
-    if networks:
-        from mjrun.policy.onnx_model import weight_files
-
-        files += [weights for network in networks for weights in weight_files(network)]
-    return list(dict.fromkeys(files))
+    loader = loader_of(path)
+    return list(dict.fromkeys(loader.files(path))) if loader else [path]
 
 
 def _load(text: object, trust: bool, normalize: str | None, place: Callable[[str | Path], Path]) -> Policy:
@@ -72,30 +61,12 @@ def _load(text: object, trust: bool, normalize: str | None, place: Callable[[str
         return RandomPolicy()
     if text == ZERO:
         return ZeroPolicy()
-    return load_python(text) if is_code(text) else _read(place(text), text, trust, normalize)
-
-
-def _read(path: Path, name: str, trust: bool, normalize: str | None) -> Policy:
-    # Each kind is imported where it is read, as its library may not be installed.
-    suffix = path.suffix.lower()
-    if suffix == ".onnx":
-        from mjrun.policy.onnx_policy import OnnxPolicy
-
-        return OnnxPolicy(path, name)
-    if is_yaml(path) or is_folder(path):
-        from mjrun.policy.leapp import LeappPolicy
-
-        return LeappPolicy(path, name)
-    if suffix in ARCHIVES:
-        from mjrun.policy.stable_baselines import StableBaselinesPolicy
-
-        return StableBaselinesPolicy(path, name, trust=trust, normalize=normalize)
-    if suffix in TORCH:
-        from mjrun.policy.torchscript import TorchScriptPolicy
-
-        return TorchScriptPolicy(path, name, trust=trust)
+    if is_code(text):
+        return load_python(text)
+    path = place(text)
+    if loader := loader_of(path):
+        return loader.load(path, text, trust, normalize)
+    kinds = ", ".join([*sorted(each.description for each in loaders()), "FILE.py:NAME", *BUILT_IN])
     raise UsageError(
-        f"{option('policy')} {clean(name)} is of no kind that is known{suggestion(name, BUILT_IN)}\n"
-        ".onnx, a LEAPP package (.yaml or its folder), .zip of Stable-Baselines3, .pt (TorchScript), "
-        "FILE.py:NAME, random, zero"
+        f"{option('policy')} {clean(text)} is of no kind that is known{suggestion(text, BUILT_IN)}\n{kinds}"
     )

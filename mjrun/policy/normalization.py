@@ -10,11 +10,11 @@ import numpy as np
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import decoding, opened
 from mjrun.formats.npy_header import read_arrays
-from mjrun.policy import inert_pickle
-from mjrun.policy.inert_pickle import Inert, read_inert
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.policy.safe_unpickler import SUFFIXES as PICKLES
+from mjrun.policy.safe_unpickler import Inert, read_inert
 
-SUFFIXES = (*inert_pickle.SUFFIXES, ".npz")
+SUFFIXES = (*PICKLES, ".npz")
 STATISTICS = ("mean", "var", "epsilon", "clip")
 EPSILON = 1e-8  # VecNormalize's
 
@@ -53,19 +53,15 @@ class NormalizedPolicy(Policy):
         self._policy, self._statistics = policy, statistics
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return _NormalizedActor(self._policy.start(seed, actions), self._statistics)
+        actor = self._policy.start(seed, actions)
+        return lambda observation: actor(self._normalize(observation))
 
-
-class _NormalizedActor:
-    def __init__(self, actor: Actor, statistics: Statistics) -> None:
-        self._actor, self._statistics = actor, statistics
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def _normalize(self, observation: np.ndarray) -> np.ndarray:
         mean = self._statistics.mean
         if len(observation) != len(mean):
             what = f"{option('normalize')} {clean(str(self._statistics.path))} is of {counted(len(mean), 'number')}"
             raise UsageError(f"{what}, and the task gives {len(observation)}")
-        return self._actor.act(self._statistics.normalize(observation))
+        return self._statistics.normalize(observation)
 
 
 def normalized(policy: Policy, path: Path) -> Policy:

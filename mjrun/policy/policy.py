@@ -1,14 +1,17 @@
 """What a policy is: it answers observations with actions, and its file says something of itself."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Protocol
+from pathlib import Path
 
 import numpy as np
 
+from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import ControllerError, MjrunError, UsageError, clean, counted, listing, option
+from mjrun.formats.input_file import require_file
+from mjrun.task.episode import Actor
 
 Numbers = tuple[float, ...]
 
@@ -86,14 +89,6 @@ class ActionSpace:
     high: np.ndarray = field(compare=False)
 
 
-class Actor(Protocol):
-    """A policy within one episode, whose recurrent state it holds."""
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action `(nact,)` after `observation` `(nobs,)`, at the next control instant of the episode."""
-        ...
-
-
 class Policy(ABC):
     """A policy.
 
@@ -115,20 +110,14 @@ class Policy(ABC):
           seed: of what is random in it; equal seeds give equal answers, whatever other episodes run beside.
           actions: those that the task takes.
         """
-        return _CheckedActor(self.name, self.start(seed, actions), actions)
+        actor = self.start(seed, actions)
+        return lambda observation: self._checked(actor, observation, actions.names)
 
     @abstractmethod
     def start(self, seed: int, actions: ActionSpace) -> Actor:
         """The same, without checks of its answers."""
 
-
-class _CheckedActor:
-    """Asks an actor, and refuses answers that are no actions of the task."""
-
-    def __init__(self, name: str, actor: Actor, actions: ActionSpace) -> None:
-        self._name, self._actor, self._actions = name, actor, actions
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def _checked(self, actor: Actor, observation: np.ndarray, names: Sequence[str]) -> np.ndarray:
         """The action `(nact,)`, float64.
 
         Raises:
@@ -136,18 +125,54 @@ class _CheckedActor:
           ControllerError: the policy failed.
         """
         try:
-            answer: object = self._actor.act(observation)
+            answer: object = actor(observation)
             if answer is None:  # which NumPy takes for NaN
                 raise TypeError("it answers nothing")
             action = np.asarray(answer, np.float64).reshape(-1)
         except MjrunError:
             raise
         except (TypeError, ValueError) as error:
-            raise ControllerError.of(f"{option('policy')} {clean(self._name)}", error) from error
-        names = self._actions.names
+            raise ControllerError.of(f"{option('policy')} {clean(self.name)}", error) from error
         if len(action) != len(names):
             raise UsageError(
-                f"{option('policy')} {clean(self._name)} answers {counted(len(action), 'number')}, "
+                f"{option('policy')} {clean(self.name)} answers {counted(len(action), 'number')}, "
                 f"and the task takes {counted(len(names), 'action')}: {listing(names)}"
             )
         return action
+
+
+@dataclass(frozen=True)
+class PolicyLoader:
+    """A kind of policy files.
+
+    Attributes:
+      description: of such a file, for messages: `.zip of Stable-Baselines3`.
+      suffixes: of such files.
+      load: reads the policy of a file, which is named as the user wrote it; may files run code as they are opened; and
+        the file of its normalization, `none`, or nothing.
+      reads_folders: whether a folder is such a policy.
+      files: lists the files of the policy at a path that is a file, itself included.
+    """
+
+    description: str
+    suffixes: Sequence[str]
+    load: Callable[[Path, str, bool, str | None], Policy]
+    reads_folders: bool = False
+    files: Callable[[Path], list[Path]] = lambda path: [path]
+
+
+def require_trusted_file(path: Path, trust: bool) -> None:
+    """Checks that `path` is a regular file that the user trusts, as it can run code when it is opened.
+
+    Raises:
+      FileError: there is none.
+      UsageError: the user does not trust it.
+    """
+    require_file(path, "policy", [path.suffix.lower()])
+    require_unconfined(f"{clean(str(path))} can run any code as it is opened")
+    if not trust:
+        raise UsageError(
+            f"{clean(str(path))} can run any code as it is opened\n"
+            f"{option('trust')} opens it, if you know where it comes from; a policy in ONNX needs no trust",
+            ("policy",),
+        )

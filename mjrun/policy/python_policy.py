@@ -38,8 +38,9 @@ class PythonPolicy(Policy):
             self._guarded(reset)(*arguments)
         act, predict = _method(instance, "act"), _method(instance, "predict")
         if not act and predict:
-            return _PredictingActor(self._guarded(predict), _keywords(predict))
-        return _PythonActor(self._guarded(act or cast("Callable[..., object]", instance)))
+            return _predicting(self._guarded(predict), _keywords(predict))
+        function = self._guarded(act or cast("Callable[..., object]", instance))
+        return lambda observation: cast("np.ndarray", function(observation.copy()))
 
     def _instance(self) -> object:
         if isinstance(self._thing, type):
@@ -68,28 +69,20 @@ class PythonPolicy(Policy):
         return guarded
 
 
-class _PythonActor:
-    def __init__(self, act: Callable[..., object]) -> None:
-        self._act = act
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        return cast("np.ndarray", self._act(observation.copy()))
-
-
-class _PredictingActor:
+def _predicting(predict: Callable[..., object], keywords: frozenset[str]) -> Actor:
     """Calls `predict` as Stable-Baselines3 declares it: without noise, and with the state that it returned last."""
+    state: object = None
+    is_start = True
 
-    def __init__(self, predict: Callable[..., object], keywords: frozenset[str]) -> None:
-        self._predict, self._keywords = predict, keywords
-        self._state: object = None
-        self._is_start = True
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        known = {"state": self._state, "episode_start": np.array([self._is_start]), "deterministic": True}
-        answer = self._predict(observation.copy(), **{name: known[name] for name in known if name in self._keywords})
-        action, self._state = answer if isinstance(answer, tuple) and len(answer) == 2 else (answer, None)
-        self._is_start = False
+    def act(observation: np.ndarray) -> np.ndarray:
+        nonlocal state, is_start
+        known = {"state": state, "episode_start": np.array([is_start]), "deterministic": True}
+        answer = predict(observation.copy(), **{name: known[name] for name in known if name in keywords})
+        action, state = answer if isinstance(answer, tuple) and len(answer) == 2 else (answer, None)
+        is_start = False
         return cast("np.ndarray", action)
+
+    return act
 
 
 def load_python(code: str) -> PythonPolicy:

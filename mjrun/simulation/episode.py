@@ -225,7 +225,7 @@ class EnvironmentEpisode(Episode):
 
     def _start(self) -> EpisodeStepper:
         from mjrun.policy.policy import ActionSpace
-        from mjrun.task.environment_stepper import EnvironmentStepper
+        from mjrun.task.gymnasium import EnvironmentStepper
 
         environment = _environment(self._source)  # nobody else may reset it
         actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
@@ -272,9 +272,9 @@ def episode_of(
         if pushes:
             raise UsageError(f"{option('push')}: an environment steps itself, and nothing else can push its bodies")
         return EnvironmentEpisode(source, policy, seed)
-    from mjrun.policy.task_of_policy import task_of_policy
+    from mjrun.policy.inferred_task import inferred_task
 
-    return TaskEpisode(task_of_policy(policy, source, control_dt, duration), policy, seed, pushes)
+    return TaskEpisode(inferred_task(policy, source, control_dt, duration), policy, seed, pushes)
 
 
 def remembered_policy(

@@ -5,19 +5,23 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 
 import mujoco
+import numpy as np
 
 from mjrun.errors import UnknownNameError
 from mjrun.model.names import names
+from mjrun.model.sources.gym import GymSource
 from mjrun.options.kinds import Numbers
-from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, WORLD
+from mjrun.options.task import CONTROL, LAGGED, POSITION, TORQUE, VELOCITY, WORLD
 from mjrun.probe.fields import field_probe
 from mjrun.task.action_map import ActionMap, Driven
+from mjrun.task.gymnasium import TERMINATED, Environment
 from mjrun.task.task import Task
-from mjrun.task.terms import Command, Observation
+from mjrun.task.terms import TIMED_OUT, Command, Observation
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import rational
 
 SECTIONS = ("task", "observations", "actions", "commands", "rewards", "terminations", "reset")
+SAYS_SO = "as the environment says"
 FORCES = {"rad": "N·m", "m": "N"}  # what moves a joint, by the unit of its position
 
 
@@ -64,13 +68,13 @@ class ObservationRow:
     name: str
     source: str
     unit: str
-    frame: str
-    noise: str
-    offset: float
-    scale: float
-    low: float | None
-    high: float | None
-    delay: int
+    frame: str = ""
+    noise: str = ""
+    offset: float = 0.0
+    scale: float = 1.0
+    low: float | None = None
+    high: float | None = None
+    delay: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,15 +97,15 @@ class ActionRow:
     name: str
     target: str
     unit: str
-    squash: str
-    low: float | None
-    high: float | None
-    scale: float
-    offset: float
-    kp: float | None
-    kd: float | None
-    actuator: str
-    range: Numbers | None
+    squash: str = "none"
+    low: float | None = None
+    high: float | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    kp: float | None = None
+    kd: float | None = None
+    actuator: str = ""
+    range: Numbers | None = None
 
 
 @dataclass(frozen=True)
@@ -197,6 +201,66 @@ def describe_task(task: Task) -> TaskDescription:
         tuple(TerminationRow(name, each.as_, each.when) for name, each in task.terminations.items()),
         tuple(_reset(task)),
     )
+
+
+def describe_environment(source: GymSource) -> TaskDescription:
+    """The environment as a task. It is reset and stepped once, since it tells the terms of its reward only then.
+
+    Raises:
+      ModelError, UsageError: as `Environment`.
+    """
+    environment = Environment(source)
+    model, periods = environment.model, environment.episode_steps
+    environment.reset(0)
+    first = environment.step(
+        np.clip(np.zeros_like(environment.action_low), environment.action_low, environment.action_high)
+    )
+    summary = TaskSummary(
+        model=source.text,
+        timestep=float(model.opt.timestep),
+        control_dt=float(environment.control_dt),
+        control_steps=environment.control_steps,
+        duration=None if periods is None else float(periods * environment.control_dt),
+        periods=periods,
+        derived=LAGGED,
+        observations=environment.observation_size,
+        actions=len(environment.action_names),
+    )
+    terminations = [TerminationRow(TERMINATED, "failure", SAYS_SO)]
+    if periods is not None:
+        terminations.append(TerminationRow(TIMED_OUT.name, TIMED_OUT.kind, f"after {periods} actions"))
+    return TaskDescription(
+        summary,
+        tuple(_environment_observations(environment)),
+        tuple(_environment_actions(environment)),
+        (),
+        tuple(RewardRow(name, 1.0, SAYS_SO) for name in first.reward_terms),
+        tuple(terminations),
+        (),
+    )
+
+
+def _environment_observations(environment: Environment) -> Iterator[ObservationRow]:
+    observed = zip(environment.observation_names, environment.observation_units, strict=True)
+    for index, (name, unit) in enumerate(observed):
+        yield ObservationRow(index, name, source=name if "/" in name else "", unit=unit)
+
+
+def _environment_actions(environment: Environment) -> Iterator[ActionRow]:
+    model = environment.model
+    columns, actuators = field_probe(model, "ctrl").columns, names(model, "actuator")
+    are_controls = len(environment.action_names) == model.nu == len(actuators)
+    for index, name in enumerate(environment.action_names):
+        yield ActionRow(
+            index,
+            name,
+            target=CONTROL,
+            unit=columns[index].unit if are_controls else "",
+            low=_limit(environment.action_low[index]),
+            high=_limit(environment.action_high[index]),
+            actuator=actuators[index] if are_controls else "",
+            range=control_range(model, index) if are_controls else None,
+        )
 
 
 def _observations(worlds: TaskWorlds) -> Iterator[ObservationRow]:

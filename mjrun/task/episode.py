@@ -1,13 +1,16 @@
 """What is known of an episode while it runs, whoever steps it: a task of mjrun's, or somebody else's environment."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, overload, runtime_checkable
 
+import mujoco
 import numpy as np
 
+from mjrun.physics.replay import RecordedStates, ReplayStepper
 from mjrun.physics.stepper import Stepper
 
+Actor = Callable[[np.ndarray], np.ndarray]  # a policy in one episode: the action `(nact,)` on an observation `(nobs,)`
 EndingKind = Literal["success", "failure", "timeout"]
 
 
@@ -98,14 +101,6 @@ class ControlInstant:
     ending: Ending | None = None
 
 
-class Actor(Protocol):
-    """A policy in one episode."""
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        """The action `(nact,)` on an observation `(nobs,)`."""
-        ...
-
-
 @runtime_checkable
 class EpisodeStepper(Stepper, Protocol):
     """Steps through an episode: it resets, asks the policy at every control instant, and rewards.
@@ -140,3 +135,39 @@ class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go 
     def __init__(self, step: int, ending: Ending) -> None:
         self.step, self.ending = step, ending
         super().__init__(f"the episode ended at step {step}: {ending.name}")
+
+
+class ReplayedEpisode(ReplayStepper):
+    """Recorded states, with what held at each of the control instants among them."""
+
+    def __init__(
+        self, model: mujoco.MjModel, states: RecordedStates, instants: Sequence[ControlInstant], of: EpisodeStepper
+    ) -> None:
+        super().__init__(model, states)
+        self.names: EpisodeNames = of.names
+        self.control_steps, self.periods = of.control_steps, of.periods
+        self._instants = instants
+
+    def now(self) -> ControlInstant:
+        """What held at the last control instant."""
+        return self._instants[self.step // self.control_steps]
+
+
+class ControlInstants:
+    """What held at the control instants of an episode, while it is stepped through; of other simulations, nothing."""
+
+    def __init__(self) -> None:
+        self._instants: list[ControlInstant] = []
+        self._stepper: EpisodeStepper | None = None
+
+    def take(self, stepper: Stepper) -> None:
+        """Takes note of where `stepper` stands; to be called at every step."""
+        if isinstance(stepper, EpisodeStepper) and stepper.step == len(self._instants) * stepper.control_steps:
+            self._stepper = stepper
+            self._instants.append(stepper.now())
+
+    def replay(self, model: mujoco.MjModel, states: RecordedStates) -> ReplayStepper:
+        """Goes through the recorded `states` of all steps once more."""
+        if self._stepper is None:
+            return ReplayStepper(model, states)
+        return ReplayedEpisode(model, states, self._instants, self._stepper)

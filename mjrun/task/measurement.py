@@ -1,9 +1,10 @@
 """Columns of many worlds at one instant: what is read of `mujoco.batch`, and how, decided once."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,10 +12,10 @@ from mujoco.batch import Batch
 
 from mjrun.model import state
 from mjrun.model.column import Column
+from mjrun.model.source import Source
 from mjrun.probe.episode import EpisodeProbe
 from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
-from mjrun.task.hidden_sensors import SENSED
 
 NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
 # Derived fields that a stage before the last gives; all others take the last.
@@ -27,6 +28,14 @@ STAGES: dict[str, int] = {
     **dict.fromkeys(("ncon", "crb"), POSITION),
     **dict.fromkeys(state.FIELDS, NONE),
 }
+
+# What computes a field that a step leaves out, and a sensor that needs it.
+SENSORS: dict[Callable[[mujoco.MjModel, mujoco.MjData], None], mujoco.mjtSensor] = {
+    mujoco.mj_rnePostConstraint: mujoco.mjtSensor.mjSENS_FRAMELINACC,
+    mujoco.mj_subtreeVel: mujoco.mjtSensor.mjSENS_SUBTREELINVEL,
+}
+SENSED = tuple(field for field, computation in LAZY.items() if computation in SENSORS)
+NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 
 Rows = slice | np.ndarray
 ALL = slice(None)
@@ -269,6 +278,46 @@ class Measurement:
             out[:] = probe.compute(now, then)
 
         return compute
+
+
+@dataclass(frozen=True)
+class SensingSource(Source):
+    """A model with a sensor of the world for each way of computing `fields`, behind all others.
+
+    Args:
+      source: of the model, with overrides of its own.
+      fields: of MjData, of those in `SENSED`.
+    """
+
+    source: Source
+    fields: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        return self.source.text
+
+    @property
+    def stem(self) -> str:
+        return self.source.stem
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return self.source.files
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return replace(self, source=self.source.stored_at(place))
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        spec, _ = self.source.with_overrides(self.overrides).compile()
+        assert spec, "a compiled model cannot get sensors"
+        for computation in dict.fromkeys(LAZY[field] for field in self.fields):
+            spec.add_sensor(type=SENSORS[computation], objtype=mujoco.mjtObj.mjOBJ_BODY, objname="world")
+        return spec, spec.compile()
+
+
+def can_sense(spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> bool:
+    """Whether a model can get sensors, and MuJoCo computes them."""
+    return spec is not None and not model.opt.disableflags & NO_SENSORS
 
 
 def as_slice(places: np.ndarray) -> slice | np.ndarray:

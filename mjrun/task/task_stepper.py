@@ -124,7 +124,7 @@ class TaskStepper:
 
     def _ask(self, observation: np.ndarray) -> np.ndarray:
         """Asks the policy, and puts its answer in force."""
-        action = np.asarray(self._actor.act(observation), float)
+        action = np.asarray(self._actor(observation), float)
         if not np.isfinite(action).all():
             wrong = {n: v for n, v in zip(self.names.actions, action.tolist(), strict=True) if not np.isfinite(v)}
             raise InvalidActionError(self.step, self.step * self._timestep, self._policy, wrong)

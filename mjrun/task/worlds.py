@@ -29,8 +29,16 @@ from mjrun.task.command_signals import CommandSignals
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
-from mjrun.task.hidden_sensors import SensingSource, can_sense
-from mjrun.task.measurement import ACCELERATION, ALL, NONE, POSITION, MeasurementPlan, Rows
+from mjrun.task.measurement import (
+    ACCELERATION,
+    ALL,
+    NONE,
+    POSITION,
+    MeasurementPlan,
+    Rows,
+    SensingSource,
+    can_sense,
+)
 from mjrun.task.observation_vector import ObservationPlan, ObservationVector, ObservedNumber
 from mjrun.task.task import Task
 

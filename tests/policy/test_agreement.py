@@ -12,7 +12,7 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.built_in import ZeroPolicy
-from mjrun.policy.onnx_policy import OnnxPolicy
+from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
 from mjrun.task.task import Task
 from mjrun.task.terms import Action, Command, Observation

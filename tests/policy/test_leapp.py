@@ -1,5 +1,6 @@
-"""LEAPP packages: what flows between networks and from call to call, against the same sums in NumPy."""
+"""LEAPP packages: what describes them, what is refused, and how their networks play."""
 
+import json
 from fractions import Fraction
 from pathlib import Path
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.policy.leapp import LeappPolicy
+from mjrun.policy.leapp_package import find_package, read_package
 from mjrun.policy.load import load_policy
+from mjrun.policy.loaders.leapp import LeappPolicy
+from mjrun.policy.safetensors_file import read_safetensors
 from tests.policy.action_spaces import unbounded
-from tests.policy.leapp_packages import GAIN, INITIAL, package
+from tests.policy.leapp_packages import GAIN, INITIAL, package, tensors
 
 JOINTS = unbounded(["hip", "knee"])
 
@@ -22,9 +25,9 @@ def test_networks_run_in_order_and_feed_back(tmp_path: Path) -> None:
     memory = INITIAL[0]
     for observation in observations:
         memory = observation[4:] @ GAIN + observation[:2] + memory
-        assert np.allclose(one.act(observation.astype(float)), memory, atol=1e-6)
-        assert np.allclose(other.act(observation.astype(float)), memory, atol=1e-6)
-    first = policy.episode(0, JOINTS).act(np.zeros(6))
+        assert np.allclose(one(observation.astype(float)), memory, atol=1e-6)
+        assert np.allclose(other(observation.astype(float)), memory, atol=1e-6)
+    first = policy.episode(0, JOINTS)(np.zeros(6))
     assert first.tolist() == INITIAL[0].tolist()
 
 
@@ -45,7 +48,7 @@ def test_a_package_says_much_of_itself(tmp_path: Path) -> None:
 def test_an_observation_of_another_size_shows_both_sides(tmp_path: Path) -> None:
     actor = LeappPolicy(package(tmp_path / "walk"), "walk").episode(0, JOINTS)
     with pytest.raises(UsageError, match=r"walk observes 6 numbers, and the task gives 5: quaternion \(4\), joint_pos"):
-        actor.act(np.zeros(5))
+        actor(np.zeros(5))
 
 
 def test_gains_that_change_are_refused(tmp_path: Path) -> None:
@@ -74,3 +77,134 @@ def test_a_network_with_other_tensors_than_described_is_refused(tmp_path: Path) 
         FileError, match="tensors are target, memory_out, kp, kd, and the package describes target, mem"
     ):
         LeappPolicy(path, "walk")
+
+
+def test_a_package_is_its_networks_flows_and_files(tmp_path: Path) -> None:
+    read = read_package(package(tmp_path))
+    assert [network.name for network in read.networks] == ["observer", "policy"]
+    assert read.flows == {"observer/features": ("policy/features",), "policy/memory_out": ("policy/memory_in",)}
+    assert [tensor.place for tensor in read.outputs] == ["policy/target", "policy/kp", "policy/kd"]
+    assert read.initial["policy/memory_in"].tolist() == INITIAL.tolist()
+    assert read.inputs[0].size == 4
+
+
+def test_axes_name_the_numbers_that_they_span(tmp_path: Path) -> None:
+    bodies = "element_names: [[left, right], [x, y]]"
+    read = read_package(package(tmp_path, lambda text: text.replace("element_names: [[qx, qy, qz, qw]]", bodies)))
+    assert read.inputs[0].elements == ("left/x", "left/y", "right/x", "right/y")
+    for names in ("[[__temporal_axis__, a]]", "[[a]]", "a", "[]"):
+        read = read_package(package(tmp_path, lambda text, names=names: text.replace("[[qx, qy, qz, qw]]", names)))
+        assert read.inputs[0].elements is None
+
+
+def test_a_folder_is_a_package_if_it_holds_one_description(tmp_path: Path) -> None:
+    path = package(tmp_path)
+    assert find_package(tmp_path) == find_package(path) == path
+    (tmp_path / "other.yml").touch()
+    with pytest.raises(UsageError, match=r"several .yaml files: other.yml, walk.yaml"):
+        find_package(tmp_path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(UsageError, match=r"is no LEAPP package: it holds no .yaml file"):
+        find_package(tmp_path / "empty")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("models:", "networks:", "is no LEAPP package: models is no mapping"),
+        ("pipeline:", "pipes:", "pipeline is no mapping"),
+        ("model_path: policy.onnx", "model_path: ../secret.onnx", "'../secret.onnx', which is outside of its folder"),
+        ("model_path: policy.onnx", "model_path: /etc/passwd", "'/etc/passwd', which is outside of its folder"),
+        ("walk_initial_values", "../walk", "initial_values is '../walk.safetensors', which is outside"),
+        ("walk_initial_values", "none", "no such file"),
+        ("sha256sum: ", "sha256sum: a", "is not the file that walk.yaml describes: its SHA-256 differs"),
+        ("dtype: float32", "dtype: bfloat16", "the dtype of quaternion is none of float16, float32"),
+        ("shape: [1, 4]", "shape: [1, n]", "the shape of quaternion is no list of sizes"),
+        ("shape: [1, 4]", "shape: 4", "the shape of quaternion is no list"),
+        ("{name: quaternion, ", "{", "a tensor in inputs of observer has no name"),
+        ("[policy/features]", "[policy/nothing]", "data_flow names 'policy/nothing', and there is no such tensor"),
+        ("[policy/features]", "[observer/quaternion]", "observer/features and observer/quaternion differ in shape"),
+        ("policy: [joint_pos]", 'policy: ["jo\\x1bint"]', r"inputs of the pipeline name 'policy/jo\\\\?x1bint'"),
+        ("frequency: 50.0", "frequency: -1", "the frequency is '-1', and no positive number"),
+        ("frequency: 50.0", "frequency: .nan", "the frequency is 'nan'"),
+        ("models:", "models: !!python/object/apply:os.mkdir [made]\nx:", "cannot be read as YAML"),
+        ("models:", "models: [", "cannot be read as YAML"),
+    ],
+)
+def test_what_does_not_fit_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = package(tmp_path, lambda text: text.replace(old, new, 1) if old != "sha256sum: " else text.replace(old, new))
+    before = sorted(each.name for each in tmp_path.iterdir())
+    with pytest.raises(FileError, match=message):
+        read_package(path)
+    assert sorted(each.name for each in tmp_path.iterdir()) == before
+
+
+def test_networks_of_other_kinds_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="its network observer is of the kind 'jit'; export it with onnx"):
+        read_package(package(tmp_path, lambda text: text.replace("backend: onnx", "backend: jit")))
+
+
+LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}, *a{i - 1}]\n" for i in range(1, 30))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"{LAUGHS}models: {{p: {{parameters: {{backend: *a29}}}}}}\npipeline: {{}}\n", "its aliases"),
+        ("&a {models: *a, pipeline: *a}\n", "stands in itself"),
+        ("models: " + "[" * 10_000, "cannot be read as YAML"),
+    ],
+)
+def test_a_description_that_means_more_than_memory_holds_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "walk.yaml").write_text(text)
+    with pytest.raises(FileError, match=message):
+        read_package(tmp_path / "walk.yaml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("model_path: policy.onnx", 'model_path: "a\\0b"', "no path"),
+        ("dtype: float32", "dtype: [1]", "the dtype of"),
+    ],
+)
+def test_a_wrong_value_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = package(tmp_path, lambda text: text.replace(old, new))
+    with pytest.raises(FileError, match=message):
+        read_package(path)
+
+
+def test_names_of_more_combinations_than_numbers_are_none(tmp_path: Path) -> None:
+    axes = ", ".join(f"[{', '.join(f'n{i}' for i in range(10))}]" for _ in range(12))
+    path = package(tmp_path, lambda text: text.replace("[[hip, knee]]", f"[{axes}]"))
+    assert {tensor.elements for network in read_package(path).networks for tensor in network.outputs} == {None}
+
+
+def test_tensors_have_names_shapes_and_values(tmp_path: Path) -> None:
+    arrays = {"a/b": np.arange(6, dtype=np.float32).reshape(1, 2, 3), "c": np.ones((0, 2), np.float32)}
+    read = read_safetensors(tensors(tmp_path / "a.safetensors", arrays))
+    assert {name: array.tolist() for name, array in read.items()} == {"a/b": arrays["a/b"].tolist(), "c": []}
+
+
+def file(header: object, content: bytes = b"") -> bytes:
+    text = json.dumps(header).encode()
+    return len(text).to_bytes(8, "little") + text + content
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xff" * 8,
+        file([1]),
+        file({"a": {"dtype": "F32", "shape": [2], "data_offsets": [0, 8]}}, b"1234"),
+        file({"a": {"dtype": "F32", "shape": [3], "data_offsets": [0, 8]}}, b"12345678"),
+        file({"a": {"dtype": "F8", "shape": [8], "data_offsets": [0, 8]}}, b"12345678"),
+        file({"a": {"dtype": "F32", "shape": [1]}}),
+        file({"a": {"dtype": "F32", "shape": [-1], "data_offsets": [8, 0]}}, b"12345678"),
+    ],
+)
+def test_what_is_damaged_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "a.safetensors").write_bytes(content)
+    with pytest.raises(FileError, match="cannot be read as safetensors"):
+        read_safetensors(tmp_path / "a.safetensors")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UsageError
+from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.normalization import NormalizedPolicy, normalized, read_statistics
-from mjrun.policy.onnx_policy import OnnxPolicy
 from mjrun.policy.python_policy import PythonPolicy
 from tests.policy.networks import LEFT_RIGHT, linear
 
@@ -57,7 +57,7 @@ def test_an_archive_of_arrays_says_the_same(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, mean=MEAN, var=VAR, epsilon=1e-8, clip=10)
     policy = normalized(PythonPolicy(lambda observation: observation, "it"), path)
-    assert policy.episode(0, LEFT_RIGHT).act(np.array([3.0, -1.0])).tolist() == [1, 10]
+    assert policy.episode(0, LEFT_RIGHT)(np.array([3.0, -1.0])).tolist() == [1, 10]
     np.savez(path, mean=MEAN, var=VAR)
     statistics = read_statistics(path)
     assert statistics is not None
@@ -69,7 +69,7 @@ def test_a_lost_normalization_is_visible(tmp_path: Path) -> None:
     policy = OnnxPolicy(linear(tmp_path / "a.onnx", np.eye(2, dtype=np.float32)), "a.onnx")
     observation = np.array([3.0, -1.0])
     plain, other = (each.episode(0, LEFT_RIGHT) for each in (policy, normalized(policy, tmp_path / "a.npz")))
-    assert plain.act(observation).tolist() != other.act(observation).tolist()
+    assert plain(observation).tolist() != other(observation).tolist()
 
 
 def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
     unknown = normalized(PythonPolicy(lambda observation: observation, "it"), tmp_path / "s.npz")
     assert isinstance(unknown, NormalizedPolicy)
     with pytest.raises(UsageError, match=r"s.npz is of 2 numbers, and the task gives 3"):
-        unknown.episode(0, LEFT_RIGHT).act(np.ones(3))
+        unknown.episode(0, LEFT_RIGHT)(np.ones(3))
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,21 @@
-"""What holds for every policy: its answers are checked before they are actions."""
+"""What `--policy` may be; answers of policies are checked; code runs only where it is trusted."""
+
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from mjrun.errors import ControllerError, UsageError
-from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.errors import ControllerError, FileError, UsageError
+from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
+from mjrun.policy.load import load_policy
+from mjrun.policy.loaders.onnx import OnnxPolicy
+from mjrun.policy.normalization import NormalizedPolicy
+from mjrun.policy.policy import ActionSpace, Actor, Policy, require_trusted_file
+from mjrun.policy.python_policy import PythonPolicy
 from tests.policy.action_spaces import unbounded
+from tests.policy.networks import linear
 
 NAMES = unbounded(["left", "ri\x1bght"])
 
@@ -16,15 +26,12 @@ class Constant(Policy):
         self._answer = answer
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return self  # type: ignore[return-value]
-
-    def act(self, observation: np.ndarray) -> object:
-        return self._answer
+        return lambda observation: self._answer  # type: ignore[return-value]
 
 
 @pytest.mark.parametrize("answer", [[1, 2], (1.0, 2.0), np.array([[1, 2]], np.float16), np.array([[1], [2]])])
 def test_an_answer_is_a_vector_of_doubles(answer: object) -> None:
-    action = Constant(answer).episode(0, NAMES).act(np.zeros(3))
+    action = Constant(answer).episode(0, NAMES)(np.zeros(3))
     assert action.tolist() == [1, 2]
     assert action.dtype == np.float64
 
@@ -34,10 +41,84 @@ def test_another_number_of_numbers_shows_both_sides(answer: object) -> None:
     with pytest.raises(
         UsageError, match=r"^policy con\\x1bstant answers \d numbers?, and the task takes 2 actions: left"
     ):
-        Constant(answer).episode(0, NAMES).act(np.zeros(3))
+        Constant(answer).episode(0, NAMES)(np.zeros(3))
 
 
 @pytest.mark.parametrize("answer", ["left", None, {"a": 1}, [[1], [2, 3]]])
 def test_what_is_no_number_is_refused(answer: object) -> None:
     with pytest.raises(ControllerError, match=r"^policy con\\x1bstant raised (Type|Value)Error"):
-        Constant(answer).episode(0, NAMES).act(np.zeros(3))
+        Constant(answer).episode(0, NAMES)(np.zeros(3))
+
+
+def test_texts_name_kinds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    (tmp_path / "policy_of_load_test.py").write_text("def act(observation): return observation")
+    path = str(linear(tmp_path / "walk.ONNX", np.ones((2, 3), np.float32)))
+    assert isinstance(load_policy("random"), RandomPolicy)
+    assert isinstance(load_policy("zero"), ZeroPolicy)
+    assert isinstance(load_policy(path), OnnxPolicy)
+    assert isinstance(load_policy(f"{tmp_path}/policy_of_load_test.py:act"), PythonPolicy)
+    assert load_policy(path).name == path
+
+
+def test_in_python_policies_and_functions_are_policies() -> None:
+    policy = ZeroPolicy()
+    assert load_policy(policy) is policy
+    assert load_policy(lambda observation: observation).name == "function"
+
+
+def test_statistics_normalize_and_none_declines(tmp_path: Path) -> None:
+    path = str(linear(tmp_path / "walk.onnx", np.ones((2, 3), np.float32)))
+    np.savez(tmp_path / "s.npz", mean=np.zeros(3), var=np.ones(3))
+    assert isinstance(load_policy(path, normalize=str(tmp_path / "s.npz")), NormalizedPolicy)
+    assert isinstance(load_policy(path, normalize="none"), OnnxPolicy)
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "message"),
+    [
+        ("walk.onnx", FileError, r"walk.onnx: no such file"),
+        ("walk.h5", UsageError, r"^policy walk.h5 is of no kind that is known\n.onnx, "),
+        ("wa\x1blk", UsageError, r"^policy wa\\x1blk is of no kind"),
+        ("ramdom", UsageError, r"is of no kind that is known \(did you mean .random.\?\)"),
+    ],
+)
+def test_what_is_no_policy_is_refused(name: str, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        load_policy(name)
+
+
+CLIPPED = ActionSpace(["a", "b", "c"], np.array([-2.0, -np.inf, 3.0]), np.array([5.0, np.inf, np.inf]))
+
+
+def drawn(seed: int, count: int = 500) -> np.ndarray:
+    actor = RandomPolicy().episode(seed, CLIPPED)
+    return np.array([actor(np.zeros(1)) for _ in range(count)])
+
+
+def test_random_actions_are_uniform_within_the_clip_or_one() -> None:
+    actions = drawn(7)
+    for column, (low, high) in zip(actions.T, [(-2, 5), (-1, 1), (3, 5)], strict=True):
+        assert stats.kstest(column, stats.uniform(low, high - low).cdf).pvalue > 1e-3
+
+
+def test_they_depend_on_the_seed_alone() -> None:
+    assert np.array_equal(drawn(7), drawn(7))
+    assert not np.array_equal(drawn(7), drawn(8))
+    # and not on numbers that a task draws from the same seed
+    assert not np.isin(drawn(7), np.random.default_rng(7).uniform(CLIPPED.low[0], CLIPPED.high[0], 500)).any()
+
+
+def test_zeros_are_zeros() -> None:
+    assert ZeroPolicy().episode(3, CLIPPED)(np.ones(9)).tolist() == [0, 0, 0]
+
+
+def test_trust_is_asked_for_a_file_that_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "walk.zip"
+    with pytest.raises(FileError, match="no such file"):
+        require_trusted_file(path, False)
+    path.touch()
+    require_trusted_file(path, True)
+    with pytest.raises(UsageError, match=r"walk.zip can run any code as it is opened\ntrust opens it") as error:
+        require_trusted_file(path, False)
+    assert error.value.path == ("policy",)

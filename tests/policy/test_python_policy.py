@@ -62,7 +62,7 @@ def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 def acted(policy: PythonPolicy, seed: int = 0) -> list[float]:
     actor = policy.episode(seed, ONE)
-    return [float(actor.act(np.array([1.0, 5.0]))[0]) for _ in range(3)]
+    return [float(actor(np.array([1.0, 5.0]))[0]) for _ in range(3)]
 
 
 @pytest.mark.parametrize(
@@ -86,12 +86,12 @@ def test_whatever_acts_is_a_policy_and_forgets_between_episodes(
 def test_episodes_side_by_side_do_not_share_memory(code: str) -> None:
     policy = load_python(f"{code}:shared")
     one, other = policy.episode(0, ONE), policy.episode(1, ONE)
-    assert [float(actor.act(np.zeros(1))[0]) for actor in (one, one, other, one)] == [1, 2, 1, 3]
+    assert [float(actor(np.zeros(1))[0]) for actor in (one, one, other, one)] == [1, 2, 1, 3]
 
 
 def test_the_observation_is_the_tasks(code: str) -> None:
     observation = np.array([1.0, 2.0])
-    load_python(f"{code}:double").episode(0, ONE).act(observation)
+    load_python(f"{code}:double").episode(0, ONE)(observation)
     assert observation.tolist() == [1, 2]
 
 

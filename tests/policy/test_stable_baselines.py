@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.errors import FileError, MissingExtraError, UsageError
 from mjrun.policy.load import load_policy
-from mjrun.policy.stable_baselines import StableBaselinesPolicy
+from mjrun.policy.loaders.stable_baselines import StableBaselinesPolicy
 from tests.policy.action_spaces import unbounded
 
 INSTALLED = importlib.util.find_spec("stable_baselines3") is not None
@@ -43,7 +43,7 @@ def test_it_answers_as_predict_does(tmp_path: Path, algorithm: str) -> None:
     actor = policy.episode(0, unbounded(["torque"]))
     for observation in np.random.default_rng(0).normal(size=(5, 3)):
         expected, _ = model.predict(observation, deterministic=True)
-        assert actor.act(observation).tolist() == expected.tolist()
+        assert actor(observation).tolist() == expected.tolist()
 
 
 @pytest.mark.skipif(not INSTALLED, reason="Stable-Baselines3 is large, and not installed")

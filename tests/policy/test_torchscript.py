@@ -8,6 +8,7 @@ import pytest
 
 from mjrun.errors import FileError, MissingExtraError, UsageError
 from mjrun.policy.load import load_policy
+from mjrun.policy.loaders.torchscript import TorchScriptPolicy
 from tests.policy.networks import LEFT_RIGHT
 
 INSTALLED = importlib.util.find_spec("torch") is not None
@@ -46,10 +47,11 @@ def test_memory_is_that_of_an_episode(tmp_path: Path) -> None:
 
     torch.jit.script(Sum()).save(tmp_path / "walk.pt")
     policy = load_policy(str(tmp_path / "walk.pt"), trust=True)
+    assert isinstance(policy, TorchScriptPolicy)
     one, other = policy.episode(0, LEFT_RIGHT), policy.episode(1, LEFT_RIGHT)
-    assert [actor.act(np.ones(2)).tolist() for actor in (one, one, other, one)] == [[1, 1], [2, 2], [1, 1], [3, 3]]
+    assert [actor(np.ones(2)).tolist() for actor in (one, one, other, one)] == [[1, 1], [2, 2], [1, 1], [3, 3]]
     with pytest.raises(UsageError, match="cannot be computed"):
-        one.act(np.ones(3))
+        one(np.ones(3))
 
 
 @pytest.mark.skipif(not INSTALLED, reason="torch is large, and not installed")

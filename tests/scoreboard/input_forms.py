@@ -35,7 +35,7 @@ IMPORTS = (
     "mjrun.fit.fit",
     "mjrun.plotting.table_plot",
     "mjrun.policy.load",
-    "mjrun.policy.onnx_policy",
+    "mjrun.policy.loaders.onnx",
     "mjrun.study.study",
 )
 

@@ -33,7 +33,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
 from tests.policy.networks import linear
 from tests.policy.test_agreement import METADATA, MODEL, MOTORS
-from tests.policy.test_task_of_policy import DOCUMENT
+from tests.policy.test_inferred_task import DOCUMENT
 from tests.task.environments import registered
 
 

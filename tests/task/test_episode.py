@@ -1,8 +1,19 @@
-"""What an episode is, in words that steppers share."""
+"""Endings have codes; what held at control instants holds again in a replay."""
 
+from contextlib import closing
+
+import mujoco
+import numpy as np
 import pytest
 
-from mjrun.task.episode import Ending, EpisodeOver
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.replay import ReplayStepper
+from mjrun.physics.state_buffer import StateBuffer
+from mjrun.physics.stepper import PhysicsStepper
+from mjrun.task.episode import ControlInstants, Ending, EpisodeOver, ReplayedEpisode
+from mjrun.task.task_stepper import TaskStepper
+from mjrun.task.worlds import TaskWorlds
+from tests.task.test_task_stepper import MODEL, Wave, arm
 
 
 @pytest.mark.parametrize(("kind", "terminated"), [("success", True), ("failure", True), ("timeout", False)])
@@ -13,3 +24,28 @@ def test_a_timeout_truncates_and_anything_else_terminates(kind, terminated: bool
 def test_the_end_of_an_episode_says_where_and_how() -> None:
     over = EpisodeOver(40, Ending("fallen", "failure"))
     assert (over.step, over.ending.name, str(over)) == (40, "fallen", "the episode ended at step 40: fallen")
+
+
+def test_what_held_at_control_instants_holds_again() -> None:
+    stepper, instants, seen = TaskStepper(TaskWorlds(arm(), 1), Wave(), 3), ControlInstants(), []
+    with closing(StateBuffer(MODEL)) as states:
+        taps = [
+            Tap(range(31), lambda stepper: stepper.state(), states.append),
+            Tap(range(31), instants.take, lambda _: None),
+            Tap(range(31), lambda _: stepper.now(), seen.append),
+        ]
+        observe(stepper, taps, 30)
+        replay = instants.replay(MODEL, states)
+        assert isinstance(replay, ReplayedEpisode)
+        assert (replay.periods, replay.names) == (7, stepper.names)
+        for step in (0, 3, 4, 17, 30):
+            replay.advance(step)
+            assert replay.now() is seen[step]
+            np.testing.assert_array_equal(replay.state(), states.state(step))
+
+
+def test_other_simulations_are_replayed_as_ever() -> None:
+    stepper, instants = PhysicsStepper(MODEL, mujoco.MjData(MODEL)), ControlInstants()
+    with closing(StateBuffer(MODEL)) as states:
+        observe(stepper, [Tap(range(3), lambda s: s.state(), states.append), Tap(range(3), instants.take, id)], 2)
+        assert type(instants.replay(MODEL, states)) is ReplayStepper

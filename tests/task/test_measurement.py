@@ -1,16 +1,16 @@
-"""Columns of many worlds are those of `select` on one MjData each."""
+"""Columns are read of worlds as probes measure them, with appended sensors where a step leaves something out."""
 
 import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import Batch
 
+from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.probe.episode import EpisodeProbe
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select, selected_columns
-from mjrun.task.hidden_sensors import SensingSource
-from mjrun.task.measurement import ALL, MeasurementPlan
+from mjrun.task.measurement import ALL, SENSED, MeasurementPlan, SensingSource, can_sense
 
 SOURCE = parse_source("scene:dominos")
 MODEL = SOURCE.load()
@@ -76,3 +76,44 @@ def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
 @pytest.mark.parametrize(("columns", "stage"), [(["qpos"], 0), (["xpos", "qpos"], 1), (["cvel"], 2), (["qacc"], 3)])
 def test_no_more_is_computed_than_is_measured(columns: list[str], stage: int) -> None:
     assert MeasurementPlan(MODEL, names(*columns), True).stage == stage
+
+
+@pytest.mark.parametrize("field", SENSED)
+def test_a_step_leaves_the_field_as_mujocos_own_function_gives_it(field: str) -> None:
+    source = parse_source("scene:dominos", [Override("opt.gravity", "0 0 -5")])
+    plain = source.load()
+    sensing = SensingSource(source, (field,)).load()
+    assert sensing.nsensor == plain.nsensor + 1
+    data, other = mujoco.MjData(plain), mujoco.MjData(sensing)
+    data.qvel[:] = other.qvel[:] = np.random.default_rng(0).normal(0, 0.05, plain.nv)
+    for _ in range(80):
+        mujoco.mj_step(plain, data)
+        mujoco.mj_step(sensing, other)
+    np.testing.assert_array_equal(data.qpos, other.qpos)
+
+    mujoco.mj_forward(plain, data)
+    mujoco.mj_forward(sensing, other)
+    mujoco.mj_rnePostConstraint(plain, data)
+    mujoco.mj_subtreeVel(plain, data)
+    assert np.any(getattr(data, field))
+    np.testing.assert_array_equal(getattr(data, field), getattr(other, field))
+
+
+def test_contact_forces_are_left_as_gymnasium_computes_them_after_a_step() -> None:
+    source = parse_source("scene:dominos")
+    plain, sensing = source.load(), SensingSource(source, ("cfrc_ext",)).load()
+    data, other = mujoco.MjData(plain), mujoco.MjData(sensing)
+    for _ in range(50):
+        mujoco.mj_step(plain, data)
+        mujoco.mj_step(sensing, other)
+        mujoco.mj_rnePostConstraint(plain, data)
+        np.testing.assert_array_equal(data.cfrc_ext, other.cfrc_ext)
+    assert np.any(other.cfrc_ext)
+
+
+def test_compiled_models_and_those_without_sensors_cannot_sense() -> None:
+    source = parse_source("scene:pendulum")
+    spec, model = source.compile()
+    assert can_sense(spec, model)
+    assert not can_sense(None, model)
+    assert not can_sense(*parse_source("scene:pendulum", [Override("opt.flag.sensor", "disable")]).compile())

@@ -52,7 +52,7 @@ class Wave:
     def __init__(self) -> None:
         self.calls = 0
 
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
         self.calls += 1
         return np.sin(self.calls + observation[:2])
 
@@ -65,7 +65,7 @@ def test_it_is_the_episode_of_the_worlds_however_one_looks_at_it(actions: list[A
     every, sometimes = (TaskStepper(TaskWorlds(task, 1), Wave(), 5) for _ in range(2))
     total = 0.0
     for k in range(10):
-        action = wave.act(observation)
+        action = wave(observation)
         for stepper in (every, sometimes):
             now = stepper.now()
             np.testing.assert_array_equal(now.observation, observation)
@@ -127,7 +127,7 @@ def test_pushes_act_as_in_a_bare_loop() -> None:
     state.restore(MODEL, data, stepper.state())
     for step in range(16):
         if step % 4 == 0:
-            data.ctrl[:] = wave.act(np.array([*data.qpos])) * 0.5
+            data.ctrl[:] = wave(np.array([*data.qpos])) * 0.5
         data.xfrc_applied[2, 0] = 5 if 5 <= step < 12 else 0
         stepper.advance(step)
         np.testing.assert_array_equal(stepper.state()[1:5], [*data.qpos, *data.qvel])
@@ -140,7 +140,7 @@ class Answers:
     def __init__(self, *answers: list[float]) -> None:
         self.answers = iter(answers)
 
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
         return np.array(next(self.answers))
 
 

@@ -8,9 +8,11 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option
 from mjrun.options.task import POSITION, TORQUE, VELOCITY
-from mjrun.policy.leapp_package import LeappNetwork, LeappTensor, find_package, read_package
-from mjrun.policy.onnx_model import OnnxModel
-from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts
+from mjrun.policy.leapp_package import LeappNetwork, LeappTensor, files_beside, find_package, read_package
+from mjrun.policy.loaders.onnx import LOADER as ONNX
+from mjrun.policy.loaders.onnx import OnnxModel
+from mjrun.policy.policy import ActionSpace, Actor, Numbers, ObservationFacts, Policy, PolicyFacts, PolicyLoader
+from mjrun.suffixes import YAML
 
 TARGETS = {
     "target/joint/position": POSITION,
@@ -50,7 +52,14 @@ class LeappPolicy(Policy):
         super().__init__(name, self._facts())
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return _LeappActor(self)
+        values = self.values_at_start()
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            values.update(self.parts(observation))
+            outputs = self.run(values)
+            return np.concatenate([outputs[each.place].astype(np.float64).reshape(-1) for each in self.targets])
+
+        return act
 
     def values_at_start(self) -> dict[str, np.ndarray]:
         """The inputs of all networks as an episode begins, by place."""
@@ -156,13 +165,17 @@ class _Network:
         return dict(zip(by_name, names, strict=True))
 
 
-class _LeappActor:
-    """A package within an episode."""
+def _files(path: Path) -> list[Path]:
+    """The YAML file of a package, the files that it names, and the weights of its networks."""
+    files = [path, *files_beside(path)]
+    networks = [file for file in files if file.suffix.lower() in ONNX.suffixes]
+    return [*files, *(weights for network in networks for weights in ONNX.files(network))]
 
-    def __init__(self, policy: LeappPolicy) -> None:
-        self._policy, self._values = policy, policy.values_at_start()
 
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        self._values.update(self._policy.parts(observation))
-        outputs = self._policy.run(self._values)
-        return np.concatenate([outputs[each.place].astype(np.float64).reshape(-1) for each in self._policy.targets])
+LOADER = PolicyLoader(
+    "a LEAPP package (.yaml or its folder)",
+    YAML,
+    lambda path, name, trust, normalize: LeappPolicy(path, name),
+    reads_folders=True,
+    files=_files,
+)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.policy.inert_pickle import Inert, read_inert
+from mjrun.policy.safe_unpickler import Inert, read_inert
 
 
 class Plain:
@@ -35,7 +35,7 @@ def test_arrays_are_arrays_and_objects_their_values(tmp_path: Path, protocol: in
     if protocol < 2:  # which makes objects by calling a function: one more that does nothing
         assert isinstance(thing, Inert)
         return
-    assert thing.name.endswith("test_inert_pickle.Plain")
+    assert thing.name.endswith("test_safe_unpickler.Plain")
     array, number, inner = thing.values["array"], thing.values["number"], thing.values["inner"]
     assert isinstance(inner, Inert)
     assert np.array_equal(np.asarray(array), Plain().array)

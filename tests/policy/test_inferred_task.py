@@ -13,10 +13,10 @@ from mjrun.document.task import read_task
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model.sources import source_of
 from mjrun.policy.agreement import check_agreement
-from mjrun.policy.leapp import LeappPolicy
-from mjrun.policy.onnx_policy import OnnxPolicy
+from mjrun.policy.inferred_task import inferred_task
+from mjrun.policy.loaders.leapp import LeappPolicy
+from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ActionSpace, Policy
-from mjrun.policy.task_of_policy import task_of_policy
 from mjrun.task.task import Task
 from mjrun.task.worlds import TaskWorlds
 from tests.policy.leapp_packages import package
@@ -46,7 +46,7 @@ def played(task: Task, policy: Policy, periods: int = 50) -> np.ndarray:
     actor = policy.episode(3, ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high))
     observations, states = worlds.reset([3]), []
     for _ in range(periods):
-        observations = worlds.step(actor.act(observations[0])[None]).observations
+        observations = worlds.step(actor(observations[0])[None]).observations
         states.append(worlds.state(0))
     return np.array(states)
 
@@ -66,7 +66,7 @@ def exported(folder: Path, **metadata: str) -> OnnxPolicy:
 def test_metadata_play_as_a_task_document_does_to_the_bit(tmp_path: Path, robot: Path) -> None:
     (tmp_path / "task.yaml").write_text(DOCUMENT)
     policy = exported(tmp_path)
-    made = task_of_policy(policy, source_of(robot), control_dt=DT, duration=Fraction(1))
+    made = inferred_task(policy, source_of(robot), control_dt=DT, duration=Fraction(1))
     states = played(made, policy)
     assert np.ptp(states[:, 8:10], axis=0).min() > 0.01  # the joints, after the time and the free joint
     assert np.array_equal(states, played(read_task(tmp_path / "task.yaml"), policy))
@@ -94,13 +94,13 @@ def test_what_is_lost_is_an_error_with_metadata_and_another_motion_without(
 def test_servos_of_the_model_are_used_as_they_are(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string(MODEL.format("robot/", SERVOS.format("robot/")))
     policy = exported(tmp_path)
-    task = task_of_policy(policy, source_of(model), control_dt=DT)
+    task = inferred_task(policy, source_of(model), control_dt=DT)
     (action,) = task.actions
     assert (action.target, action.joints, action.kp) == ("control", ("robot/hip", "robot/knee"), None)
     check_agreement(task, policy)
     weak = mujoco.MjModel.from_xml_string(MODEL.format("", SERVOS.format("").replace('kp="30"', 'kp="3"')))
     with pytest.raises(UsageError, match=r"kp: the policy has knee 30; the task has knee 3"):
-        check_agreement(task_of_policy(policy, source_of(weak), control_dt=DT), policy)
+        check_agreement(inferred_task(policy, source_of(weak), control_dt=DT), policy)
 
 
 def test_what_a_file_does_not_say_is_asked_for_and_not_guessed(tmp_path: Path, robot: Path) -> None:
@@ -108,7 +108,7 @@ def test_what_a_file_does_not_say_is_asked_for_and_not_guessed(tmp_path: Path, r
     with pytest.raises(
         UsageError, match=r"^policy walk.onnx does not say its control period, where these obs"
     ) as error:
-        task_of_policy(policy, source_of(robot))
+        inferred_task(policy, source_of(robot))
     lines = str(error.value).splitlines()
     assert lines[0].endswith("where these observations are taken from: base_lin_vel")
     assert "  control_dt: # is not said" in lines
@@ -117,13 +117,13 @@ def test_what_a_file_does_not_say_is_asked_for_and_not_guessed(tmp_path: Path, r
     assert '    - {name: "actions", action: "previous"}' in lines
     silent = OnnxPolicy(linear(tmp_path / "silent.onnx", WEIGHTS), "silent.onnx")
     with pytest.raises(UsageError, match="does not say its control period, what it observes, what its actions move"):
-        task_of_policy(silent, source_of(robot))
+        inferred_task(silent, source_of(robot))
 
 
 def test_the_lines_of_the_draft_are_a_task_document(tmp_path: Path, robot: Path) -> None:
     policy = exported(tmp_path)
     with pytest.raises(UsageError) as error:
-        task_of_policy(policy, source_of(robot))
+        inferred_task(policy, source_of(robot))
     assert str(error.value).splitlines()[:2] == [
         "policy walk.onnx does not say its control period",
         f"say it by control_dt, or write a task document, and play the policy on that instead of on {robot}:",
@@ -131,21 +131,21 @@ def test_the_lines_of_the_draft_are_a_task_document(tmp_path: Path, robot: Path)
     text = "\n".join(line[2:] for line in str(error.value).splitlines()[2:])
     path = tmp_path / "draft.yaml"
     path.write_text(text.replace("control_dt: # is not said", "control_dt: 0.02"))
-    made = task_of_policy(policy, source_of(robot), control_dt=DT)
+    made = inferred_task(policy, source_of(robot), control_dt=DT)
     assert np.array_equal(played(read_task(path), policy), played(made, policy))
 
 
 def test_a_joint_that_the_model_lacks_is_named(tmp_path: Path, robot: Path) -> None:
     policy = exported(tmp_path, joint_names="hip,ankle")
     with pytest.raises(UnknownNameError, match=r"no joint 'ankle' in the model"):
-        task_of_policy(policy, source_of(robot), control_dt=DT)
+        inferred_task(policy, source_of(robot), control_dt=DT)
 
 
 def test_a_leapp_package_is_a_task_where_it_names_bodies(tmp_path: Path, robot: Path) -> None:
     named = "[[base], [qx, qy, qz, qw]]"
     path = package(tmp_path / "walk", lambda text: text.replace("[[qx, qy, qz, qw]]", named))
     policy = LeappPolicy(path, "walk")
-    task = task_of_policy(policy, source_of(robot))
+    task = inferred_task(policy, source_of(robot))
     assert (task.control_dt, [term.name for term in task.observations]) == (DT, ["quaternion", "joint_pos"])
     assert played(task, policy, 5).shape[0] == 5
     wxyz = replace(task.observations[0], probe=("xquat/base",))
@@ -155,7 +155,7 @@ def test_a_leapp_package_is_a_task_where_it_names_bodies(tmp_path: Path, robot: 
         check_agreement(turned, policy)
     unnamed = LeappPolicy(package(tmp_path / "unnamed"), "unnamed")
     with pytest.raises(UsageError, match="does not say where these observations are taken from: quaternion"):
-        task_of_policy(unnamed, source_of(robot))
+        inferred_task(unnamed, source_of(robot))
 
 
 def test_a_joint_that_may_be_either_of_two_is_asked_for(tmp_path: Path) -> None:
@@ -164,4 +164,4 @@ def test_a_joint_that_may_be_either_of_two_is_asked_for(tmp_path: Path) -> None:
     path = tmp_path / "two.xml"
     path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     with pytest.raises(UsageError, match="joint 'hip' of the policy may be 'left/hip' or 'right/hip' of the model"):
-        task_of_policy(exported(tmp_path), source_of(path), control_dt=DT)
+        inferred_task(exported(tmp_path), source_of(path), control_dt=DT)

@@ -9,8 +9,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.policy.trust import require_trusted_file
+from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyLoader, require_trusted_file
 
 if TYPE_CHECKING:
     from torch.jit import ScriptModule  # pyright: ignore[reportMissingImports]
@@ -33,7 +32,11 @@ class TorchScriptPolicy(Policy):
         self._network = self._read()
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return _TorchScriptActor(self._read() if hasattr(self._network, "reset") else self._network, self.name)
+        network = self._network
+        if hasattr(network, "reset"):
+            network = self._read()
+            network.reset()
+        return lambda observation: self._act(network, observation)
 
     def _read(self) -> "ScriptModule":
         require("a policy in TorchScript", "", "torch")
@@ -50,20 +53,20 @@ class TorchScriptPolicy(Policy):
                 self._path, "is no TorchScript", f"{advice}\n{clean(str(error)).partition(chr(10))[0][:200]}"
             ) from error
 
-
-class _TorchScriptActor:
-    def __init__(self, network: "ScriptModule", name: str) -> None:
-        self._network, self._name = network, name
-        if hasattr(network, "reset"):
-            network.reset()
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
+    def _act(self, network: "ScriptModule", observation: np.ndarray) -> np.ndarray:
         import torch  # pyright: ignore[reportMissingImports]
 
         with torch.inference_mode():
             try:
-                action = self._network(torch.from_numpy(observation.astype(np.float32))[None])
+                action = network(torch.from_numpy(observation.astype(np.float32))[None])
             except RuntimeError as error:
                 reason = clean(str(error).strip().splitlines()[-1])
-                raise UsageError(f"{option('policy')} {clean(self._name)} cannot be computed: {reason}") from error
+                raise UsageError(f"{option('policy')} {clean(self.name)} cannot be computed: {reason}") from error
         return action.numpy().astype(np.float64).reshape(-1)
+
+
+LOADER = PolicyLoader(
+    ".pt (TorchScript)",
+    (".pt", ".pth", ".jit", ".torchscript"),
+    lambda path, name, trust, normalize: TorchScriptPolicy(path, name, trust=trust),
+)

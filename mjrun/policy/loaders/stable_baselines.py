@@ -7,8 +7,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.packages import require
-from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts
-from mjrun.policy.trust import require_trusted_file
+from mjrun.policy.policy import ActionSpace, Actor, Policy, PolicyFacts, PolicyLoader, require_trusted_file
 
 if TYPE_CHECKING:
     from stable_baselines3.common.policies import BasePolicy  # pyright: ignore[reportMissingImports]
@@ -43,20 +42,16 @@ class StableBaselinesPolicy(Policy):
         super().__init__(name, facts)
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return _StableBaselinesActor(self._policy)
+        state: tuple[np.ndarray, ...] | None = None
+        is_start = True
 
+        def act(observation: np.ndarray) -> np.ndarray:
+            nonlocal state, is_start
+            action, state = self._policy.predict(observation, state, np.array([is_start]), deterministic=True)
+            is_start = False
+            return action
 
-class _StableBaselinesActor:
-    def __init__(self, policy: "BasePolicy") -> None:
-        self._policy = policy
-        self._state: tuple[np.ndarray, ...] | None = None
-        self._is_start = True
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        start = np.array([self._is_start])
-        action, self._state = self._policy.predict(observation, self._state, start, deterministic=True)
-        self._is_start = False
-        return action
+        return act
 
 
 def _is_continuous(policy: "BasePolicy") -> bool:
@@ -83,3 +78,10 @@ def _read(path: Path) -> "BasePolicy":
             path, f"is no archive of Stable-Baselines3 that can be read: {kind}: {clean(str(error))}"
         ) from error
     return policy
+
+
+LOADER = PolicyLoader(
+    ".zip of Stable-Baselines3",
+    (".zip",),
+    lambda path, name, trust, normalize: StableBaselinesPolicy(path, name, trust=trust, normalize=normalize),
+)

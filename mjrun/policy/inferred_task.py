@@ -25,7 +25,7 @@ BODIES = {"state/body/rotation": "xquat", "state/body/position": "xpos"}
 PERIOD = "its control period"
 
 
-def task_of_policy(
+def inferred_task(
     policy: Policy, source: Source, control_dt: Fraction | None = None, duration: Fraction | None = None
 ) -> Task:
     """The task that `policy` was made for, on the model of `source`.

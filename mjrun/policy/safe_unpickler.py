@@ -51,7 +51,7 @@ class Inert:
         """Takes an item of a list, and forgets it."""
 
 
-class PickledType:
+class PickledDtype:
     """The type of an array's numbers, as `numpy.dtype` is pickled."""
 
     def __init__(self, code: object = "", *_: object) -> None:
@@ -82,7 +82,7 @@ class PickledArray:
             raise ValueError("an array lacks its numbers")
         _, shape, of, is_fortran, content = self._state
         if (
-            not isinstance(of, PickledType)
+            not isinstance(of, PickledDtype)
             or not isinstance(content, bytes | bytearray)
             or not isinstance(shape, tuple)
         ):
@@ -117,7 +117,7 @@ MAKERS: dict[tuple[str, str], object] = {
     **{(f"{core}.multiarray", "_reconstruct"): PickledArray for core in CORES},
     **{(f"{core}.multiarray", "scalar"): _number for core in CORES},
     **{(f"{core}.numeric", "_frombuffer"): _array for core in CORES},
-    ("numpy", "dtype"): PickledType,
+    ("numpy", "dtype"): PickledDtype,
     ("_codecs", "encode"): _latin,
 }
 

@@ -1,0 +1,319 @@
+"""Policies in ONNX: one observation in, one action out, and recurrent state carried from call to call.
+
+Models are opened by onnxruntime with care, and run on the CPU by one thread, for equal bits from equal inputs.
+"""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, cast
+
+import numpy as np
+
+from mjrun.errors import FileError, UsageError, clean, counted, listing, option, quoted
+from mjrun.formats.input_file import decoding, is_file, require_file
+from mjrun.packages import require
+from mjrun.policy.mjlab_metadata import is_mjlab, mjlab_facts
+from mjrun.policy.policy import ActionSpace, Actor, ObservationFacts, Policy, PolicyFacts, PolicyLoader
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+SUFFIXES = (".onnx",)
+FLOATS = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(float16)": np.float16}
+QUIET = 4  # onnxruntime's severity of what cannot go on, which it raises anyway
+OUTSIDE = r"External data path.*(escapes|Absolute)|should be (file inside|a relative path)|it is a symbolic link"
+UNKNOWN = r"No Op registered for ([^ ]+)|: (\S+)\(-?\d+\) is not a registered"
+# What onnxruntime says of a model that it refuses, and what that means.
+CAUSES = (
+    (OUTSIDE, "its weights are in a file outside of its folder"),
+    (r"External data path.*does not exist", "the file with its weights is missing"),
+    (UNKNOWN, "it uses an operator that onnxruntime lacks"),
+    (r"only \*guarantees\* support|Unsupported model IR version", "it is written for a newer onnxruntime"),
+    (r"Protobuf parsing failed|codec can't decode|No graph was found", "is no ONNX model, or a damaged one"),
+)
+
+# Words that tell the two ends of a state apart: h_in and h_out, state and next_state, h0 and hn.
+ENDS = {"in", "out", "input", "output", "prev", "previous", "next", "new", "old", "initial", "final"}
+ACTIONS = ("actions", "action", "continuous_actions", "deterministic_continuous_actions")
+
+
+def weight_files(path: Path) -> list[Path]:
+    """Returns the existing files beside an ONNX file that hold its weights, as far as its bytes name them.
+
+    Source: `external_data` of TensorProto in onnx.proto, entries of a key `location` and a relative path.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError:  # which opening the model reports
+        return []
+    names = dict[str, None]()
+    for entry in re.finditer(rb"\x0a\x08location\x12([\x80-\xff]*[\x00-\x7f])", content):
+        size = sum((byte & 0x7F) << 7 * place for place, byte in enumerate(entry[1]))
+        names[content[entry.end() : entry.end() + size].decode("utf-8", "replace")] = None
+    return [path.parent / name for name in names if name and "\0" not in name and is_file(path.parent / name)]
+
+
+class _Node(Protocol):
+    """What onnxruntime says of an input or output."""
+
+    name: str
+    type: str
+    shape: Sequence[int | str | None]
+
+
+@dataclass(frozen=True)
+class Tensor:
+    """An input or output of a model.
+
+    Attributes:
+      type: `tensor(float)` and so on, in the words of ONNX.
+      shape: sizes; None where one may vary.
+    """
+
+    name: str
+    type: str
+    shape: tuple[int | None, ...]
+
+    @property
+    def size(self) -> int | None:
+        """How many numbers of one observation it holds, taking the batch for one; None if the file does not say."""
+        return None if not self.shape or self.shape[-1] is None else int(np.prod(self.one))
+
+    @property
+    def one(self) -> tuple[int, ...]:
+        """Its shape where every size that may vary is 1."""
+        return tuple(1 if each is None else each for each in self.shape)
+
+    def __str__(self) -> str:
+        shape = ", ".join("?" if each is None else str(each) for each in self.shape)
+        return f"{clean(self.name)} ({shape})"
+
+
+class OnnxModel:
+    """A model.
+
+    Attributes:
+      path: its file.
+      inputs, outputs: in the order of the file.
+      metadata: texts by key.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Opens a model.
+
+        Raises:
+          FileError: it cannot be read, or onnxruntime refuses it.
+          MissingExtraError: onnxruntime is not installed.
+        """
+        self.path = path
+        self._session = _session(path)
+        with decoding(path, "is no ONNX model, or a damaged one"):  # a name may be no text
+            self.inputs = [_tensor(each) for each in self._session.get_inputs()]
+            self.outputs = [_tensor(each) for each in self._session.get_outputs()]
+            self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
+
+    def run(self, inputs: Mapping[str, np.ndarray], outputs: Sequence[str]) -> list[np.ndarray]:
+        """The values of `outputs`.
+
+        Raises:
+          UsageError: the model cannot be computed with these inputs.
+        """
+        try:
+            return cast("list[np.ndarray]", self._session.run(outputs, inputs))
+        except Exception as error:  # onnxruntime's have no base of their own
+            reason = _reason(str(error))
+            raise UsageError(f"{clean(str(self.path))} cannot be computed: {reason}", ("policy",)) from error
+
+    def float_type(self, tensor: Tensor) -> type[np.floating]:
+        """The type of `tensor`, which must be of floating point.
+
+        Raises:
+          UsageError: it is not.
+        """
+        if tensor.type not in FLOATS:
+            kind = f"{clean(tensor.name)} is a {clean(tensor.type)}"
+            raise UsageError(f"{clean(str(self.path))}: {kind}, and policies take and give real numbers", ("policy",))
+        return FLOATS[tensor.type]
+
+
+def _session(path: Path) -> "InferenceSession":
+    require("a policy in ONNX", "policy", "onnxruntime")
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which would leave a file, and may call its makers
+    import onnxruntime
+
+    require_file(path, "policy", SUFFIXES)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = QUIET
+    options.use_deterministic_compute = True
+    try:
+        providers = ["CPUExecutionProvider"]
+        return onnxruntime.InferenceSession(str(path), options, providers, enable_fallback=0)  # which prints
+    except Exception as error:  # onnxruntime's have no base of their own
+        raise _refusal(path, str(error), onnxruntime.__version__) from error
+
+
+def _refusal(path: Path, message: str, version: str) -> FileError:
+    reason = _reason(message)
+    for pattern, cause in CAUSES:
+        if found := re.search(pattern, message):
+            what = f"{cause}: {quoted(found[1] or found[2])}" if pattern == UNKNOWN else cause
+            return FileError(path, what, f"onnxruntime {version}: {reason}")
+    return FileError(path, "onnxruntime refuses it", f"onnxruntime {version}: {reason}")
+
+
+def _reason(message: str) -> str:
+    """What onnxruntime says, without codes and places in its source."""
+    text = re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", message)
+    text = re.sub(r"^Load model from .*? failed:", "", text, flags=re.DOTALL)
+    text = re.sub(r"/onnxruntime_src/\S+ .*?\) (?=[A-Z!])", "", text, flags=re.DOTALL)
+    text = re.sub(r"\S+\.cc:\d+ \w+ ", "", text)
+    return clean(" ".join(text.split()))
+
+
+def _tensor(node: "_Node") -> Tensor:
+    return Tensor(node.name, node.type, tuple(each if isinstance(each, int) else None for each in node.shape))
+
+
+def names_of(tensors: Sequence[Tensor]) -> str:
+    """`tensors` as a list for messages."""
+    return listing([str(tensor) for tensor in tensors])
+
+
+class OnnxPolicy(Policy):
+    """A network. Inputs other than recurrent state are parts of the observation, in the order of the file."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Opens the network.
+
+        Raises:
+          FileError: it cannot be read, or onnxruntime refuses it.
+          UsageError: its inputs or outputs are not those of a policy.
+          MissingExtraError: onnxruntime is not installed.
+        """
+        self.model = OnnxModel(path)
+        self.states = state_pairs(self.model.inputs, self.model.outputs)
+        starts, ends = {start.name for start, _ in self.states}, {end.name for _, end in self.states}
+        self.inputs = [tensor for tensor in self.model.inputs if tensor.name not in starts]
+        self.action = self._action_of([tensor for tensor in self.model.outputs if tensor.name not in ends])
+        self._check_inputs()
+        super().__init__(name, self._facts())
+        ends_of_parts = [int(end) for end in np.cumsum([tensor.size or 0 for tensor in self.inputs])]
+        # Where each input stands in the observation; one alone may be of any size, which the network will tell.
+        self._places = [
+            (tensor.name, slice(end - size, end) if size else slice(None), self.model.float_type(tensor), shape)
+            for tensor, end in zip(self.inputs, ends_of_parts, strict=True)
+            for size, shape in [(tensor.size or 0, (*tensor.one[:-1], -1))]
+        ]
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        model = self.model
+        states = {start.name: np.zeros(start.one, model.float_type(start)) for start, _ in self.states}
+        outputs = [self.action.name, *(end.name for _, end in self.states)]
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            action, *ends = model.run({**self.parts(observation), **states}, outputs)
+            states.update(zip([*states], ends, strict=True))
+            return action.astype(np.float64).reshape(-1)
+
+        return act
+
+    def parts(self, observation: np.ndarray) -> dict[str, np.ndarray]:
+        """`observation` as the inputs of the network.
+
+        Raises:
+          UsageError: it is of another size.
+        """
+        size = self.facts.observation_size
+        if size is not None and size != len(observation):
+            what = f"{option('policy')} {clean(self.name)} observes {counted(size, 'number')}"
+            raise UsageError(f"{what}, and the task gives {len(observation)}: {names_of(self.inputs)}")
+        return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self._places}
+
+    def _action_of(self, outputs: Sequence[Tensor]) -> Tensor:
+        """The output that is the action."""
+        named = [tensor for tensor in outputs if tensor.name in ACTIONS]
+        choices = [tensor for tensor in named if tensor.name.startswith("deterministic")] or named or [*outputs]
+        if len(choices) != 1:
+            what = "no output that could be" if not choices else "several outputs, and none says that it is"
+            raise self._refusal(
+                f"it has {what} the action: {names_of(self.model.outputs)}\nthe names are {', '.join(ACTIONS)}"
+            )
+        self.model.float_type(choices[0])
+        return choices[0]
+
+    def _check_inputs(self) -> None:
+        if not self.inputs:
+            raise self._refusal(f"it has no input for an observation: {names_of(self.model.inputs) or 'none at all'}")
+        for tensor in self.inputs:
+            self.model.float_type(tensor)
+            if not tensor.shape:
+                raise self._refusal(
+                    f"its input {clean(tensor.name)} is a single number, or of a shape that is not said"
+                )
+            batch = [size for size in tensor.shape[:-1] if size not in (None, 1)]
+            if batch:
+                raise self._refusal(
+                    f"the input {tensor} holds more than one observation; export it for a batch of 1, "
+                    "and let the task say the history"
+                )
+            if len(self.inputs) > 1 and tensor.size is None:
+                raise self._refusal(f"of several inputs each must say its size: {names_of(self.inputs)}")
+        for start, _ in self.states:
+            self.model.float_type(start)
+
+    def _facts(self) -> PolicyFacts:
+        metadata = self.model.metadata
+        facts = mjlab_facts(metadata, self.model.path) if is_mjlab(metadata) else PolicyFacts()
+        sizes = [tensor.size for tensor in self.inputs]
+        if facts.observations is None and len(self.inputs) > 1:
+            parts = tuple(ObservationFacts(tensor.name, tensor.size) for tensor in self.inputs)
+            facts = replace(facts, observations=parts)
+        action_size = facts.action_size if self.action.size is None else self.action.size
+        return replace(
+            facts, observation_size=None if None in sizes else sum(filter(None, sizes)), action_size=action_size
+        )
+
+    def _refusal(self, message: str) -> UsageError:
+        return UsageError(f"{clean(str(self.model.path))} cannot be played: {message}", ("policy",))
+
+
+def state_pairs(inputs: Sequence[Tensor], outputs: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
+    """Inputs, each with the output that it gets in the next call: alike in all but the end in their names."""
+    ends = [tensor for tensor in outputs if tensor.name not in ACTIONS]
+    pairs: list[tuple[Tensor, Tensor]] = []
+    for start in inputs:
+        fits = [end for end in ends if _stem(end.name) == _stem(start.name) and _agree(start, end)]
+        rivals = [other for other in inputs if _stem(other.name) == _stem(start.name)]
+        if len(fits) == len(rivals) == 1 and start.name != fits[0].name:
+            pairs.append((start, fits[0]))
+    return pairs
+
+
+def _stem(name: str) -> str:
+    """`name` without what tells the ends of a state apart."""
+    words = re.split(r"[^0-9a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower())
+    words = [re.sub(r"^([hc])[0n]$", r"\1", word) for word in words if word not in ENDS]
+    if len(words) == 2 and words[0] in ("h", "c") and words[1] in ("0", "n"):
+        words = words[:1]
+    return "_".join(words)
+
+
+def _agree(start: Tensor, end: Tensor) -> bool:
+    sizes = zip(start.shape, end.shape, strict=False)
+    return (
+        start.type == end.type
+        and len(start.shape) == len(end.shape)
+        and all(one is None or other is None or one == other for one, other in sizes)
+    )
+
+
+LOADER = PolicyLoader(
+    ".onnx",
+    SUFFIXES,
+    lambda path, name, trust, normalize: OnnxPolicy(path, name),
+    files=lambda path: [path, *weight_files(path)],
+)
