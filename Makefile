@@ -4,7 +4,7 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test explore test-lowest lint types check bench score clean
+.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check bench score clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s  %s\n", $$1, $$2}' Makefile
@@ -26,6 +26,9 @@ gallery: setup ## make the videos, images, tables and plots of all scenes at ful
 test: setup ## run the tests
 	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
+quick: setup ## run the tests without the slow ones
+	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m 'not slow' $(ARGS)
+
 explore: setup ## run the property tests on examples drawn at random; add what fails as @example
 	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m hypothesis --hypothesis-profile explore $(ARGS)
 
@@ -35,7 +38,7 @@ LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting test
   tests/physics/test_distribution.py tests/physics/test_warp_engine.py tests/study/test_design.py \
   tests/study/test_executors.py tests/fit/test_gauss_newton.py tests/fit/test_chirp.py tests/fit/test_solution.py \
   tests/evaluation/test_statistics.py tests/evaluation/test_table.py tests/cli/test_click_command.py \
-  tests/cli/test_console.py tests/cli/test_page_layout.py tests/cli/test_schema.py
+  tests/cli/test_console.py tests/cli/test_page_layout.py tests/cli/commands/test_schema.py
 
 test-lowest: setup ## run the tests of what libraries do, with the lowest version of each that mjrun accepts: .venv-lowest
 	.venv/bin/python scripts/lowest_versions.py > .venv/lowest.txt

@@ -32,6 +32,7 @@ from mujoco.batch import Batch
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # for the tests' tasks
 
 import mjrun.gym
+from mjrun.model.mujoco_globals import without_log
 from mjrun.platform.cores import available_cores
 from tests.task.gymnasium_tasks import TASKS
 
@@ -157,12 +158,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args()
     warnings.simplefilter("ignore")  # of the models' deprecated attributes
-    if given.single:
-        for name in given.environments or TASKS:
-            compare_single(name, given.steps, 8 * given.repeats)
-        return
-    for name in given.environments or ("Humanoid-v5", "Ant-v5"):
-        compare(name, given.worlds, given.steps, given.repeats)
+    with without_log():
+        if given.single:
+            for name in given.environments or TASKS:
+                compare_single(name, given.steps, 8 * given.repeats)
+            return
+        for name in given.environments or ("Humanoid-v5", "Ant-v5"):
+            compare(name, given.worlds, given.steps, given.repeats)
 
 
 if __name__ == "__main__":

@@ -16,14 +16,14 @@ def main() -> None:
     from mjrun.cli.standard_streams import open_standard_streams
 
     open_standard_streams()
-    from mjrun.cli.watcher import watched
+    from mjrun.cli.crash_monitor import watched
 
     sys.exit(watched(_work))
 
 
 def _work() -> int:
+    from mjrun.cli.crash_monitor import SIGNALS
     from mjrun.cli.main import run
-    from mjrun.cli.watcher import SIGNALS
 
     code = run(sys.argv[1:])
     for number in SIGNALS:  # it is over; only the interpreter is still to end

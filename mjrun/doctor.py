@@ -69,6 +69,7 @@ class DoctorReport:
     """The state of all components.
 
     Attributes:
+      findings: the state of each component.
       can_draw: whether the backend that the environment requests can draw; if it requests none, whether any can.
       can_encode: whether videos can be encoded.
     """

@@ -179,7 +179,7 @@ def plant(folder: Path, module: str, source: str) -> Path:
         ("model/load.py", "import mjrun"),
         ("outputs/video.py", "def f():\n    from mjrun.cli import main"),
         ("outputs/video.py", "if TYPE_CHECKING:\n    from mjrun.document import run"),
-        ("outputs/video.py", "import_module('mjrun.cli.video')"),
+        ("outputs/video.py", "import_module('mjrun.cli.commands.video')"),
         ("outputs/video.py", "class A:\n    async def f(self):\n        import mjrun.cli.main"),
         ("errors.py", "from mjrun.timeline import rational"),
         ("errors.py", "import numpy"),
@@ -295,7 +295,7 @@ def test_import_help_and_version_load_neither_mujoco_nor_numpy(code: str) -> Non
 def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:
     code = f"sys.argv = ['mjrun', {name!r}, '--help']; import runpy; runpy.run_module('mjrun', run_name='__main__')"
     loaded = loaded_by(code)
-    assert f"mjrun.cli.{name}" in loaded
+    assert f"mjrun.cli.commands.{name}" in loaded
     assert loaded.isdisjoint(set(LIBRARIES) - {"click"})
 
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 
 import pytest
@@ -38,7 +39,8 @@ SMALLER = {
     "trace": SHORT,
     "run": "videos[0].size=64x48 videos[0].fps=3 images[0].size=64x48 --quality draft",
     "view": SHORT,
-    "eval": f"--episodes 3 --jobs 1 {IMAGE}",
+    "eval": f"--episodes 3 --jobs 1 --fps 5 {IMAGE}",
+    "sweep": "--jobs 1",
     "bench": "--budget 0.2",
 }
 SMALLER_STUDIES = {
@@ -48,7 +50,8 @@ SMALLER_STUDIES = {
     r"slid > 0.01": "slid >= 0",
 }
 # Tests run side by side: how fast anything is must not decide one.
-PATIENT = '$(case "$*" in *--fail-above*) echo "--fail-above 100000%";; esac)'
+PATIENT = "--fail-above 100000%"
+ELSEWHERE = r"[|<$]|--untrusted|dm:|menagerie:"  # what takes a process of its own
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
 PLOTTED = {
     "flip.csv": ("tippe_top", "qvel[top],xpos[stem]"),
@@ -76,7 +79,7 @@ def shell(tmp_path: Path) -> dict[str, str]:
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
     smaller = " ".join(f'{name}) set -- "$@" {words};;' for name, words in SMALLER.items())
-    smaller = f'case $1 in {smaller} esac; case $1 in bench) set -- "$@" {PATIENT};; esac'
+    smaller = f"case $1 in {smaller} esac"
     path = f"{ROOT}:{models_of_others(tmp_path / 'others')}"
     program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{path}" exec "{sys.executable}" -m mjrun "$@"\n')
     program.chmod(0o755)
@@ -107,18 +110,37 @@ class Done:
 
 @pytest.fixture
 def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Execute:
-    """Runs a command in that folder: in this process, or by the shell where it has something to do."""
+    """Runs command lines in that folder: `mjrun` in this process, all else in a shell."""
 
-    def executed(command: str) -> Done:
-        if re.search(r"[|&;<>*?$\n]|--(fail-above|untrusted)|dm:|menagerie:", command) or not command.startswith(
-            "mjrun"
-        ):
-            done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True)
-            return Done(done.returncode, done.stdout.decode(), without_progress(done.stderr).decode())
+    def run_here(command: str) -> Done:
+        """Runs one `mjrun`, with the patterns and the redirection that the shell would see to."""
+        words, target = [], ""
+        lexer = shlex.shlex(command, posix=True, punctuation_chars=">")
+        lexer.whitespace_split, lexer.commenters = True, ""
+        for word in lexer:
+            if word == ">":
+                target = next(lexer)
+            else:
+                words += sorted(glob(word)) or [word]  # noqa: PTH207 - as the shell does
+        smaller = SMALLER.get(words[1], "").split() + PATIENT.split() * ("--fail-above" in words)
+        done = mjrun_here(*words[1:], *smaller)
+        if target:
+            Path(target).write_bytes(done.stdout)
+        return Done(done.returncode, "" if target else done.stdout.decode(), done.stderr.decode())
+
+    def run_in_shell(command: str) -> Done:
+        done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True)
+        return Done(done.returncode, done.stdout.decode(), without_progress(done.stderr).decode())
+
+    def executed(commands: str) -> Done:
         monkeypatch.chdir(tmp_path)
-        _, *words = shlex.split(command)
-        here = mjrun_here(*words, *SMALLER.get(words[0], "").split())
-        return Done(here.returncode, here.stdout.decode(), here.stderr.decode())
+        done = [Done(0, "", "")]
+        for command in re.split(r"\s&&\s|;\s|\n(?!$)", commands.replace("\\\n", " ").strip()):
+            is_simple = command.strip().startswith("mjrun ") and not re.search(ELSEWHERE, command)
+            done.append(run_here(command) if is_simple else run_in_shell(command))
+            if done[-1].returncode:
+                break
+        return Done(done[-1].returncode, "".join(d.stdout for d in done), "".join(d.stderr for d in done))
 
     return executed
 

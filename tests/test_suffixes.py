@@ -56,10 +56,12 @@ def test_documents_end_in_yaml_of_either_case(path: str, expected: bool) -> None
 
 
 def test_no_other_module_lists_suffixes_of_models_or_documents() -> None:
+    texts = {path: path.read_text("utf-8") for path in PACKAGE.rglob("*.py")}
     lists = [
         f"{path.relative_to(PACKAGE)}:{node.lineno}"
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for path, text in texts.items()
+        if sum(f'"{suffix}"' in text for suffix in REFERRING) > 1
+        for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.Tuple | ast.List | ast.Set)
         and sum(isinstance(each, ast.Constant) and each.value in REFERRING for each in node.elts) > 1
     ]

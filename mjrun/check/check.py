@@ -22,6 +22,7 @@ from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
 from mjrun.platform.cores import available_cores
 from mjrun.reporter import Reporter, WarningReporter
+from mjrun.version import __version__
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 
@@ -46,14 +47,24 @@ class CheckResult:
     """The results for all models, in the order given.
 
     Attributes:
+      mjrun: the version that checked them.
       models: the result for each.
       skipped: how many files are not models by themselves, such as those that models include.
       code: the exit code: 3 if a model does not load, 1 if a finding is at or above `fail_on`, else 0.
+      errors, warnings, notes: the number of findings of each severity.
     """
 
+    mjrun: str = field(default=__version__, kw_only=True)
     models: tuple[ModelResult, ...]
     skipped: int
     code: int
+    errors: int = field(default=0, init=False)
+    warnings: int = field(default=0, init=False)
+    notes: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        for severity in SEVERITIES:
+            object.__setattr__(self, f"{severity}s", self.count(severity))
 
     def count(self, severity: str) -> int:
         """The number of findings of this severity."""

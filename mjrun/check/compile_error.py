@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from mjrun.check.finding import Finding, Place
 from mjrun.check.rule import Rule
-from mjrun.errors import BrokenModelError, clean
+from mjrun.errors import BrokenModelError, clean, option
 from mjrun.model.xml_source import Element, XmlSource
 
 
@@ -32,7 +32,8 @@ class CompileError(NamedTuple):
     def of(cls, error: BrokenModelError, source: XmlSource) -> "CompileError":
         """The message in `error`, of the model `source`."""
         place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
-        message = str(error).removeprefix(f"{place}: ").removesuffix(f"\n{error.hint}" if error.hint else "")
+        message = error.spelled(option).removeprefix(f"{place}: ")
+        message = message.removesuffix(f"\n{error.hint}" if error.hint else "")
         return cls(source, error.path, "; ".join(message.splitlines()), error.line, error.hint)
 
     @property

@@ -1,20 +1,36 @@
-"""The report of a benchmark, as text for a terminal and as Markdown."""
+"""The report of a benchmark: prose for a terminal, Markdown for CI, and CSV."""
 
+import csv
+import io
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from mjrun.cli.bench_tables import Table, digits, duration, sections
+from mjrun.cli.report import Report
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.bench.baseline import BaselineComparison
+    from mjrun.bench.frame_timing import FrameTiming
     from mjrun.bench.load_timing import LoadTiming
-    from mjrun.bench.results import BenchResult
+    from mjrun.bench.output_timing import OutputTiming
+    from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
+    from mjrun.bench.statistics import SampleStatistics
+    from mjrun.bench.step_phases import Phase
 
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))
+UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 WIDTH = 80  # of a terminal
 LABEL = 10  # width of the label before a line
+
+Table = list[list[str]]  # rows of cells, the first is the header
+
+
+def bench_report(result: "BenchResult") -> Report:
+    """The report of a benchmark."""
+    forms = {"csv": lambda: csv_table(result), "markdown": lambda: markdown(result)}
+    return Report("bench", result, lambda: text(result), forms=forms)
 
 
 def text(result: "BenchResult") -> str:
@@ -139,3 +155,195 @@ def _aligned(table: Table) -> list[str]:
 def _escaped(text: str) -> str:
     """Text that is nothing but text in Markdown."""
     return "".join(f"\\{c}" if c in r"\`*_{}[]<>#|" else c for c in text)
+
+
+def sections(result: "BenchResult") -> Iterator[tuple[str, Table]]:
+    """Every table of the report, with its title."""
+    first = result.rows[0]
+    if len(result.rows) > 1 or not first.step:
+        yield _grid_title(result), _grid(result.rows)
+    elif first.accuracy:
+        yield _horizon(first.accuracy), [["drift", "distance"], _accuracy(first.accuracy)]
+
+    for row in result.rows:
+        point = "".join(f", {clean(_short(path))}={clean(value)}" for path, value in row.point.items())
+        if [threads.threads for threads in row.threads] not in ([], [1]):
+            yield f"threads{point}", _threads(row)
+    if len(result.rows) == 1 and first.phases and first.step:
+        title = f"phases, with timers on: they make a step {_overhead(first.phases, first.step)}"
+        yield title, _phase_table(first.phases)
+
+    for renderer, device in dict.fromkeys((frame.renderer, frame.device) for frame in result.frames):
+        frames = [frame for frame in result.frames if (frame.renderer, frame.device) == (renderer, device)]
+        yield f"a frame, by {clean(device)}, {renderer}", _frames(frames)
+    if result.whole:
+        yield "whole outputs", _whole(result.whole)
+    if result.comparison:
+        limit = result.comparison.limit
+        yield f"against {clean(result.comparison.base)}; slower is above {limit:.4g}", _ratios(result.comparison)
+
+
+def _grid_title(result: "BenchResult") -> str:
+    rows, worlds = result.rows, result.engine.worlds
+    steps = ", ".join(dict.fromkeys(str(row.steps) for row in rows if row.step))
+    title = f"a step, of rollouts of {steps} steps" + (f" of {worlds} worlds" if worlds > 1 else "")
+    return title if rows[0].accuracy is None else f"{title};\n{_horizon(rows[0].accuracy)}"
+
+
+def _grid(rows: Sequence["GridPointResult"]) -> Table:
+    paths, accuracy = list(rows[0].point), rows[0].accuracy
+    table = [[*map(_short, paths), "step", "±", "real time", *(["drift", "distance"] if accuracy else [])]]
+    for row in rows:
+        cells = [clean(value) for value in row.point.values()]
+        if (step := row.step) is None:
+            cells += ["failed", "-", "-"]
+        else:
+            cells += [duration(step.median, 3), _unsure(step), f"{digits(row.realtime_factor or 0, 3)} x"]
+        table.append(cells + (_accuracy(row.accuracy) if row.accuracy else []))
+    return table
+
+
+def _unsure(step: "SampleStatistics") -> str:
+    """How far the farther end of the interval is from the median."""
+    if step.low is None or step.high is None:
+        return "-"
+    share = max(step.high - step.median, step.median - step.low) / step.median
+    return f"{share:.1%}" if share < 0.0995 else f"{share:.0%}"
+
+
+def _accuracy(accuracy: "Accuracy") -> list[str]:
+    values = ((accuracy.energy_drift, "J"), (accuracy.distance, ""))
+    return ["-" if value is None else f"{value:.3g} {unit}".strip() for value, unit in values]
+
+
+def _horizon(accuracy: "Accuracy") -> str:
+    return f"energy and position after {accuracy.horizon:.6g} s, against a timestep of {accuracy.reference:.6g} s"
+
+
+def _threads(row: "GridPointResult") -> Table:
+    table = [["threads", "steps/s", "real time", "scaling"]]
+    for one in row.threads:
+        speed = [digits(one.steps_per_second), f"{digits(one.realtime_factor)} x", f"{one.scaling:.2f}"]
+        table.append([str(one.threads), *speed])
+    return table
+
+
+def _phase_table(step: "Phase") -> Table:
+    table = [["phase", "time", "share"]]
+    for _, depth, phase in phases_of(step):
+        table.append([f"{'  ' * depth}{phase.name}", duration(phase.seconds), f"{phase.share:.1%}"])
+    return table
+
+
+def _overhead(timed: "Phase", step: "SampleStatistics") -> str:
+    longer = timed.seconds / step.median - 1
+    return f"{longer:.0%} longer" if longer >= 0 else "no longer"
+
+
+def _frames(frames: Sequence["FrameTiming"]) -> Table:
+    table = [["view", "size", "quality", "update", "draw", "read", "compose", "encode", "first"]]
+    for frame in frames:
+        parts = (frame.update, frame.draw, frame.read, frame.compose, frame.encode)
+        costs = [duration(part.median if part else None, 3) for part in parts]
+        width, height = frame.size
+        table.append([frame.view, f"{width}x{height}", frame.quality, *costs, duration(frame.first, 3)])
+    return table
+
+
+def _whole(outputs: Sequence["OutputTiming"]) -> Table:
+    table = [["what", "simulated", "made", "took"]]
+    for one in outputs:
+        table.append([one.what, duration(one.simulated), f"{one.count} {one.unit}", duration(one.seconds)])
+    return table
+
+
+def _ratios(comparison: "BaselineComparison") -> Table:
+    table = [["figure", "base", "now", "ratio", "interval", "verdict"]]
+    for one in comparison.ratios:
+        interval = "-" if one.low is None else f"{one.low:.3f}..{one.high:.3f}"
+        costs = [duration(one.base, 3), duration(one.now, 3), f"{one.ratio:.3f}", interval]
+        table.append([clean(one.name), *costs, one.verdict])
+    for missing in comparison.gone:
+        verdict = "failed" if missing.failure else "not measured"
+        table.append([clean(missing.name), duration(missing.base, 3), "-", "-", "-", verdict])
+    return table
+
+
+def _short(path: str) -> str:
+    """The last part of a setting's path."""
+    return clean(path.rpartition(".")[2])
+
+
+def duration(seconds: float | None, significant: int = 4) -> str:
+    """`12.34 ms`: in the unit that suits the value."""
+    if seconds is None:
+        return "-"
+    scale, unit = next((u for u in UNITS if abs(seconds) >= u[0]), UNITS[-1])
+    return f"{digits(seconds / scale, significant)} {unit}"
+
+
+def digits(value: float, significant: int = 4) -> str:
+    """So many significant digits, without an exponent where possible."""
+    size = len(str(int(abs(value))))
+    return f"{value:,.{max(0, significant - size)}f}" if abs(value) < 1e9 else f"{value:.{significant}g}"
+
+
+def csv_table(result: "BenchResult") -> str:
+    """A line for each point of the grid, times in seconds; what was not measured is empty."""
+    rows = [_record(result, row) for row in result.rows]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+
+    out = io.StringIO()
+    writer = csv.DictWriter(out, names, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: "" if value is None else value for name, value in row.items()} for row in rows)
+    return out.getvalue().rstrip("\n")
+
+
+def _record(result: "BenchResult", row: "GridPointResult") -> dict[str, object]:
+    step, counts, accuracy = row.step, row.counts, row.accuracy
+    failure = row.failure or (accuracy.failure if accuracy else None)
+    return {
+        "model": clean(result.model.path),
+        **{clean(path): clean(value) for path, value in row.point.items()},
+        "engine": result.engine.name,
+        "device": result.engine.device,
+        "worlds": result.engine.worlds,
+        "integrator": row.integrator,
+        "timestep": row.timestep,
+        "steps": row.steps,
+        "step/n": step and step.n,
+        "step/median": step and step.median,
+        "step/low": step and step.low,
+        "step/high": step and step.high,
+        "step/min": step and step.min,
+        "step/p5": step and step.p5,
+        "step/p95": step and step.p95,
+        "steps_per_second": row.steps_per_second,
+        "realtime_factor": row.realtime_factor,
+        "first_step": row.first_step,
+        "contacts": counts and counts.contacts,
+        "constraints": counts and counts.constraints,
+        "iterations": counts and counts.iterations,
+        "arena": counts and counts.arena,
+        **{f"phase/{name}": phase.seconds for name, _, phase in phases_of(row.phases)},
+        **{f"threads/{one.threads}/steps_per_second": one.steps_per_second for one in row.threads},
+        **_accuracy_columns(accuracy),
+        "overflows": clean("; ".join(row.overflows)),
+        "failure": failure and clean(failure),
+    }
+
+
+def _accuracy_columns(accuracy: "Accuracy | None") -> dict[str, object]:
+    if accuracy is None:
+        return {}
+    return {"horizon": accuracy.horizon, "energy_drift": accuracy.energy_drift, "distance": accuracy.distance}
+
+
+def phases_of(phase: "Phase | None", above: str = "", depth: int = 0) -> Iterator[tuple[str, int, "Phase"]]:
+    """Every phase, with its path and depth in the tree."""
+    if phase is None:
+        return
+    yield above + phase.name, depth, phase
+    for part in phase.parts:
+        yield from phases_of(part, f"{above}{phase.name}/", depth + 1)

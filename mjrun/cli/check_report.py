@@ -3,20 +3,30 @@
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult
 from mjrun.check.finding import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES
-from mjrun.cli.github_annotations import annotation
+from mjrun.cli.report import Report, annotation
 from mjrun.errors import clean
 from mjrun.version import __version__
 
 SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
 HOME = "https://pypi.org/project/mjrun/"
 ANNOTATIONS = {"error": "error", "warning": "warning", "note": "notice"}
+
+
+def check_report(result: CheckResult) -> Report:
+    """The report of a check."""
+    return Report(
+        "check",
+        result,
+        text=lambda: "\n".join(lines(result)),
+        summary=lambda: summary(result),
+        forms={"sarif": lambda: sarif(result), "github": lambda: "\n".join(annotations(result))},
+    )
 
 
 def lines(result: CheckResult) -> Iterator[str]:
@@ -48,12 +58,6 @@ def full_message(finding: Finding, model: str) -> str:
     if not finding.object or finding.object.startswith("<") or finding.object in finding.message:  # names elements
         return finding.message + where
     return f"{finding.object}: {finding.message}{where}"
-
-
-def document(result: CheckResult) -> dict[str, object]:
-    """The result as a JSON document."""
-    counts = {f"{severity}s": result.count(severity) for severity in reversed(SEVERITIES)}
-    return {"mjrun": __version__, **asdict(result), **counts}
 
 
 def annotations(result: CheckResult) -> Iterator[str]:

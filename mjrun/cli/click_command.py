@@ -5,6 +5,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
@@ -77,6 +78,20 @@ class CommandLine:
             return CommandLine({**self._params, name: tuple(convert(str(text)) for text in texts)})
         return CommandLine({**self._params, name: convert(str(value))})
 
+    def form(self, *names: str) -> str:
+        """The option of `names` that asks for a form of the report other than prose and JSON; empty if none does.
+
+        Raises:
+          UsageError: several forms are asked for.
+        """
+        asked = [name for name in ("json", *names) if self._params.get(name)]
+        if len(asked) > 1:
+            options = f"{', '.join(map(mention, asked[:-1]))} and {mention(asked[-1])}"
+            raise UsageError(
+                f"{options} exclude each other: {'both' if len(asked) == 2 else 'all'} want standard output"
+            )
+        return asked[0] if asked and asked != ["json"] else ""
+
     def argument(self, name: str) -> str:
         """The value of an argument."""
         return str(self._params[name])
@@ -86,8 +101,42 @@ class CommandLine:
         return cast("tuple[str, ...]", self._params.get(name, ()))
 
 
+class ModelArgument(click.Argument):
+    """An argument that may name a model, a document or a folder of them.
+
+    Attributes:
+      written: whether a folder that it names is also written.
+    """
+
+    def __init__(self, name: str, *, written: bool = False, **settings: Any) -> None:
+        super().__init__([name], **settings)
+        self.written = written
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """Facts about a command beside its options and its help; what lists commands is derived from them.
+
+    Attributes:
+      options: the classes of its options.
+      python: the class of the Python API that has these options; empty if none has.
+      key: the list of run documents whose entries have these options; empty if none has.
+      reports: the kinds of JSON documents that it prints, each with its dataclass: `package.module:Class`. A kind that
+        is not the name of the command is that of the option of this name.
+      is_endless: whether it runs until the user ends it.
+    """
+
+    options: tuple[type[Options], ...] = ()
+    python: str = ""
+    key: str = ""
+    reports: Mapping[str, str] = field(default_factory=dict[str, str])
+    is_endless: bool = False
+
+
 class SectionedCommand(click.Command):
     """A command whose help shows its options by section."""
+
+    declaration = Declaration()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
@@ -179,20 +228,23 @@ class KindType(click.ParamType[object]):
 
 
 def command(
-    name: str,
     *classes: type[Options],
+    name: str = "",
     arguments: Sequence[click.Argument] = (),
     without: Sequence[str] = (),
     cls: type[SectionedCommand] = SectionedCommand,
-) -> Callable[[Body], click.Command]:
-    """Turns a function of a console and a command line into the command `name` with the options of `classes`.
+    **facts: Any,
+) -> Callable[[Body], SectionedCommand]:
+    """Turns a function of a console and a command line into a command with the options of `classes`.
 
     Args:
+      name: of the command; that of the function if empty.
       without: names of options that this command has no use for.
       cls: the class of the command.
+      facts: further attributes of its `Declaration`.
     """
 
-    def decorate(body: Body) -> click.Command:
+    def decorate(body: Body) -> SectionedCommand:
         @click.pass_obj
         def callback(console: Console, /, **params: object) -> None:
             command_line = CommandLine(params)
@@ -203,7 +255,9 @@ def command(
         declared = {each.name: each for cls in (*classes, ConsoleOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
         params: list[click.Parameter] = [*arguments, *map(DeclaredOption, sorted(known, key=_section_rank))]
-        return cls(name, callback=callback, params=params, help=body.__doc__)
+        made = cls(name or body.__name__, callback=callback, params=params, help=body.__doc__)
+        made.declaration = Declaration(classes, **facts)
+        return made
 
     return decorate
 
@@ -284,4 +338,4 @@ def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     return tuple(values)
 
 
-MODEL = click.Argument(["model"], type=click.Path())
+MODEL = ModelArgument("model", type=click.Path())

@@ -14,7 +14,7 @@ import click
 from mjrun import activity
 from mjrun.activity import Promise
 from mjrun.child_process import limit_this_process
-from mjrun.cli.click_command import DeclaredOption
+from mjrun.cli.click_command import Declaration, DeclaredOption, ModelArgument, SectionedCommand
 from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.sandbox import confine, with_temporary
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
@@ -27,10 +27,6 @@ from mjrun.suffixes import REFERRING
 MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
 LEAST = {MEMORY: 256}  # of which the thread that loads models takes half
-ENDLESS = "view"  # which ends when its user wants
-MODELS = ("model", "models", "document", "task", "a", "b")  # arguments that may name such a file
-STUDIES = "sweep"
-FOLDERS = ("run", STUDIES, "eval")  # whose output is a folder
 SCENE = "scene"  # the collection that comes with mjrun; others are of packages that run code, or anywhere
 SUMMARY = "GITHUB_STEP_SUMMARY"
 
@@ -56,7 +52,8 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
 
     if not activity.is_watched():
         raise UsageError(f"{option('untrusted')} is for mjrun as a command, which has a process of its own")
-    limits = _limits(options, context.info_name or "")
+    command = _declaration(context)
+    limits = _limits(options, command)
     paths = _named_paths(context)
     # The process could not make them later. They are never released here: its parent removes the empty ones.
     for folder, name in paths.written.items():
@@ -64,7 +61,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
             ParentFolders(Path(name), Path(folder))
     wanted = with_temporary(_confinement(paths))
     activity.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
-    made = confine(wanted, serves=context.info_name == ENDLESS)
+    made = confine(wanted, serves=command.is_endless)
     import_mujoco()  # which the limit of memory does not count
     limit_this_process(
         memory=limits[MEMORY] * MIB,
@@ -90,8 +87,8 @@ def description(limits: Confinement) -> str:
     return f"untrusted: files are confined by {limits.by}, {network}; {models}"
 
 
-def _limits(options: ConfinementOptions, command: str) -> dict[str, float]:
-    limits = {**DEFAULTS, **({TIME: math.inf} if command == ENDLESS else {})}
+def _limits(options: ConfinementOptions, command: Declaration) -> dict[str, float]:
+    limits = {**DEFAULTS, **({TIME: math.inf} if command.is_endless else {})}
     for name, values in options.limit.items():
         if name not in LIMITS:
             raise UnknownNameError("limit", name, LIMITS)
@@ -100,6 +97,11 @@ def _limits(options: ConfinementOptions, command: str) -> dict[str, float]:
             raise BadValueError(f"{option('limit')} {name}", ",".join(f"{v:g}" for v in values), expected)
         limits[name] = values[0]
     return limits
+
+
+def _declaration(context: click.Context) -> Declaration:
+    assert isinstance(context.command, SectionedCommand)
+    return context.command.declaration
 
 
 def confinement_of(context: click.Context) -> Confinement:
@@ -116,18 +118,18 @@ def _confinement(paths: _Paths) -> Confinement:
 
 
 def _named_paths(context: click.Context) -> _Paths:
-    paths, command = _Paths(), context.info_name or ""
+    paths = _Paths()
     for param in context.command.params:
         name, values = param.name or "", [*_texts(context.params.get(param.name or ""))]
         if isinstance(param, click.Argument):
             for text in values:
-                _add_argument(paths, name, text, command)
+                _add_argument(paths, param, text)
         elif name == "save_key":
             _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
         elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
             if not values and param.declared.default not in (None, "-"):
                 paths.written[_real(".")] = "."  # where it is written if nothing is said
-            elif name == "output" and command in FOLDERS:
+            elif param.declared.kind.metavar == "DIR":
                 paths.written |= {_real(text): text for text in values}
             else:
                 _add_outputs(paths, values)
@@ -142,7 +144,7 @@ def _named_paths(context: click.Context) -> _Paths:
     if context.params.get("update"):  # golden tables, wherever they are
         folders = [*paths.roots, *(str(Path(file).parent) for file in paths.files)]
         paths.written |= {folder: folder for folder in folders}
-    if command == "bench" and (summary := os.environ.get(SUMMARY)) and Path(summary).exists():
+    if "summary" in context.params and (summary := os.environ.get(SUMMARY)) and Path(summary).exists():
         paths.written[_real(summary)] = summary
     return paths
 
@@ -157,22 +159,23 @@ def _texts(value: object) -> Iterable[str]:
         yield from (text for each in cast("Iterable[object]", value) for text in _texts(each))
 
 
-def _add_argument(paths: _Paths, name: str, text: str, command: str) -> None:
+def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
     prefix, colon, _ = text.partition(":")
-    if name in MODELS and text == "-":
+    is_model = isinstance(argument, ModelArgument)
+    if is_model and text == "-":
         paths.roots[_real(".")] = None
-    elif name in MODELS and colon and prefix == SCENE and not Path(text).exists():
+    elif is_model and colon and prefix == SCENE and not Path(text).exists():
         from mjrun.model.scene_folder import scene_folder
 
         paths.roots[_real(scene_folder())] = None
-    elif name in MODELS and Path(text).is_dir():
+    elif is_model and Path(text).is_dir():
         paths.roots[_real(text)] = None
-        if command == STUDIES:  # it is that of a study, which is continued
+        if argument.written:
             paths.written[_real(text)] = text
     else:
         file = text if Path(text).exists() else text.partition("=")[2]
         _add_file(paths, file)
-        if name in MODELS and Path(text).suffix.lower() in REFERRING:
+        if is_model and Path(text).suffix.lower() in REFERRING:
             paths.roots[_real(Path(text).parent)] = None
 
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from mjrun.cli.report import Report
+
 from mjrun.activity import note_answered
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.confinement.confinement import confinement
@@ -70,6 +72,30 @@ class Console:
     def result(self, text: str) -> None:
         """The command's answer, one line or a document, on stdout."""
         print(text, flush=True)  # noqa: T201
+
+    def answer(self, report: "Report", form: str = "", *, is_piped: bool = False) -> None:
+        """Prints a report: as JSON, in another form, or in prose.
+
+        Args:
+          form: the option that asks for another form.
+          is_piped: whether standard output holds the output of the command.
+        """
+        if self.as_json:
+            self.document(report.json())
+        elif form:
+            payload = report.forms[form]()
+            if not isinstance(payload, str):
+                self.document(payload)
+            elif payload:
+                self.result(payload)
+            if remark := (report.remark or report.summary)():
+                self.say(remark)
+        elif is_piped:
+            self.say(report.summary())
+        else:
+            for text in (report.text(), report.summary() if self.verbosity >= 0 else ""):
+                if text:
+                    self.result(text)
 
     def document(self, value: Mapping[str, object]) -> None:
         """The command's answer as one JSON document; `finish` prints it."""

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.github_annotations import annotation
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.report import annotation
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent

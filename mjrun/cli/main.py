@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import shell_complete
 
 from mjrun.activity import note_heard
 from mjrun.cli.console import Console, asks_for_json
-from mjrun.cli.watcher import BUG, SIGNALS, listen
+from mjrun.cli.crash_monitor import BUG, SIGNALS, listen
 from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,
@@ -32,28 +32,33 @@ from mjrun.interruption import interrupt
 from mjrun.suffixes import MODELS
 from mjrun.version import __version__
 
+if TYPE_CHECKING:
+    from mjrun.cli.click_command import SectionedCommand
+
 NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
 COMPLETE = "_MJRUN_COMPLETE"
 _ended_by: int | None = None  # the signal that has told this process to end
 
-# Name → one line of help. The command is in the module of cli of its name, which is imported when it is run.
-COMMANDS = {
-    "video": "Make a video of a simulation.",
-    "image": "Draw one instant of a simulation.",
-    "trace": "Measure a simulation: named, aligned, exact numbers.",
-    "view": "Look at a simulation live, in a window or a browser.",
-    "run": "Make everything that a document asks for, in one pass.",
-    "plot": "Plot tables: png, svg or pdf.",
-    "diff": "Tell whether two results agree: tables, recordings, videos, images, models.",
-    "eval": "Play episodes of a task under a policy: returns, successes, films, comparisons.",
-    "sweep": "Simulate for many values: grids, samples, randomization; resumable.",
-    "fit": "Find parameters of a model from measurements.",
-    "bench": "Time a simulation: steps, phases, threads, drawing, accuracy.",
-    "info": "Show what a model is: sizes, bodies, joints, actuators, sensors, assets.",
-    "check": "Find what is wrong with models; for CI.",
-    "schema": "Print the JSON Schema of a kind of document or report.",
-    "doctor": "Show what works on this machine, and what to install.",
-}
+# The order of the commands in the help; others follow by name.
+FIRST = (
+    *("video", "image", "trace", "view", "run", "plot", "diff", "eval", "sweep", "fit"),
+    *("bench", "info", "check", "schema", "doctor"),
+)
+
+
+def _commands() -> dict[str, str]:
+    """The first line of each module of `mjrun.cli.commands`, by name; none is imported before its command is run."""
+    modules = {path.stem: path for path in Path(__file__).with_name("commands").glob("[!_]*.py")}
+    names = sorted(modules, key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
+    return {name: modules[name].read_text("utf-8").split('"""', 2)[1] for name in names}
+
+
+COMMANDS = _commands()  # one line of help, by name
+
+
+def load_command(name: str) -> "SectionedCommand":
+    """Imports a command."""
+    return getattr(import_module(f"mjrun.cli.commands.{name}"), name)
 
 
 class LazyGroup(click.Group):
@@ -67,7 +72,7 @@ class LazyGroup(click.Group):
         return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        return getattr(import_module(f"mjrun.cli.{cmd_name}"), cmd_name) if cmd_name in COMMANDS else None
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

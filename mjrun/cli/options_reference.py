@@ -3,32 +3,19 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-import click
-
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
-from mjrun.cli.main import COMMANDS, group
+from mjrun.cli.main import COMMANDS, load_command
 from mjrun.formats.format_lists import with_formats
 from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.plot import PageOptions, PlotOptions
+from mjrun.options.simulation import SimulationOptions
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions
 from mjrun.probe.expression import MEANINGS
 
-SIMULATING = ("video", "image", "trace", "sweep", "view")  # commands whose options include those of a simulation
 SIMULATION_SECTIONS = ("Simulation", "Policy", "Model")  # the rest of a command that simulates is about its output
-# Command → the key of run documents and the class in Python that have its options.
-OUTPUTS = {"video": ("videos", "Video"), "image": ("images", "Image"), "trace": ("traces", "Trace")}
-CLASSES = {
-    "bench": "Bench",
-    "check": "Check",
-    "diff": "Diff",
-    "eval": "Evaluation",
-    "plot": "TablePlot",
-    "sweep": "Study",
-    "view": "Viewer",
-}  # which run documents do not know
 TOP_LEVEL = "."
 RUN, TASK = "Run documents", "Task documents"
 INTRODUCTION = """\
@@ -114,12 +101,14 @@ def reference_sections() -> list[Section]:
 
 def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
     """The title of every section of every command and output, what takes its options, and the options."""
-    context = click.Context(group)
     for name in COMMANDS:
-        command = group.get_command(context, name)
-        assert command is not None
-        owner = Owner(name, *OUTPUTS.get(name, ("", CLASSES.get(name, ""))))
-        yield from _by_section(owner, [param.declared for param in command.params if isinstance(param, DeclaredOption)])
+        command = load_command(name)
+        declared = [param.declared for param in command.params if isinstance(param, DeclaredOption)]
+        facts = command.declaration
+        simulation = Owner(name, TOP_LEVEL if facts.key else "", "Simulation")
+        for title, owner, options in _by_section(Owner(name, facts.key, facts.python), declared):
+            simulates = SimulationOptions in facts.options and title in SIMULATION_SECTIONS
+            yield title, simulation if simulates else owner, options
     yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
     yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
     yield from _by_section(Owner("", "keyframes", "Keyframe"), options_of(KeyframeOptions))
@@ -131,10 +120,7 @@ def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
 
 def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, Owner, list[Option]]]:
     for title in dict.fromkeys(each.section for each in options):
-        about_simulation = owner.command in SIMULATING and title in SIMULATION_SECTIONS
-        key = TOP_LEVEL if owner.command in OUTPUTS else ""
-        section_owner = Owner(owner.command, key, "Simulation") if about_simulation else owner
-        yield title, section_owner, [each for each in options if each.section == title]
+        yield title, owner, [each for each in options if each.section == title]
 
 
 def _section_lines(section: Section) -> Iterator[str]:

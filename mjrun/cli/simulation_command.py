@@ -15,14 +15,16 @@ import click
 
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console
-from mjrun.cli.controller_loader import load_controller
+from mjrun.cli.report import Report
 from mjrun.cli.result_summary import summary
-from mjrun.errors import MjrunError, UsageError, option
+from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.keyframe import LAST_INSTANT
 from mjrun.options.model import ModelOptions
 from mjrun.options.output import CommandOptions
+from mjrun.options.policy import ZERO
 from mjrun.options.trace import TraceOptions
+from mjrun.python_code import RedirectedFunction, load_code, made
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")
+CONTROLLER = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
 
 
 def import_mujoco() -> None:
@@ -92,6 +95,21 @@ def _source(command_line: CommandLine) -> "Source":
     return read_task(text)
 
 
+def load_controller(code: str) -> Callable[..., object]:
+    """The controller that `code` names; of a class, an instance.
+
+    Raises:
+      UsageError: `code` is not of that form, or names what is not there.
+      FileError: there is no such file.
+      ControllerError: its code failed.
+    """
+    controller = made(load_code(code, "controller", CONTROLLER), code, "controller")
+    if not callable(controller):
+        kind = type(controller).__name__
+        raise UsageError(f"{option('controller')} {quoted(code)} is of type {kind}, and cannot be called\n{CONTROLLER}")
+    return RedirectedFunction(controller)
+
+
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:
     """The same, with camera scripts read."""
     return command_line.with_converted("camera", _camera)
@@ -132,8 +150,12 @@ def make(
 
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
-    with results_of_failures(console, lambda results: asdict(results[0])):
+    try:
         return cast("R", perform(jobs, console)[0])
+    except MjrunError as error:
+        if console.as_json and error.results:
+            console.answer(_report(error.results[0]))
+        raise
 
 
 def _saved_key(text: str) -> tuple[str, str]:
@@ -144,12 +166,12 @@ def _saved_key(text: str) -> tuple[str, str]:
 
 def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:
     """Prints what was made: as JSON, or as a line, on standard output unless that holds the payload."""
-    if command_line.make(ConsoleOptions).json:
-        console.document(asdict(result))
-    elif payload_on_stdout(command_line, default_output):
-        console.say(summary(result))
-    elif console.verbosity >= 0:
-        console.result(summary(result))
+    console.answer(_report(result), is_piped=payload_on_stdout(command_line, default_output))
+
+
+def _report(result: "OutputResult") -> Report:
+    kind = type(result).__name__.removesuffix("Result").lower()
+    return Report(kind, result, summary=lambda: summary(result))
 
 
 def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bool:
@@ -165,13 +187,41 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
 
 
 @contextmanager
-def results_of_failures(
-    console: Console, document: Callable[[Sequence[Any]], dict[str, object]]
+def reported_failures(
+    console: Console,
+    report: Callable[[Sequence[Any]], Report],
+    told: type[MjrunError] = MjrunError,
+    form: str = "",
 ) -> Generator[None, None, None]:
-    """Where JSON was asked for, adds the `document` of what was made in spite of a failure."""
+    """Prints the report of what was made in spite of a failure.
+
+    Args:
+      report: makes it of the results that the error has.
+      told: the errors of which prose has a report, too; JSON has one of any.
+      form: the option that asks for another form.
+    """
     try:
         yield
     except MjrunError as error:
-        if console.as_json and error.results:
-            console.document(document(error.results))
+        if error.results and (console.as_json or isinstance(error, told)):
+            console.answer(report(error.results), form)
         raise
+
+
+def show_columns(console: Console, source: "Source", probes: Sequence[str] = (), policy: object = None) -> None:
+    """Lists them, or those of `probes`, a line each, or as one document.
+
+    Those of a task do not depend on the policy.
+    """
+    from mjrun.outputs.trace import columns
+    from mjrun.simulation.simulation import Simulation
+    from mjrun.task.task import Task
+
+    listed = columns(Simulation(source, policy=ZERO if isinstance(source, Task) else policy), probes)
+    if console.as_json:
+        console.document({"columns": [asdict(column) for column in listed]})
+        return
+    width = max(len(clean(column.name)) for column in listed)
+    for column in listed:
+        owner = f"{column.kind} {column.id}" if column.kind else ""
+        console.result(f"{clean(column.name):{width}}  {column.unit:8}  {owner:12}  {column.meaning}".rstrip())

@@ -1,4 +1,4 @@
-"""JSON Schema of the documents, by which editors complete and check them while they are written, and of reports."""
+"""JSON Schema of the documents, by which editors complete and check them while they are written."""
 
 from typing import cast
 
@@ -9,7 +9,6 @@ from pydantic_core.core_schema import WithDefaultSchema
 from mjrun.document.camera import CameraDocument
 from mjrun.document.evaluation import EvaluationDocument
 from mjrun.document.fit import FitDocument
-from mjrun.document.report_schema import ERROR, REPORTS, report_schema
 from mjrun.document.run import RunDocument
 from mjrun.document.study import StudyDocument
 from mjrun.document.task import TaskDocument
@@ -59,15 +58,13 @@ class _Generator(GenerateJsonSchema):
 
 
 def json_schema(kind: str) -> JsonSchemaValue:
-    """The JSON Schema, draft 2020-12, of documents or reports of a `kind`.
+    """Returns the JSON Schema, draft 2020-12, of documents of a `kind`.
 
     Raises:
       UnknownNameError: there is no such kind; the message lists those there are.
     """
-    if kind == ERROR or kind in REPORTS:
-        return report_schema(kind)
     if kind not in DOCUMENTS:
-        raise UnknownNameError("schema", kind, [*DOCUMENTS, *REPORTS, ERROR])
+        raise UnknownNameError("schema", kind, [*DOCUMENTS])
     model, title, has_variables = DOCUMENTS[kind]
     schema = model.model_json_schema(schema_generator=_Generator)
     schema = {"$schema": _Generator.schema_dialect, **schema, "title": title}

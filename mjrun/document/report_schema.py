@@ -7,34 +7,11 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelField, TypedDictField, WithDefaultSchema
 
-from mjrun.bench.results import BenchResult
 from mjrun.diff.result import DiffResult
-from mjrun.document.schema_kinds import ERROR
-from mjrun.document.schema_kinds import REPORTS as COMMANDS
 from mjrun.errors import Failure
-from mjrun.evaluation.result import EvaluationResult
-from mjrun.fit.excitation import ExcitationResult
-from mjrun.fit.result import FitResult
-from mjrun.plotting.table_plot import TablePlotResult
-from mjrun.simulation.verification import VerificationResult
-from mjrun.study.study import StudyResult
-from mjrun.viewer.viewer import ViewerResult
+from mjrun.outputs.run_result import RESULTS, RunResult
 
-# Kind of report, such as `bench` of the schema `mjrun-bench-1` → its dataclass.
-REPORTS = {
-    report.schema.split("-")[1]: report
-    for report in (
-        BenchResult,
-        DiffResult,
-        EvaluationResult,
-        ExcitationResult,
-        FitResult,
-        TablePlotResult,
-        StudyResult,
-        VerificationResult,
-        ViewerResult,
-    )
-}
+ERROR = "error"  # the key of a failure in any report, and the kind of a report of nothing else
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
 
@@ -52,38 +29,53 @@ class _Generator(GenerateJsonSchema):
 
     def dataclass_schema(self, schema: DataclassSchema) -> JsonSchemaValue:
         report = super().dataclass_schema(schema)
-        about, _, fields = (inspect.getdoc(schema["cls"]) or "").partition("Attributes:\n")
+        about, _, _ = (inspect.getdoc(schema["cls"]) or "").partition("Attributes:\n")
         report["description"] = about.strip()
-        for names, description in _FIELDS.findall(fields):
-            for name in names.split(", "):
-                report["properties"][name]["description"] = " ".join(description.split())
+        for cls in reversed(schema["cls"].__mro__):
+            _, _, fields = (inspect.getdoc(cls) or "").partition("Attributes:\n")
+            for names, description in _FIELDS.findall(fields):
+                for name in names.split(", "):
+                    report["properties"][name]["description"] = " ".join(description.split())
         return report
 
 
-def report_schema(kind: str) -> JsonSchemaValue:
-    """The JSON Schema, draft 2020-12, of reports of a `kind`, one of `REPORTS`, or of `error`, a failure alone.
+def report_schema(kind: str, command: str, report: type) -> JsonSchemaValue:
+    """Returns the JSON Schema, draft 2020-12, of the reports of a command.
 
     New keys may come to a report. One of a command that fails has an `error`, and may have nothing else.
+
+    Args:
+      kind: of the report.
+      report: its dataclass.
     """
-    failure = {ERROR: _failure_schema()}
-    if kind == ERROR:
-        schema = {"description": "What a command with --json prints when it fails.", "type": "object"}
-        return {
-            "$schema": _Generator.schema_dialect,
-            **schema,
-            "properties": failure,
-            "required": [ERROR],
-            "title": "report of a failure",
+    adapter: TypeAdapter[object] = TypeAdapter(report)
+    adapter.rebuild(_types_namespace={"DiffResult": DiffResult})  # which traces import only when they need it
+    schema = adapter.json_schema(schema_generator=_Generator, mode="serialization")
+    if report is RunResult:
+        schema["properties"]["results"]["items"] |= {
+            "properties": {"kind": {"description": "The kind of the output.", "enum": [*RESULTS]}},
+            "required": ["kind"],
         }
-    report = REPORTS[kind]
-    schema = TypeAdapter(report).json_schema(schema_generator=_Generator, mode="serialization")
-    schema["properties"]["schema"]["const"] = report.schema
-    schema["properties"] |= failure
-    schema["anyOf"] = [{"required": schema.pop("required")}, {"required": [ERROR]}]
-    return {"$schema": _Generator.schema_dialect, **schema, "title": f"report of {COMMANDS[kind]}"}
+    name = {"description": "The kind of this report, and the version of its schema.", "type": "string"}
+    schema["properties"].setdefault("schema", name)["const"] = f"mjrun-{kind}-1"
+    schema["properties"][ERROR] = _failure_rule()
+    schema["anyOf"] = [{"required": [*dict.fromkeys((*schema.pop("required"), "schema"))]}, {"required": [ERROR]}]
+    return {"$schema": _Generator.schema_dialect, **schema, "title": f"report of {command}"}
 
 
-def _failure_schema() -> JsonSchemaValue:
+def failure_schema() -> JsonSchemaValue:
+    """Returns the JSON Schema of what any command reports when it fails before it has a result."""
+    return {
+        "$schema": _Generator.schema_dialect,
+        "description": "What a command with --json prints when it fails.",
+        "type": "object",
+        "properties": {ERROR: _failure_rule()},
+        "required": [ERROR],
+        "title": "report of a failure",
+    }
+
+
+def _failure_rule() -> JsonSchemaValue:
     schema = TypeAdapter(Failure).json_schema(schema_generator=_Generator, mode="serialization")
     for key in ("properties", "required"):
         schema[key].pop("facts" if key == "properties" else schema[key].index("facts"))

@@ -95,7 +95,7 @@ class EvaluationOptions(FilmOptions, VariationOptions, PolicyOptions, ModelOptio
 
     task: object = field(kw_only=False)
     output: str = required(
-        converter=File(written=True),
+        converter=File("DIR", written=True),
         kw_only=False,
         short="-o",
         usual="TASK_eval",

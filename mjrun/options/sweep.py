@@ -108,7 +108,7 @@ class StudyOptions(KeepOptions, VariationOptions):
 
     simulation: object = field(kw_only=False)
     output: str = required(
-        converter=File(written=True),
+        converter=File("DIR", written=True),
         kw_only=False,
         short="-o",
         usual="MODEL_study, or as the document",

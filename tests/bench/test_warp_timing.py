@@ -14,7 +14,7 @@ from mjrun.bench.bench import Bench
 from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
-from mjrun.cli import bench_csv, bench_report
+from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
 
 MODEL = """
@@ -167,7 +167,7 @@ def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -
     assert "first step 1.000 s; it compiles what is not cached" in lines
     assert not any("arena" in line for line in lines if not line.startswith("note: "))
     assert max(map(len, lines)) <= 80
-    header, row = bench_csv.table(found).splitlines()
+    header, row = bench_report.csv_table(found).splitlines()
     known = dict(zip(header.split(","), row.split(","), strict=True))
     names = ("engine", "device", "worlds", "first_step", "steps_per_second", "arena")
     assert [known[name] for name in names] == ["warp", "cuda:0", "4", "1.0", "4.0", ""]

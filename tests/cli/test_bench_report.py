@@ -12,8 +12,7 @@ from mjrun.bench.baseline import BaselineComparison, FigureRatio, MissingFigure
 from mjrun.bench.bench import Bench
 from mjrun.bench.results import BenchResult
 from mjrun.bench.step_phases import Phase
-from mjrun.cli import bench_csv, bench_report
-from mjrun.cli.bench_tables import digits, duration, sections
+from mjrun.cli.bench_report import csv_table, digits, duration, markdown, sections, text
 
 MODEL = """
 <mujoco>
@@ -55,12 +54,12 @@ def compared(result: BenchResult) -> BenchResult:
 
 
 def test_a_single_point_is_lines_and_a_grid_a_table_with_its_failures(result: BenchResult, grid: BenchResult) -> None:
-    lines = bench_report.text(result).splitlines()
+    lines = text(result).splitlines()
     assert "step       1.000 s, 1.000 s to 1.000 s at 99.2%" in lines
     assert "speed      1.000 steps/s, 0.010 times real time" in lines
     assert any(line.startswith("load       1.000 s the first time; again: parse 1.000 s") for line in lines)
     assert max(map(len, lines)) <= 80
-    lines = bench_report.text(grid).splitlines()
+    lines = text(grid).splitlines()
     assert not any(line.startswith("speed") for line in lines)
     table = [line.split() for line in lines if line.startswith("  ")]
     assert ["timestep", "step", "±", "real", "time", "drift", "distance"] in table
@@ -69,7 +68,7 @@ def test_a_single_point_is_lines_and_a_grid_a_table_with_its_failures(result: Be
 
 
 def test_a_comparison_tells_ratios_missing_figures_and_how_the_machine_has_changed(compared: BenchResult) -> None:
-    lines = bench_report.text(compared).splitlines()
+    lines = text(compared).splitlines()
     start = lines.index("against a|b.json; slower is above 1.1")
     cells = [line.split() for line in lines[start + 2 : start + 6]]
     assert cells[0] == ["step", "1.00", "s", "2.60", "s", "1.300", "1.250..1.350", "slower"]
@@ -81,7 +80,7 @@ def test_a_comparison_tells_ratios_missing_figures_and_how_the_machine_has_chang
 
 
 def test_markdown_has_the_same_tables_and_escapes_what_is_markup(compared: BenchResult) -> None:
-    page = bench_report.markdown(compared)
+    page = markdown(compared)
     assert r"against a\|b.json: **failed**" in page
     titles = [line.strip("*") for line in page.splitlines() if line.startswith("**")]
     assert titles == [title.replace("|", r"\|") for title, _ in sections(compared)]
@@ -96,7 +95,7 @@ def test_phases_are_a_tree_by_indent_and_by_path(result: BenchResult) -> None:
     changed = replace(result, rows=[replace(row, phases=tree)])
     (table,) = [table for title, table in sections(changed) if title.startswith("phases")]
     assert [line[0] for line in table] == ["phase", "step", "  position", "    collision", "  other"]
-    header, record = csv.reader(bench_csv.table(changed).splitlines())
+    header, record = csv.reader(csv_table(changed).splitlines())
     phases = {name: cell for name, cell in zip(header, record, strict=True) if name.startswith("phase/")}
     assert phases == {
         "phase/step": "2.0",
@@ -106,9 +105,28 @@ def test_phases_are_a_tree_by_indent_and_by_path(result: BenchResult) -> None:
     }
 
 
+def test_every_point_is_a_line_of_the_same_columns(grid: BenchResult) -> None:
+    good, bad = csv.DictReader(csv_table(grid).splitlines())
+    assert [*good] == [*bad]
+    assert [good[name] for name in ("timestep", "step/n", "step/median", "steps_per_second")] == [
+        *("0.01", "8", "1.0", "1.0")
+    ]
+    assert grid.rows[0].accuracy
+    assert float(good["energy_drift"]) == grid.rows[0].accuracy.energy_drift
+    assert (bad["step/median"], bad["contacts"], bad["energy_drift"]) == ("", "", "")
+    assert bad["failure"].startswith("the simulation became unstable at step")
+
+
 @pytest.mark.parametrize(
     ("seconds", "expected"),
-    [(None, "-"), (1.0, "1.000 s"), (0.0123456, "12.35 ms"), (9.87e-6, "9.870 µs"), (3e-12, "0.003 ns")],
+    [
+        (None, "-"),
+        (1.0, "1.000 s"),
+        (0.0123456, "12.35 ms"),
+        (9.87e-6, "9.870 µs"),
+        (2e-9, "2.000 ns"),
+        (3e-12, "0.003 ns"),
+    ],
 )
 def test_a_duration_is_in_the_unit_that_suits_it(seconds: float | None, expected: str) -> None:
     assert duration(seconds) == expected

@@ -41,7 +41,7 @@ def baked(*arguments: str) -> tuple[Cake, Console]:
     """What a command line makes."""
     cakes: list[Cake] = []
 
-    @command("bake", Cake, arguments=[click.Argument(["subject"])])
+    @command(Cake, arguments=[click.Argument(["subject"])])
     def bake(console: Console, command_line: CommandLine) -> None:
         """Bake SUBJECT."""
         subject = command_line.argument("subject")
@@ -99,7 +99,7 @@ def test_a_bad_value_is_told_as_click_does(arguments: tuple[str, ...], message: 
 
 
 def test_help_shows_sections_defaults_and_what_stands_for_values() -> None:
-    @command("bake", Cake)
+    @command(Cake)
     def bake(console: Console, command_line: CommandLine) -> None:
         """Bake."""
 
@@ -126,7 +126,7 @@ def test_the_console_is_told_how_much_to_say(flags: list[str], verbosity: int, d
 
 
 def test_a_command_can_do_without_an_option() -> None:
-    @command("bake", Cake, without=("heat",))
+    @command(Cake, without=("heat",))
     def bake(console: Console, command_line: CommandLine) -> None:
         """Bake."""
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.cli.info import info
+from mjrun.cli.commands.info import info
 from mjrun.cli.info_sections import SECTIONS, LineSection
 from mjrun.cli.table_cells import Column
 from mjrun.cli.task_page import TABLES

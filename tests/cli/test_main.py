@@ -17,7 +17,7 @@ import pytest
 
 from mjrun import __version__
 from mjrun.cli.main import COMMANDS, group
-from mjrun.document.json_schema import json_schema
+from mjrun.document.report_schema import failure_schema
 from mjrun.errors import EncoderError, NoRendererError, TerminatedError
 from tests.document.schema_oracle import fits
 from tests.processes import PATIENCE
@@ -343,7 +343,7 @@ def test_json_has_an_error_for_every_exit_code(
     error = document["error"]
     assert (done.returncode, error["exit_code"], error["kind"]) == (code, code, kind)
     assert message in error["message"]
-    schema = json_schema("error")
+    schema = failure_schema()
     assert fits(document, schema, schema)
 
 

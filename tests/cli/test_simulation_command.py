@@ -8,10 +8,11 @@ import pytest
 
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console, flag
+from mjrun.cli.report import Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
     payload_on_stdout,
-    results_of_failures,
+    reported_failures,
     with_camera_scripts,
 )
 from mjrun.errors import Failure, FileError, PartlyDoneError, UsageError
@@ -64,7 +65,7 @@ def test_exclusions_are_told_with_flags(cls: type[Options], params: dict[str, An
 def test_json_names_what_stays_of_an_output_that_could_not_be_published(capsys: pytest.CaptureFixture[str]) -> None:
     error = PartlyDoneError(["t.csv"], [("c.csv", FileError("c.csv", "cannot be written"))])
     console = Console(as_json=True)
-    with pytest.raises(PartlyDoneError), results_of_failures(console, lambda _: {}):
+    with pytest.raises(PartlyDoneError), reported_failures(console, lambda _: Report("", None)):
         raise error
     console.report_failure(Failure.of(error))
     console.finish()

@@ -6,10 +6,10 @@ import mujoco
 import pytest
 
 from mjrun.cli.click_command import CommandLine
+from mjrun.cli.commands.trace import trace
 from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
 from mjrun.cli.sweep_report import point_command
-from mjrun.cli.trace import trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.parameters import simulation_at
 

@@ -431,7 +431,7 @@ LIES = {
 def attacked(arguments: list[str]) -> int:
     """Runs a command line, whose code is an attacker's from the moment it is confined, where PLACE says."""
     from mjrun import activity, child_process
-    from mjrun.cli import simulation_command, watcher
+    from mjrun.cli import crash_monitor, simulation_command
     from mjrun.cli.main import run
     from mjrun.model.sources import file
 
@@ -464,4 +464,4 @@ def attacked(arguments: list[str]) -> int:
     if place == CHILD:
         begin = f"; from tests.scoreboard.attacks import attack; attack({os.getpid()})"
         child_process.BOOT = child_process.BOOT.replace("; from", f"{begin}; from", 1)
-    return watcher.watched(lambda: run(arguments))
+    return crash_monitor.watched(lambda: run(arguments))

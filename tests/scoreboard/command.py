@@ -275,7 +275,7 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         if request["memory"]:
             limit = int(request["memory"]) * MIB
             resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        from mjrun.cli import watcher
+        from mjrun.cli import crash_monitor
         from mjrun.cli.standard_streams import open_standard_streams
 
         module, _, name = str(request["call"]).partition(":")
@@ -286,7 +286,7 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         arguments = list(request["arguments"])
         # What is killed, or fails, at a moment of our choice has nobody else between itself and us.
         alone = request["fault"] or request["kill_after"] is not None or request["call"] != MJRUN
-        code = call(arguments) if alone else watcher.watched(lambda: call(arguments))
+        code = call(arguments) if alone else crash_monitor.watched(lambda: call(arguments))
     except SystemExit as ending:
         code = ending.code if isinstance(ending.code, int) else 1
     except BaseException:

@@ -48,7 +48,9 @@ def run(quick: bool) -> Tally:
 
 
 def _try_all(models: Sequence[Path], backend: str, quick: bool) -> Iterator[tuple[Ended, list[str]]]:
-    imports = ("mjrun.cli.info", "mjrun.cli.trace", "mjrun.outputs.trace") if quick else modules_of_mjrun()
+    imports = (
+        ("mjrun.cli.commands.info", "mjrun.cli.commands.trace", "mjrun.outputs.trace") if quick else modules_of_mjrun()
+    )
     with CommandServer(LIMIT, imports=imports) as server, tempfile.TemporaryDirectory() as name:
         for i, model in enumerate(models):
             folder = Path(name, str(i))

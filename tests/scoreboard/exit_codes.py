@@ -166,7 +166,7 @@ def telling(arguments: list[str]) -> int:
 
 def with_bug(arguments: list[str]) -> int:
     """Runs mjrun with a bug in it."""
-    from mjrun.cli import info
+    from mjrun.cli.commands import info
     from mjrun.cli.main import run
 
     def fail(*_: object) -> None:

@@ -16,7 +16,12 @@ from tests.scoreboard.measure import Measure, Tally
 
 LIMIT = 90.0  # [s] far beyond what any form takes on a busy machine
 MEMORY = 4096  # [MiB] of addresses
-QUICK_IMPORTS = ("mjrun.cli.info", "mjrun.cli.trace", "mjrun.outputs.trace", "mjrun.formats.tables.csv")
+QUICK_IMPORTS = (
+    "mjrun.cli.commands.info",
+    "mjrun.cli.commands.trace",
+    "mjrun.outputs.trace",
+    "mjrun.formats.tables.csv",
+)
 SECTIONS = [
     "bodies",
     "joints",

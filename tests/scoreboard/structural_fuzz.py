@@ -198,9 +198,9 @@ KINDS: dict[str, Callable[[Path, int], Iterator[_Case]]] = {
     "expression": _expressions,
 }
 QUICK_IMPORTS = (
-    "mjrun.cli.info",
-    "mjrun.cli.trace",
-    "mjrun.cli.run",
+    "mjrun.cli.commands.info",
+    "mjrun.cli.commands.trace",
+    "mjrun.cli.commands.run",
     "mjrun.document.run",
     "mjrun.outputs.trace",
     "yaml",

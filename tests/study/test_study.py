@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.cli.controller_loader import load_controller
+from mjrun.cli.simulation_command import load_controller
 from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter

@@ -1,0 +1,94 @@
+"""Time a simulation: steps, phases, threads, drawing, accuracy."""
+
+import os
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from mjrun.cli.bench_report import bench_report, markdown
+from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.simulation_command import import_mujoco
+from mjrun.errors import FileError, UsageError, counted, option
+from mjrun.formats.parent_folders import ParentFolders
+from mjrun.options.bench import BenchOptions, ReportOptions
+from mjrun.options.confinement import ConfinementOptions
+
+SUMMARY = "GITHUB_STEP_SUMMARY"
+SLOWER, PARTLY = 1, 8  # exit codes
+
+
+@command(
+    BenchOptions,
+    ReportOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+    python="Bench",
+    reports={"bench": "mjrun.bench.results:BenchResult"},
+)
+def bench(console: Console, command_line: CommandLine) -> None:
+    """Time the simulation of MODEL: its steps and their phases, threads, drawing; and measure its accuracy.
+
+    Repeats a rollout with the control noise of MuJoCo's own testspeed, and gives the median with its interval.
+
+    \b
+    mjrun bench scene.xml
+    mjrun bench scene.xml --scan integrator=euler,rk4 --scan timestep=.001,.002,.004 --accuracy
+    mjrun bench scene.xml --render --view rgb --view depth --size 640x480
+    mjrun bench scene.xml --engine warp --worlds 4096
+    mjrun bench scene.xml --save base.json
+    mjrun bench scene.xml --compare base.json --fail-above 10%
+
+    Exits with 8 when points of a --scan could not be measured, as with a timestep that is too long.
+    """
+    form = command_line.form("csv", "markdown")
+    console.guard_stdout()
+    with _summary(command_line.make(ReportOptions).summary) as append:
+        import_mujoco()
+        from mjrun.bench.bench import Bench
+
+        result = command_line.make(Bench, model=command_line.argument("model"), command=console.command).run(console)
+        console.answer(bench_report(result), form)
+        append(markdown(result))
+    comparison, failed = result.comparison, sum(bool(row.failure) for row in result.rows)
+    if command_line.value("fail_above") is not None and comparison and comparison.verdict in ("slower", "failed"):
+        console.fail(SLOWER, "Slower", "slower than the baseline allows, or not measured any more")
+    elif failed:
+        console.fail(PARTLY, "PartlyDone", f"{failed} of {counted(len(result.rows), 'point')} could not be measured")
+
+
+@contextmanager
+def _summary(file: str | None) -> Generator[Callable[[str], None], None, None]:
+    """Appends to the file of the summary, if there is one, after checking that it can be written.
+
+    A file that did not exist is removed again if nothing comes to be appended.
+
+    Raises:
+      UsageError: it has no name.
+      FileError: it cannot be written.
+    """
+    path = os.environ.get(SUMMARY, "") if file == "" else file
+    if path is None:
+        yield lambda text: None
+        return
+    if not path:
+        raise UsageError(f"{option('summary')}: name a file, since ${SUMMARY} does not")
+
+    is_new = not Path(path).exists()
+    parents = ParentFolders(Path(path), Path(os.path.realpath(path)).parent)
+    try:
+        _append(path, "")
+        yield lambda text: _append(path, text + "\n")
+    finally:
+        with suppress(OSError):
+            if is_new and not Path(path).stat().st_size:
+                Path(path).unlink()
+        parents.release()
+
+
+def _append(path: str, text: str) -> None:
+    try:
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise FileError(path, f"cannot be written: {error.strerror or error}") from None

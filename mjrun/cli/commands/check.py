@@ -1,0 +1,63 @@
+"""Find what is wrong with models; for CI."""
+
+import click
+
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.console import Console, flag
+from mjrun.cli.simulation_command import import_mujoco
+from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.policy import PolicyOptions
+
+MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
+
+
+@command(
+    CheckOptions,
+    CheckReportOptions,
+    PolicyOptions,
+    ConfinementOptions,
+    arguments=[MODELS],
+    python="Check",
+    reports={"check": "mjrun.check.check:CheckResult"},
+)
+def check(console: Console, command_line: CommandLine) -> None:
+    """Find what is wrong with each MODEL, or will be; a folder means all models below it.
+
+    \b
+    mjrun check scene.xml
+    mjrun check models/ --fail-on warning --ignore MJ201,MJ3
+    mjrun check models/**/*.xml --sarif > check_report.sarif
+    mjrun check task.yaml --policy policy.onnx
+
+    Of a task document it checks what does not fit: names, sizes, the policy, and what random actions bring to light.
+    Each model is looked at in a process of its own, within limits of time and memory. Exits with 1 when something at
+    or above --fail-on is found, and with 3 when a model does not load.
+    """
+    console.guard_stdout()
+    import_mujoco()
+    form = command_line.form("sarif", "github")
+    if command_line.make(CheckReportOptions).list_:
+        _show_rules(console)
+        return
+    if not command_line.arguments("models"):
+        raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
+    from mjrun.cli.check_report import check_report
+    from mjrun.document.check import Check
+
+    result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
+    report = check_report(result)
+    console.answer(report, form)
+    if result.code:
+        console.fail(result.code, "FailedCheck", report.summary())
+
+
+def _show_rules(console: Console) -> None:
+    from mjrun.check.rule_table import RULES
+
+    if console.as_json:
+        rules = [{"code": code, "severity": rule.severity, "title": rule.title} for code, rule in RULES.items()]
+        console.document({"rules": rules})
+        return
+    for code, rule in RULES.items():
+        console.result(f"{code}  {rule.severity:7}  {rule.title}")

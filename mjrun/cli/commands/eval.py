@@ -1,0 +1,244 @@
+"""Play episodes of a task under a policy: returns, successes, films, comparisons."""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.console import Console
+from mjrun.cli.report import Report
+from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
+from mjrun.cli.table_cells import Column, number
+from mjrun.errors import clean, counted
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
+from mjrun.suffixes import is_yaml
+
+if TYPE_CHECKING:
+    from mjrun.evaluation.comparison import Comparison, PairedDifference
+    from mjrun.evaluation.evaluation import Evaluation
+    from mjrun.evaluation.result import EvaluationResult, PointSummary
+    from mjrun.evaluation.statistics import Interval, NumberSummary, Share
+    from mjrun.evaluation.summary import EpisodeSummary
+
+    Located = Callable[[], AbstractContextManager[None]]
+
+SHOWN = 40  # points
+ARGUMENTS = (
+    ModelArgument("task", metavar="TASK|EVALUATION.yaml", type=click.Path()),
+    click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
+)
+
+
+@command(
+    EvaluationOptions,
+    EvaluationExecutionOptions,
+    EvaluationCommandOptions,
+    ConfinementOptions,
+    arguments=ARGUMENTS,
+    without=["repeats"],
+    python="Evaluation",
+    reports={"eval": "mjrun.evaluation.result:EvaluationResult"},
+)
+def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - the command's name
+    """Play seeded episodes of TASK under a policy, and tell how good it is: returns, successes, films.
+
+    \b
+    mjrun eval task.yaml --policy drive.onnx --episodes 200 -o results
+    mjrun eval task.yaml --policy walk.onnx --films 3 --metric 'effort=mean(abs(ctrl/hip))'
+    mjrun eval task.yaml --policy new.onnx --compare old.onnx --fail-below success=90%
+    mjrun eval task.yaml --policy walk.onnx --vary 'geom/floor.friction[0]=0.2,0.6,1'
+    mjrun eval gym:Walker2d-v5 --policy random --episodes 20
+    mjrun eval evaluation.yaml --policy new.onnx episodes=20
+
+    TASK is a task document, whose values KEY=VALUE changes, one of ours, such as scene:car_drive, or an environment of
+    Gymnasium's. Episode i has the seed of the first plus i, and mjrun video TASK --policy P --seed S shows the episode
+    of seed S. The same seeds give the same table, bit for bit. Exits with 1 where what is required does not hold.
+
+    EVALUATION.yaml is a document that says all of it; KEY=VALUE changes a value of it, and options count instead of it.
+    """
+    console.guard_stdout()
+    import_mujoco()
+    options = command_line.make(EvaluationCommandOptions)
+    form = command_line.form("csv")
+    evaluation, changes, located = _evaluation(console, command_line)
+    with located():
+        if options.print_document:
+            from mjrun.document.evaluation_writer import evaluation_text
+
+            console.result(evaluation_text(evaluation, changes, console.command).rstrip("\n"))
+        else:
+            with reported_failures(console, _report, form=form):
+                result = evaluation.run(console)
+            console.answer(_report([result]), form)
+
+
+def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluation, Sequence[str], Located]":
+    """The evaluation of a command line, or of the document that it names; what it changes in the task; and what
+    locates its errors."""
+    from mjrun.document.evaluation import evaluated_task, read_evaluation
+    from mjrun.document.kinds import KINDS, kind_of_file
+    from mjrun.evaluation.evaluation import Evaluation
+
+    path, assignments = command_line.argument("task"), command_line.arguments("assignments")
+    command_line = with_camera_scripts(command_line)
+    if is_yaml(path) and kind_of_file(path) == KINDS["Evaluation"]:
+        values = command_line.explicit(EvaluationOptions, EvaluationExecutionOptions)
+        request = read_evaluation(path, assignments, values=values, command=console.command)
+        return request.made, request.changes, request.located
+    task, rewritten = evaluated_task(path, assignments)
+    command_line = command_line.with_defaults(output=f"{task.stem}_eval")
+    made = command_line.make(Evaluation, task=task, rewritten=rewritten, command=console.command)
+    return made, assignments, nullcontext
+
+
+def _report(results: "Sequence[EvaluationResult]") -> Report:
+    from mjrun.evaluation.table import FILES
+
+    result = results[0]
+    table = Path(result.path, FILES[1])
+    forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n")}
+    return Report("eval", result, summary=lambda: evaluation_report(result), forms=forms)
+
+
+def evaluation_report(result: "EvaluationResult") -> str:
+    """Returns, successes, endings, terms of the reward, metrics, films, and who is better."""
+    from mjrun.cli.page_layout import PageLayout
+
+    page, level = PageLayout(), f"{100 * result.confidence:g} %"
+    numbers = [(each.policy, _numbers(each)) for each in result.policies]
+    rows = [(policy, name, of[name]) for name in numbers[0][1] for policy, of in numbers]
+    page.table("numbers of an episode", _number_columns(rows, level), len(rows))
+    endings = sum(len(each.endings) for each in result.policies)
+    page.table("endings", _ending_columns(result.policies, level), endings)
+    if successes := [(each.policy, each.success) for each in result.policies if each.success]:
+        several = len(successes) > 1
+        page.lines("success", [(clean(name) if several else "rate", _share(each, level)) for name, each in successes])
+    if result.points:
+        hint = f"{result.path}/results.csv has all"
+        page.table("points", _point_columns(result.points, result.names, level), len(result.points), SHOWN, hint)
+    if result.comparison:
+        page.lines("comparison", _comparison(result.comparison, level), f"{result.comparison.pairs} pairs")
+    if result.films:
+        films = [(f.rank, f"{clean(f.path)}: return {number(f.returned)}, {clean(f.ending)}") for f in result.films]
+        page.lines("films", films)
+    if result.assertions:
+        verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
+        page.lines("required", verdicts)
+    page.note(_last_line(result))
+    return page.text()
+
+
+def _numbers(summary: "EpisodeSummary") -> "dict[str, NumberSummary]":
+    rewards = {f"reward/{name}": each for name, each in summary.rewards.items()}
+    return {"return": summary.returns, "length [s]": summary.lengths, **rewards, **summary.metrics}
+
+
+def _number_columns(rows: "Sequence[tuple[str, str, NumberSummary]]", level: str) -> list[Column]:
+    names, numbers = [clean(name) for _, name, _ in rows], [each for _, _, each in rows]
+    columns = [
+        Column("number", names),
+        *_policy_column([policy for policy, _, _ in rows]),
+        Column("mean", [number(each.mean) for each in numbers], right=True),
+        Column(level, [_interval(each.mean_interval) for each in numbers], right=True),
+        Column("median", [number(each.median) for each in numbers], right=True),
+        Column(level, [_interval(each.median_interval) for each in numbers], right=True, extra=True),
+        Column("std", [number(each.std) for each in numbers], right=True, extra=True),
+        Column("min", [number(each.min) for each in numbers], right=True),
+        Column("max", [number(each.max) for each in numbers], right=True),
+    ]
+    if len({each.count for each in numbers}) > 1:
+        columns.append(Column("episodes", [str(each.count) for each in numbers], right=True))
+    return columns
+
+
+def _ending_columns(policies: "Sequence[EpisodeSummary]", level: str) -> list[Column]:
+    rows = [(each.policy, ending) for each in policies for ending in each.endings]
+    shares = [ending.share for _, ending in rows]
+    return [
+        Column("ending", [clean(ending.ending) for _, ending in rows]),
+        *_policy_column([policy for policy, _ in rows]),
+        Column("outcome", [ending.outcome for _, ending in rows]),
+        Column("episodes", [str(share.count) for share in shares], right=True),
+        Column("share", [_percent(share.share) for share in shares], right=True),
+        Column(level, [_percents(share.interval) for share in shares], right=True),
+    ]
+
+
+def _policy_column(policies: Sequence[str]) -> list[Column]:
+    """Who played, where there are several."""
+    return [Column("policy", [clean(policy) for policy in policies])] if len({*policies}) > 1 else []
+
+
+def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level: str) -> list[Column]:
+    own = [point.policies[0] for point in points]
+    columns = [Column("point", [str(point.point) for point in points], right=True)]
+    columns += [Column(clean(name), [clean(point.values[name]) for point in points], right=True) for name in names]
+    if own[0].success:
+        shares = [each.success for each in own]
+        columns.append(Column("success", [_percent(each.share) if each else "" for each in shares], right=True))
+        columns.append(Column(level, [_percents(each.interval) if each else "" for each in shares], right=True))
+    columns.append(Column("return", [number(each.returns.mean) for each in own], right=True))
+    columns.append(Column(level, [_interval(each.returns.mean_interval) for each in own], right=True))
+    columns.append(Column("length [s]", [number(each.lengths.mean) for each in own], right=True, extra=True))
+    if points[0].comparison:
+        differences = [point.comparison.returns for point in points if point.comparison]
+        columns.append(Column("difference", [_signed(each.difference) for each in differences], right=True))
+        columns.append(Column("better", [clean(each.better or "") for each in differences]))
+    return columns
+
+
+def _comparison(comparison: "Comparison", level: str) -> list[tuple[str, str]]:
+    lines = [("return", _difference(comparison, comparison.returns, level, share=False))]
+    if comparison.success:
+        lines.append(("success", _difference(comparison, comparison.success, level, share=True)))
+    return lines
+
+
+def _difference(comparison: "Comparison", found: "PairedDifference", level: str, *, share: bool) -> str:
+    size = f"{100 * found.difference:+.3g} %" if share else _signed(found.difference)
+    interval = _percents(found.interval) if share else _interval(found.interval)
+    method = "Newcombe's paired interval" if share else "paired t interval"
+    note = f" ({level} {interval}, {method})" if interval else ""
+    verdict = f"{clean(found.better)} is better" if found.better else "no difference can be told"
+    first, second = clean(comparison.first), clean(comparison.second)
+    counts = f"{first} is better in {found.first_wins}, {second} in {found.second_wins}, neither in {found.ties}"
+    return f"{verdict}: {first} - {second} is {size}{note}; {counts}"
+
+
+def _last_line(result: "EvaluationResult") -> str:
+    last = result.seed + result.episodes - 1
+    seeds = f"seeds {result.seed} to {last}" if result.episodes > 1 else f"seed {result.seed}"
+    facts = [
+        counted(result.episodes, "episode") + (" of each policy" if len(result.policies) > 1 else ""),
+        *([f"at {len(result.points)} points"] if result.points else []),
+        seeds,
+        f"{result.steps:,} control periods",
+    ]
+    return f"{clean(str(Path(result.path)))}: {', '.join(facts)}; {result.wall:.1f} s"
+
+
+def _share(share: "Share", level: str) -> str:
+    interval = f"{level} {_percents(share.interval)}, Wilson's interval"
+    return f"{_percent(share.share)}, {share.count} of {share.of} episodes ({interval})"
+
+
+def _interval(interval: "Interval") -> str:
+    return "" if interval.low is None else f"{number(interval.low)}..{number(interval.high)}"
+
+
+def _percents(interval: "Interval") -> str:
+    if interval.low is None or interval.high is None:
+        return ""
+    return f"{100 * interval.low:.1f}..{100 * interval.high:.1f} %"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.5g}"

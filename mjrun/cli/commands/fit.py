@@ -1,0 +1,207 @@
+"""Find parameters of a model from measurements."""
+
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING
+
+import click
+
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.console import Console
+from mjrun.cli.report import Report
+from mjrun.cli.simulation_command import import_mujoco, simulation
+from mjrun.cli.table_cells import Column, number
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.fit import FitOptions
+from mjrun.options.option import options_of
+from mjrun.options.simulation import SimulationOptions
+from mjrun.suffixes import is_yaml
+
+if TYPE_CHECKING:
+    from mjrun.fit.excitation import ExcitationResult
+    from mjrun.fit.fit import Fit
+    from mjrun.fit.result import FitResult
+
+CORRELATED = 0.95  # of parameters that are listed
+SHOWN = 40  # rows of a table
+ARGUMENTS = (
+    ModelArgument("model", metavar="MODEL|FIT.yaml"),
+    click.Argument(["tables"], nargs=-1, type=click.Path(), metavar="DATA...|[KEY=VALUE]..."),
+)
+
+
+@command(
+    FitOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=ARGUMENTS,
+    reports={"fit": "mjrun.fit.result:FitResult", "excite": "mjrun.fit.excitation:ExcitationResult"},
+)
+def fit(console: Console, command_line: CommandLine) -> None:
+    """Find parameters of MODEL from measurements: DATA, tables with columns such as time, qpos/knee and ctrl/motor.
+
+    \b
+    mjrun fit arm.xml log.csv --free 'joint/elbow.damping=log:0.01..10' -o fitted.xml
+    mjrun fit arm.xml log.csv --free 'scale:joint/*.armature=0.2..5' --map 'qpos/elbow=elbow_deg*pi/180' --json
+    mjrun fit arm.xml log.csv --free delay:ctrl/motor=0..0.05 --comparison fit.csv && mjrun plot fit.csv -o fit.png
+    mjrun fit arm_fit.yaml starts=8 -o fitted.xml
+    mjrun fit arm.xml --free 'joint/*.damping=0.1..10' --excite chirp.csv && mjrun video arm.xml --ctrl-from chirp.csv
+
+    FIT.yaml is a document that says all of it; KEY=VALUE changes a value of it.
+
+    The last fifth of the measurements is held out: a fit that does not predict it better than MODEL exits with 1, and
+    so does one whose parameters the measurements do not tell.
+    """
+    console.guard_stdout()
+    import_mujoco()
+    from mjrun.fit.excitation import excite
+
+    def show(result: "FitResult") -> None:
+        console.answer(Report("fit", result, summary=lambda: fit_report(result)))
+
+    job, located = _fit(command_line)
+    with located:
+        if job.excite is None:
+            show(job.run(console, show))
+        else:
+            motion = excite(job, console)
+            console.answer(Report("excite", motion, summary=lambda: excitation_report(motion)))
+
+
+def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
+    """The fit of a command line, or of the document that it names; and what locates its errors there."""
+    from mjrun.fit.fit import Fit
+
+    model, data = command_line.argument("model"), command_line.arguments("tables")
+    if not is_yaml(model):
+        if not data and command_line.value("excite") is None:
+            raise click.UsageError("Missing argument 'DATA...'.", click.get_current_context())
+        return command_line.make(Fit, simulation=simulation(command_line), data=data), nullcontext()
+    from mjrun.document.fit import read_fit
+
+    for each in options_of(SimulationOptions):
+        if each.attribute in command_line.explicit(SimulationOptions):
+            raise UsageError(f"{option(each.name)}: {clean(model)} says that; change it as in {each.key}=VALUE")
+    request = read_fit(model, data, values=command_line.explicit(FitOptions))
+    return request.made, request.located()
+
+
+def fit_report(result: "FitResult") -> str:
+    """The parameters with their intervals, how well the signals are predicted, and what was written."""
+    from mjrun.cli.page_layout import PageLayout
+
+    page = PageLayout()
+    if result.partial:
+        page.note("partial: the fit was interrupted, and these are the best parameters so far")
+    page.table("parameters", _parameters(result), len(result.parameters), SHOWN)
+    if result.inertias:
+        page.table("inertias", _inertias(result), sum(len(each.quantities) for each in result.inertias), SHOWN)
+    page.table("errors", _signals(result), len(result.signals), SHOWN)
+    if result.loss != "linear":
+        page.note(f"errors and noise by medians, as the loss is {result.loss}: outliers are no part of them")
+    if alike := _correlated(result):
+        page.lines("correlated", alike)
+    if result.changes:
+        page.verbatim("changed", result.changes)
+    for file in result.files:
+        page.note(clean(file))
+    segments = f"{result.segments} segment{'' if result.segments == 1 else 's'}"
+    page.note(f"reduced χ² {number(result.reduced_chi2)}: residuals over the noise of the log, squared")
+    if result.ways:
+        page.note(f"fitted: {', then '.join(result.ways)}")
+    page.note(f"{result.rows:,} rows in {segments} fitted; {result.rollouts:,} rollouts; {result.wall:.1f} s")
+    return page.text()
+
+
+def excitation_report(result: "ExcitationResult") -> str:
+    """The intervals to expect, how far the model moves, and what was written."""
+    from mjrun.cli.page_layout import PageLayout
+
+    page = PageLayout()
+    parameters, motion = result.parameters, result.motion
+    columns = [
+        Column("parameter", [clean(each.path) for each in parameters]),
+        Column("if it is", [number(each.start) for each in parameters], right=True),
+        Column(
+            f"expected {100 * result.confidence:g} % interval",
+            [f"{number(each.low)} … {number(each.high)}" for each in parameters],
+        ),
+    ]
+    page.table("parameters", columns, len(parameters), SHOWN)
+    columns = [
+        Column("motion", [clean(each.name) for each in motion]),
+        Column("from", [number(each.low) for each in motion], right=True),
+        Column("to", [number(each.high) for each in motion], right=True),
+        Column("", [each.unit for each in motion]),
+        Column("limits", [_range(each.least, each.most) for each in motion]),
+    ]
+    page.table("motion", columns, len(motion), SHOWN)
+    for file in result.files:
+        page.note(clean(file))
+    page.note(
+        f"{result.duration:g} s; the best of {result.candidates} inputs within limits, where they also are at "
+        f"{result.corners} corners of the bounds; positions with a noise of {number(result.noise)}; {result.wall:.1f} s"
+    )
+    return page.text()
+
+
+def _range(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"{number(low)} … {number(high)}"
+
+
+def _parameters(result: "FitResult") -> list[Column]:
+    parameters = result.parameters
+    share = f"{100 * result.confidence:g} % interval"
+    return [
+        Column("parameter", [clean(each.path) for each in parameters]),
+        Column("before", [number(each.start) for each in parameters], right=True),
+        Column("fitted", [number(each.value) for each in parameters], right=True),
+        Column(share, [f"{number(each.low)} … {number(each.high)}" for each in parameters]),
+        Column("", [f"at its {each.bound} bound" if each.bound else "" for each in parameters]),
+    ]
+
+
+def _inertias(result: "FitResult") -> list[Column]:
+    rows = [(each.body, quantity) for each in result.inertias for quantity in each.quantities]
+    quantities = [quantity for _, quantity in rows]
+    return [
+        Column("body", [clean(body) for body, _ in rows]),
+        Column("", [each.name for each in quantities]),
+        Column("before", [number(each.start) for each in quantities], right=True),
+        Column("fitted", [number(each.value) for each in quantities], right=True),
+        Column("", [each.unit for each in quantities]),
+        Column(
+            f"{100 * result.confidence:g} % interval",
+            [f"{number(each.low)} … {number(each.high)}" if each.low < each.high else "" for each in quantities],
+        ),
+    ]
+
+
+def _signals(result: "FitResult") -> list[Column]:
+    signals = result.signals
+    columns = [
+        Column("signal", [clean(each.name) for each in signals]),
+        Column("residual", [f"{number(each.noise)} {each.unit}".strip() for each in signals], right=True),
+        Column("over noise", [number(each.misfit) for each in signals], right=True),
+        Column("before", [_share(each.nominal) for each in signals], right=True),
+        Column("fitted", [_share(each.fitted) for each in signals], right=True),
+    ]
+    if any(each.holdout_fitted is not None for each in signals):
+        columns += [
+            Column("held out, before", [_share(each.holdout_nominal) for each in signals], right=True),
+            Column("fitted", [_share(each.holdout_fitted) for each in signals], right=True),
+        ]
+    return columns
+
+
+def _correlated(result: "FitResult") -> list[tuple[str, str]]:
+    pairs: list[tuple[str, str]] = []
+    for i, one in enumerate(result.parameters):
+        for j, other in enumerate(result.parameters[:i]):
+            if abs(result.correlation[i][j]) > CORRELATED:
+                pairs.append((f"{result.correlation[i][j]:.3f}", f"{clean(other.path)}, {clean(one.path)}"))
+    return pairs
+
+
+def _share(value: float | None) -> str:
+    return "" if value is None else f"{100 * value:.3g} %"

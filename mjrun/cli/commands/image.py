@@ -1,0 +1,51 @@
+"""Draw one instant of a simulation."""
+
+from fractions import Fraction
+from typing import cast
+
+from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    make,
+    payload_on_stdout,
+    show,
+    simulation,
+    stem,
+    with_camera_scripts,
+)
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.image import ImageOptions
+from mjrun.options.output import CommandOptions
+from mjrun.options.simulation import SimulationOptions
+
+
+@command(
+    ImageOptions,
+    CommandOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+    without=("duration", "steps"),
+    python="Image",
+    key="images",
+    reports={"image": "mjrun.outputs.image:ImageResult"},
+)
+def image(console: Console, command_line: CommandLine) -> None:
+    """Draw one instant of MODEL: colours, depth, segmentation, of several cameras.
+
+    \b
+    mjrun image scene.xml
+    mjrun image scene.xml -t 1.5 --camera top --view depth -o depth.exr
+    mjrun image scene.xml --view rgb --view depth --view seg --layout row -o views.png
+    """
+    payload_on_stdout(command_line)
+    console.guard_stdout()
+    import_mujoco()
+    from mjrun.outputs.image import Image
+
+    command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.png"))
+    job = command_line.make(Image, simulation=simulation(command_line), command=console.command)
+    time = cast("Fraction | None", job.time)  # events are for documents
+    at = None if job.step is not None else time or Fraction(0)
+    show(console, command_line, make(console, command_line, job, at, job.step))

@@ -1,0 +1,135 @@
+"""Show what a model is: sizes, bodies, joints, actuators, sensors, assets."""
+
+import shlex
+from typing import TYPE_CHECKING
+
+import click
+
+from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.info_sections import SECTIONS, LineSection
+from mjrun.cli.report import Report
+from mjrun.cli.simulation_command import import_mujoco, show_columns, source
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.info import InfoOptions
+from mjrun.options.model import ModelOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mjrun.model.info import InfoResult
+    from mjrun.model.source import CollectionSource
+
+ENVIRONMENT = "gym:"  # of what is a task beside its model
+TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
+ROWS = 24  # of a section, unless it is asked for
+SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
+
+
+@command(InfoOptions, ModelOptions, ConfinementOptions, arguments=[MODEL, SECTION_ARGUMENT])
+def info(console: Console, command_line: CommandLine) -> None:
+    """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
+
+    Of a task document it shows what a policy observes and does, number by number, and how episodes go; of an
+    environment, such as gym:Ant-v5, if one of the sections of a task is asked for.
+
+    \b
+    mjrun info scene.xml
+    mjrun info scene.xml joints actuators
+    mjrun info scene.xml --json | jq .summary.mass
+    mjrun info scene:
+    mjrun info gym:
+    mjrun info task.yaml observations
+    mjrun info gym:Ant-v5 observations
+
+    Sections: summary, bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes, tendons,
+    equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets. Sections of a task: task,
+    observations, actions, commands, rewards, terminations, reset.
+    """
+    console.guard_stdout()
+    import_mujoco()
+    sections = command_line.arguments("sections")
+    if command_line.make(InfoOptions).columns:
+        if sections:
+            raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")
+        show_columns(console, source(command_line))
+        return
+    from mjrun.model.info import Info, InfoResult
+    from mjrun.model.sources import listed_collection, names_task
+
+    model = command_line.argument("model")
+    if names_task(model) or (sections and model.startswith(ENVIRONMENT) and set(sections) <= {*TASK_SECTIONS}):
+        _show_task(console, command_line, sections)
+        return
+    if not sections and (collection := listed_collection(model)):
+        _show_collection(console, collection)
+        return
+    result = Info(source(command_line), sections).run(console)
+    report = Report("", result, lambda: _page(result, bool(sections), model), document=InfoResult.document)
+    console.answer(report)
+
+
+def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[str]") -> None:
+    """Shows a task, or sections of it."""
+    from mjrun.cli.task_page import task_page
+    from mjrun.model.sources.gym import GymSource
+    from mjrun.task.description import describe_environment, describe_task
+    from mjrun.task.task import Task
+
+    task = source(command_line)
+    assert isinstance(task, Task | GymSource)
+    description = describe_environment(task) if isinstance(task, GymSource) else describe_task(task)
+    document = description.document(*sections)
+    if console.as_json:
+        console.document(document)
+    else:
+        again = f"mjrun info {clean(shlex.quote(task.text))}"
+        console.result(task_page(description, list(document) if sections else (), again))
+
+
+def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:
+    """Lists a collection of models, such as our scenes, a line each."""
+    models = {f"{collection.PREFIX}:{name}": text for name, text in collection.descriptions().items()}
+    if console.as_json:
+        console.document({"models": [{"name": name, "description": text} for name, text in models.items()]})
+        return
+    width = max(map(len, models), default=0)
+    for name, text in models.items():
+        console.result(clean(f"{name:{width}}  {text}"))
+
+
+def _page(result: "InfoResult", asked: bool, model: str) -> str:
+    """The sections as text; if they were not asked for by name, long ones are cut, and details are only listed."""
+    from mjrun.cli.page_layout import PageLayout
+
+    page, command_line = PageLayout(), f"mjrun info {clean(shlex.quote(model))}"
+    details: list[str] = []
+    for name in result.sections:
+        section = SECTIONS[name]
+        if isinstance(section, LineSection):
+            if section.is_detail and not asked:
+                details.append(name)
+            else:
+                page.lines(
+                    section.title(result.description) if section.title else name, section.lines(result.description)
+                )
+            continue
+
+        rows = result.description.section(name)
+        if section.is_detail and not asked:
+            details += [f"{name} ({len(rows)})"] if rows else []
+        elif asked or section.is_news(rows):
+            page.table(
+                name,
+                section.columns(rows, result.description.model),
+                len(rows),
+                None if asked else ROWS,
+                f"{command_line} {name}",
+            )
+
+    if details:
+        page.note(f"also {', '.join(details)}: {command_line} {details[0].partition(' ')[0]}")
+    if model.startswith(ENVIRONMENT) and not asked:
+        page.note(f"as a task: {command_line} {' '.join(TASK_SECTIONS)}")
+    return page.text()

@@ -1,0 +1,75 @@
+"""Make everything that a document asks for, in one pass."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.console import Console
+from mjrun.cli.report import Report
+from mjrun.cli.result_summary import summary
+from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures
+from mjrun.errors import clean
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.run import RunOptions
+
+if TYPE_CHECKING:
+    from mjrun.outputs.perform import PassPreview
+
+ARGUMENTS = (
+    ModelArgument("document", type=click.Path()),
+    click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
+)
+
+
+@command(
+    RunOptions, ConfinementOptions, arguments=ARGUMENTS, reports={"run-report": "mjrun.outputs.run_result:RunResult"}
+)
+def run(console: Console, command_line: CommandLine) -> None:
+    """Make everything that DOCUMENT asks for: videos, images, traces and plots of one simulation, in one pass.
+
+    \b
+    mjrun run study.yaml
+    mjrun run study.yaml duration=2 'videos[0].size=640x360' -o out
+    mjrun run study.yaml --html study.html
+    mjrun run study.yaml --dry-run
+    """
+    console.guard_stdout()
+    import_mujoco()
+    from mjrun.document.run import read_run
+    from mjrun.outputs.perform import perform, preview
+    from mjrun.outputs.run_page import run_page
+
+    options = command_line.with_converted("controller", load_controller).make(RunOptions)
+    document, assignments = command_line.argument("document"), command_line.arguments("assignments")
+    requests = read_run(document, assignments, options, console.command)
+    with requests.located():
+        if options.dry_run:
+            plan = preview(requests.jobs, console)
+            console.answer(Report("", plan, lambda: "\n".join(_plan_lines(plan))))
+            return
+
+        with (
+            reported_failures(console, _report),
+            run_page(requests.page, Path(document).name, requests.jobs) as published,
+        ):
+            results = perform(requests.jobs, console, published)
+    console.answer(_report(results))
+
+
+def _report(results: Sequence[Any]) -> Report:
+    from mjrun.outputs.run_result import RunResult
+
+    made = RunResult(results)
+    return Report("run-report", made, summary=lambda: "\n".join(map(summary, results)), document=RunResult.document)
+
+
+def _plan_lines(plan: "PassPreview") -> Iterator[str]:
+    yield f"simulation: {plan.duration:g} s in {plan.steps} steps of {plan.timestep:g} s"
+    for output in plan.outputs:
+        count = "an event decides how many" if output.count is None else str(output.count)
+        size = f", {output.size[0]}x{output.size[1]}" if len(output.size) == 2 else ""
+        about = clean(output.about)
+        yield f"{output.kind}: {clean(output.path)}: {count} {output.unit}{size}; {about}"

@@ -1,0 +1,73 @@
+"""Print the JSON Schema of a kind of document or report."""
+
+from collections.abc import Iterator
+from pkgutil import resolve_name
+from typing import Any
+
+import click
+
+from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.main import COMMANDS, load_command
+from mjrun.cli.simulation_command import import_mujoco
+from mjrun.errors import UnknownNameError
+
+OPTIONS = "options"
+
+
+def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+    return [kind for kind in kinds() if kind.startswith(incomplete)]
+
+
+@command(arguments=[click.Argument(["kind"], shell_complete=_complete)])
+def schema(console: Console, command_line: CommandLine) -> None:
+    """Print the JSON Schema of a KIND of document, for editors and validators, or of the reports of a command.
+
+    Documents are camera, run, study, task, eval-document and fit-document. The name of a command, such as video or
+    bench, means what it reports with --json; run-report is what mjrun run reports, excite what mjrun fit --excite does,
+    and verify what mjrun trace --verify does; error is what any command prints when it fails.
+
+    options prints a reference of all options of all commands instead, as Markdown.
+
+    \b
+    mjrun schema camera > camera.schema.json
+    """
+    console.guard_stdout()
+    kind = command_line.argument("kind")
+    if kind == OPTIONS:
+        from mjrun.cli.options_reference import options_reference
+
+        console.result(options_reference())
+        return
+    import_mujoco()
+    if kind not in kinds():
+        raise UnknownNameError("kind", kind, kinds())
+    console.document(schema_of(kind))
+
+
+def kinds() -> list[str]:
+    """What can be asked for."""
+    from mjrun.document.json_schema import DOCUMENTS
+    from mjrun.document.report_schema import ERROR
+
+    return [*DOCUMENTS, *(kind for kind, _, _ in _reports()), ERROR, OPTIONS]
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """The JSON Schema of a kind of document or report."""
+    from mjrun.document.json_schema import DOCUMENTS, json_schema
+    from mjrun.document.report_schema import failure_schema, report_schema
+
+    if kind in DOCUMENTS:
+        return json_schema(kind)
+    for name, title, report in _reports():
+        if name == kind:
+            return report_schema(kind, title, resolve_name(report))
+    return failure_schema()
+
+
+def _reports() -> Iterator[tuple[str, str, str]]:
+    """Every kind of report, the command line that prints it, and its dataclass."""
+    for name in COMMANDS:
+        for kind, report in load_command(name).declaration.reports.items():
+            yield kind, f"mjrun {name}" if kind.startswith(name) else f"mjrun {name} --{kind}", report

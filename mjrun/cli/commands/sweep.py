@@ -1,0 +1,240 @@
+"""Simulate for many values: grids, samples, randomization; resumable."""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.console import Console
+from mjrun.cli.report import Report
+from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, simulation, stem
+from mjrun.errors import FileError, UsageError, clean, counted, option
+from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.keep import KeepOptions
+from mjrun.options.kinds import Settings, Values
+from mjrun.options.option import options_of
+from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.options.sweep import (
+    MANIFEST,
+    PARTS,
+    PLANS,
+    STOPPING,
+    ExecutionOptions,
+    StudyCommandOptions,
+    StudyOptions,
+    VariationOptions,
+)
+from mjrun.suffixes import is_yaml
+
+if TYPE_CHECKING:
+    from mjrun.study.plan import StudyPlan
+    from mjrun.study.study import Study, StudyResult
+
+    Located = Callable[[], AbstractContextManager[None]]
+
+# Options of a study that change none of its results: a command line may give them beside its folder or its plan.
+WITH_RESULTS = ("require", *(each.attribute for each in options_of(KeepOptions)))
+ARGUMENTS = (
+    ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
+    click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
+)
+
+
+@command(
+    StudyOptions,
+    StudyCommandOptions,
+    ExecutionOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=ARGUMENTS,
+    python="Study",
+    reports={"sweep": "mjrun.study.study:StudyResult"},
+)
+def sweep(console: Console, command_line: CommandLine) -> None:
+    """Simulate MODEL for many values, and tell what happens: a table with a row for each point.
+
+    \b
+    mjrun sweep scene.xml --vary opt.timestep=log:1e-4..1e-2:9 --metric 'drift=max(abs(energy/drift))' -o study
+    mjrun sweep scene.xml --vary 'geom/*.friction[0]=uniform(0.3,1)' --samples 256 --metric 'x=last(com/x)' -o study
+    mjrun sweep study.yaml samples=512 vary.seed=1..8:8 --dry-run
+
+    STUDY.yaml is a document that says all of it; KEY=VALUE changes a value of it. FOLDER is that of a study that was
+    run before: it is continued, and may be asked for more files of points (--keep …) or for other requirements
+    (--require …).
+
+    The folder keeps what is known: the same command again continues it. Exits with 8 when points failed.
+
+    Without an engine, write a plan, have it simulated by any number of tasks, in any order, and collect their results:
+
+    \b
+    mjrun sweep study.yaml --plan plan.jsonl
+    mjrun sweep plan.jsonl --task 1/16
+    mjrun sweep plan.jsonl --collect
+    """
+    console.guard_stdout()
+    options = command_line.make(StudyCommandOptions)
+    _start_early(command_line)
+    import_mujoco()
+    form = command_line.form("csv")
+    if options.task is not None:
+        _simulate_task(console, command_line, *options.task)
+        return
+    study, located = _study(console, command_line)
+    with located():
+        if options.print_document:
+            from mjrun.document.study_writer import study_text
+
+            console.result(study_text(study, console.command).rstrip("\n"))
+        elif options.dry_run:
+            from mjrun.cli.sweep_report import preview_report
+
+            preview = study.preview()
+            console.answer(Report("", preview, lambda: preview_report(preview)))
+        elif options.plan is not None:
+            _write_plan(console, _with_document(study, required=True), options.plan)
+        else:
+            study = _with_document(study)
+            report = partial(_report, study)
+            with reported_failures(console, report, form=form):
+                result = study.collect(console) if options.collect else study.run(console)
+            console.answer(report([result]), form)
+
+
+def _start_early(command_line: CommandLine) -> None:
+    """Starts a process that simulates, which takes as long as all that is to be done before, if one will be needed."""
+    other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
+    folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
+    is_new = not exists(folder / PARTS) and not exists(Path(command_line.argument("model")) / PARTS)
+    if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
+        from mjrun.study.point_server import start_early
+
+        start_early()
+
+
+def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
+    """The study of a command line, or of the file that it names; and what locates its errors there."""
+    from mjrun.physics.parameter_grid import scan_values
+    from mjrun.study.study import Study
+
+    model, assignments = command_line.argument("model"), command_line.arguments("assignments")
+    if _is_study(model):
+        from mjrun.document.study import read_study
+
+        beside = _beside_study(command_line, model)
+        code = command_line.with_converted("controller", load_controller).make(CodeOptions)
+        request = read_study(model, assignments, values=beside, code=code, command=console.command)
+        return request.made, request.located
+    if assignments:
+        raise UsageError(f"{clean(assignments[0])}: {clean(model)} is no document whose values could be changed")
+    if _is_plan(model):
+        if not command_line.make(StudyCommandOptions).collect:
+            raise UsageError(f"{clean(model)} is a plan: give {option('task')} I/N, or {option('collect')}")
+        return replace(_plan(command_line).study, command=console.command), nullcontext
+    if is_file(Path(model) / MANIFEST):
+        from mjrun.document.plan import read_folder
+
+        return replace(read_folder(model, _beside_study(command_line, model)), command=console.command), nullcontext
+    if is_folder(model) and not any(Path(model).glob("*.xml")):
+        raise FileError(model, "has no study.json", "a study is a folder that mjrun sweep has written")
+    if command_line.value("output") is None:
+        command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
+    varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]
+    code = {name: load_controller(name) for text in varied for name in scan_values("controller", text, "vary")}
+    facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
+    return command_line.make(Study, **facts), nullcontext
+
+
+def _is_study(path: str) -> bool:
+    """Whether it is a document, and not that of a task, which stands where a model does."""
+    if not is_yaml(path):
+        return False
+    from mjrun.document.task import is_task
+
+    return not is_task(path)
+
+
+def _is_plan(path: str) -> bool:
+    return Path(path).suffix.lower() in PLANS
+
+
+def _plan(command_line: CommandLine) -> "StudyPlan":
+    from mjrun.document.plan import read_plan
+
+    path = command_line.argument("model")
+    if not _is_plan(path):
+        raise UsageError(f"{option('task')}: {clean(path)} is no plan (.jsonl); {option('plan')} FILE writes one")
+    plan = read_plan(path, _beside_study(command_line, path))
+    if plan is None:
+        raise UsageError(f"{clean(path)} has no points: nothing was missing when it was made")
+    return plan
+
+
+def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
+    """What the command line says beside a file that says the study: its folder, and how it runs."""
+    own = () if is_yaml(file) else WITH_RESULTS
+    _require_said_there(command_line, file, own)
+    options = command_line.explicit(ExecutionOptions)
+    options |= {name: value for name, value in command_line.explicit(StudyOptions).items() if name in own}
+    output = command_line.value("output")
+    return options if output is None else {**options, "output": output}
+
+
+def _with_document(study: "Study", *, required: bool = False) -> "Study":
+    """The study with its document for the manifest, if one can hold it."""
+    from mjrun.document.study_writer import portable_document
+
+    with nullcontext() if required else suppress(UsageError):
+        return replace(study, document=portable_document(study, Path(study.output)))
+    return study
+
+
+def _write_plan(console: Console, study: "Study", path: str) -> None:
+    from mjrun.document.plan import write_plan
+    from mjrun.study.plan import plan
+
+    made = plan(study)
+    write_plan(path, made)
+    if console.verbosity >= 0:
+        console.result(f"{clean(path)}: {counted(sum(map(len, made.chunks)), 'point')}")
+
+
+def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
+    from mjrun.study.plan import run_task
+
+    result = run_task(_plan(command_line), task, tasks, console)
+    counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    known = result.points - result.simulated
+    facts = [
+        f"task {task} of {tasks}: {counted(result.simulated, 'point')} simulated{f' ({counts})' if counts else ''}",
+        *([f"{known:,} known already"] if known else []),
+    ]
+    console.answer(Report("", result, summary=lambda: f"{clean(result.path)}: {', '.join(facts)}; {result.wall:.1f} s"))
+
+
+def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]) -> None:
+    """Raises UsageError for options that the file has to say, and not the command line; those in `own` it may."""
+    ours = {"output", *own, *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
+    explicit = command_line.explicit(StudyOptions, SimulationOptions)
+    for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
+        if each.attribute in explicit and each.name not in ours:
+            says = f"{option(each.name)}: {clean(file)} says that"
+            if own:
+                raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
+            assignment = f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | Values) else f"{each.key}=VALUE"
+            raise UsageError(f"{says}; change it as in {assignment}")
+
+
+def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
+    from mjrun.cli.sweep_report import study_report
+    from mjrun.study.results import FILES
+
+    result = results[0]
+    table = Path(result.path, FILES[1])
+    forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n")}
+    return Report("sweep", result, summary=lambda: study_report(result, study.simulation), forms=forms)

@@ -1,0 +1,130 @@
+"""Measure a simulation: named, aligned, exact numbers."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.report import Report
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    make,
+    payload_on_stdout,
+    show,
+    show_columns,
+    simulation,
+    source,
+    stem,
+)
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.output import CommandOptions
+from mjrun.options.simulation import SimulationOptions
+from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
+
+if TYPE_CHECKING:
+    from mjrun.simulation.verification import FieldDifference, VerificationResult
+
+WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
+
+
+@command(
+    TraceOptions,
+    TraceCommandLineOptions,
+    CommandOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+    python="Trace",
+    key="traces",
+    reports={"trace": "mjrun.outputs.trace:TraceResult", "verify": "mjrun.simulation.verification:VerificationResult"},
+)
+def trace(console: Console, command_line: CommandLine) -> None:
+    """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
+
+    \b
+    mjrun trace scene.xml --csv | head
+    mjrun trace scene.xml -o run.parquet --probe 'qpos,energy,xpos[hand]'
+    mjrun trace scene.xml -o run.csv --rate 100 --assert 'max(abs(energy/drift)) < 1e-3'
+    """
+    console.guard_stdout()
+    import_mujoco()
+    options = command_line.make(TraceCommandLineOptions)
+    if options.list_:
+        _list(console, command_line)
+        return
+    if options.verify:
+        _verify(console, command_line)
+        return
+    piped = payload_on_stdout(command_line, "-")
+    from mjrun.outputs.trace import Trace
+
+    if options.csv:
+        command_line = _as_csv(command_line)
+    if command_line.make(CommandOptions).print_document:
+        command_line = command_line.with_defaults(output=f"{stem(command_line)}.csv")
+    job = command_line.make(Trace, simulation=simulation(command_line), command=console.command)
+    result = make(console, command_line, job)
+    if not piped or console.as_json:
+        show(console, command_line, result)
+
+
+def _list(console: Console, command_line: CommandLine) -> None:
+    from mjrun.outputs.trace import Trace
+
+    _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
+    probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
+    show_columns(console, source(command_line), probes, command_line.value("policy"))
+
+
+def _verify(console: Console, command_line: CommandLine) -> None:
+    _require_no_output(command_line, f"{option('verify')} compares states and measures nothing")
+    from mjrun.simulation.verification import verify
+
+    result = verify(simulation(command_line), console)
+    report = Report("verify", result, summary=lambda: "\n".join(verification_lines(result)))
+    console.answer(report)
+    if not result.agrees:
+        console.fail(1, "VerificationDifference", report.summary())
+
+
+def verification_lines(result: "VerificationResult") -> Iterator[str]:
+    """The verdict, what differs at the first step that does, and what is not as it was."""
+    path, steps = clean(result.path), f"{result.steps} step{'s' * (result.steps != 1)}"
+    if result.agrees:
+        every = "" if result.states == result.steps + 1 else f" at its {result.states} states"
+        yield f"{path}: stepped again, and the same: {steps}, bit for bit{every}"
+    else:
+        yield f"{path}: stepped again, and not the same: the first difference is at {_place(result)}"
+        yield from map(_difference, result.differences)
+    yield from (f"  {text}" for text in result.origins)
+
+
+def _difference(field: "FieldDifference") -> str:
+    others = f" (and {field.count - 1} more of {field.field})" if field.count > 1 else ""
+    if field.stepped is None:
+        values = f"recorded {field.recorded!r}, stepped to what is not finite"
+    else:
+        apart = abs(field.recorded - field.stepped)
+        values = f"recorded {field.recorded!r}, stepped {field.stepped!r}, {apart:.3g} apart"
+    return f"  {clean(field.name)}: {values}{others}"
+
+
+def _place(result: "VerificationResult") -> str:
+    return f"step {result.steps}, time {result.time:.9g} s"
+
+
+def _require_no_output(command_line: CommandLine, why: str) -> None:
+    written = [option(name) for name in WRITTEN if command_line.value(name) not in (None, "-")]
+    if written:
+        raise UsageError(f"{why}: leave out {', '.join(written)}")
+
+
+def _as_csv(command_line: CommandLine) -> CommandLine:
+    written = command_line.value("format")
+    if written not in (None, "csv"):
+        raise UsageError(
+            f"{option('csv')} and {option('format')} {clean(str(written))} exclude each other: "
+            f"{option('csv')} is short for {option('format')} csv"
+        )
+    return command_line.with_defaults(format="csv")

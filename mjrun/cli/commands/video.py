@@ -1,0 +1,48 @@
+"""Make a video of a simulation."""
+
+from mjrun.cli.click_command import MODEL, CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    make,
+    payload_on_stdout,
+    show,
+    simulation,
+    stem,
+    with_camera_scripts,
+)
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.output import CommandOptions
+from mjrun.options.simulation import SimulationOptions
+from mjrun.options.video import VideoOptions
+
+
+@command(
+    VideoOptions,
+    CommandOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=[MODEL],
+    python="Video",
+    key="videos",
+    reports={"video": "mjrun.outputs.video:VideoResult"},
+)
+def video(console: Console, command_line: CommandLine) -> None:
+    """Make a video of MODEL.
+
+    \b
+    mjrun video scene.xml
+    mjrun video scene.xml -o slow.gif --speed 0.25 --camera track:box,distance=.5
+    mjrun video scene.xml --key spinning --duration 7 --camera closeup -o top.webm
+    """
+    payload_on_stdout(command_line)
+    console.guard_stdout()
+    import_mujoco()
+    from mjrun.outputs.video import Video
+
+    command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.mp4"))
+    job = command_line.make(Video, simulation=simulation(command_line), command=console.command)
+    result = make(console, command_line, job)
+    show(console, command_line, result)
+    if console.verbosity > 0:
+        console.note(f"simulated in {result.simulation_wall:.3f} s, drawn and encoded in {result.draw_wall:.3f} s")

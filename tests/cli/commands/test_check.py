@@ -1,0 +1,201 @@
+"""`mjrun check` as a user and a pipeline run it."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from mjrun.check.finding import SEVERITIES
+from mjrun.check.rule_table import RULES
+from mjrun.version import __version__
+from tests.processes import PATIENCE, children, command_line_of, wait_until, worker
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+ROOT = Path(__file__).parents[3]
+FINE = (
+    '<mujoco>\n<worldbody>\n<body name="b"><joint name="j"/><geom name="g" size="1"/></body>\n</worldbody>\n</mujoco>'
+)
+WARNED = FINE.replace('<joint name="j"', '\n<joint name="j" type="slide" range="2 1"')
+NOTED = FINE.replace("</body>", '</body><camera pos="0 -5 0" zaxis="0 -1 0"/>')
+BROKEN = FINE.replace("</body>", "</body><actuator/>")
+REMEDY = 'write range="1 2" (angles as <compiler angle=…> says), or remove it'
+TOLD = "joint 'j': its range 2 1 is reversed, and limits nothing"
+
+
+@pytest.fixture
+def models(mjrun_here: Command) -> Command:
+    """The command, in a folder with models."""
+    for name, text in {"fine": FINE, "warned": WARNED, "noted": NOTED, "broken": BROKEN}.items():
+        (mjrun_here.folder / f"{name}.xml").write_text(text)
+    return mjrun_here
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["fine.xml"], 0),
+        (["noted.xml"], 0),
+        (["noted.xml", "--fail-on", "note"], 1),
+        (["noted.xml", "--fail-on", "note", "--ignore", "mj201"], 0),
+        (["warned.xml"], 0),
+        (["warned.xml", "--fail-on", "warning"], 1),
+        (["warned.xml", "--fail-on", "warning", "--select", "MJ4,MJ5", "--select", "MJ6"], 0),
+        (["broken.xml"], 3),
+        (["fine.xml", "broken.xml", "warned.xml", "--fail-on", "warning"], 3),
+        (["gone.xml"], 3),
+        (["fine.xml", "--timeout", "0.001"], 3),
+        (["."], 3),
+        ([], 2),
+        (["fine.xml", "--select", "MJ9"], 2),
+        (["fine.xml", "--json", "--sarif"], 2),
+        (["fine.xml", "--steps", "-1"], 2),
+        (["fine.xml", "--fail-on", "anything"], 2),
+    ],
+    ids=str,
+)
+def test_the_exit_code_is_the_answer(models: Command, arguments: list[str], code: int) -> None:
+    done = models("check", *arguments)
+    assert done.returncode == code
+    assert b"Traceback" not in done.stderr
+    assert (done.stdout == b"") == (code == 2 and "--json" not in arguments)
+
+
+def test_a_finding_is_a_line_as_compilers_write_it_and_its_remedy(models: Command) -> None:
+    done = models("check", "warned.xml", "fine.xml")
+    first, remedy, summary = done.stdout.decode().splitlines()
+    assert first == f"warned.xml:4: warning MJ302: {TOLD}"
+    assert remedy == f"    {REMEDY}"
+    assert summary == "2 models: 1 warning"
+    assert done.stderr == b""
+
+
+def test_the_summary_counts_and_quiet_leaves_it_out(models: Command) -> None:
+    (models.folder / "part.xml").write_text("<mujocoinclude/>")
+    last = models("check", ".").stdout.decode().splitlines()[-1]
+    assert last == "4 models: 1 error, 1 warning, 1 note; 1 does not load; 1 file skipped that is not a model"
+    assert models("check", "part.xml").stdout == b"no model: nothing found; 1 file skipped that is not a model\n"
+    assert models("check", "-q", "fine.xml").stdout == b""
+    assert models("check", "fine.xml").stdout == b"1 model: nothing found\n"
+
+
+def test_the_document_holds_all_models_in_order(models: Command) -> None:
+    found = json.loads(models("check", "--json", "warned.xml", "fine.xml", "broken.xml").stdout)
+    assert found["mjrun"] == __version__
+    assert [(m["model"], m["loads"]) for m in found["models"]] == [
+        ("warned.xml", True),
+        ("fine.xml", True),
+        ("broken.xml", False),
+    ]
+    assert (found["errors"], found["warnings"], found["notes"], found["skipped"], found["code"]) == (1, 1, 0, 0, 3)
+    assert found["models"][0]["findings"] == [
+        {
+            "code": "MJ302",
+            "severity": "warning",
+            "message": TOLD.removeprefix("joint 'j': "),
+            "file": "warned.xml",
+            "line": 4,
+            "object": "joint 'j'",
+            "remedy": REMEDY,
+        }
+    ]
+
+
+def test_sarif_is_what_code_scanning_reads(models: Command) -> None:
+    done = models("check", "--sarif", "warned.xml", "broken.xml")
+    document = json.loads(done.stdout)
+    (run,) = document["runs"]
+    rules = run["tool"]["driver"]["rules"]
+    assert (document["version"], done.returncode) == ("2.1.0", 3)
+    assert [rule["id"] for rule in rules] == list(RULES)
+    assert {rule["defaultConfiguration"]["level"] for rule in rules} == set(SEVERITIES)
+    assert run["invocations"] == [{"executionSuccessful": True, "exitCode": 3}]
+    for result in run["results"]:
+        assert rules[result["ruleIndex"]]["id"] == result["ruleId"]
+        assert result["message"]["text"]
+    (first, _) = run["results"]
+    assert first["level"] == "warning"
+    assert first["message"]["text"] == f"{TOLD}\n{REMEDY}"
+    assert first["locations"] == [
+        {
+            "physicalLocation": {"artifactLocation": {"uri": "warned.xml"}, "region": {"startLine": 4}},
+            "logicalLocations": [{"fullyQualifiedName": "joint 'j'"}],
+        }
+    ]
+    assert done.stderr.decode().endswith("2 models: 1 error, 1 warning; 1 does not load\n")
+
+
+def test_annotations_are_commands_that_github_reads(models: Command) -> None:
+    done = models("check", "--github", "warned.xml", "noted.xml")
+    warning, note = done.stdout.decode().splitlines()
+    assert warning == f"::warning file=warned.xml,line=4,title=MJ302 reversed range::{TOLD}%0A{REMEDY}"
+    assert note.startswith("::notice file=noted.xml,line=3,title=MJ201 object without a name::")
+
+
+def test_a_finding_in_another_file_names_the_model_in_every_form(models: Command) -> None:
+    (models.folder / "outer.xml").write_text('<mujoco><include file="warned.xml"/></mujoco>')
+    told = f"{TOLD} (in outer.xml)"
+    assert models("check", "outer.xml").stdout.decode().startswith(f"warned.xml:4: warning MJ302: {told}\n")
+    annotation = models("check", "--github", "outer.xml").stdout.decode()
+    assert annotation == f"::warning file=warned.xml,line=4,title=MJ302 reversed range::{told}%0A{REMEDY}\n"
+    (result,) = json.loads(models("check", "--sarif", "outer.xml").stdout)["runs"][0]["results"]
+    assert result["message"]["text"] == f"{told}\n{REMEDY}"
+    assert "(in " not in models("check", "./warned.xml").stdout.decode()
+
+
+def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:
+    lines = models("check", "--list").stdout.decode().splitlines()
+    assert [line.split()[0] for line in lines] == list(RULES)
+    assert "MJ302  warning  reversed range" in lines
+    assert [rule["code"] for rule in json.loads(models("check", "--list", "--json").stdout)["rules"]] == list(RULES)
+
+
+def test_a_code_that_is_none_is_answered_with_one_that_is(models: Command) -> None:
+    done = models("check", "fine.xml", "--ignore", "MJ3O2")
+    assert b"no code 'MJ3O2' (did you mean 'MJ302'" in done.stderr
+
+
+def test_a_file_that_crashes_mujoco_is_told_beside_the_others(models: Command) -> None:
+    asset = '<asset><model name="me" file="self.xml"/></asset>'
+    attach = '<attach model="me" prefix="x" body="b"/>'
+    text = f'<mujoco>{asset}<worldbody><body name="b">{attach}</body></worldbody></mujoco>'
+    (models.folder / "self.xml").write_text(text)
+    done = models("check", "self.xml", "warned.xml")
+    assert done.returncode == 3
+    assert b"self.xml:1: error MJ113: attaches 'self.xml', which is or attaches this model again" in done.stdout
+    assert b"warned.xml:4: warning MJ302" in done.stdout
+    assert models.files() == ["broken.xml", "fine.xml", "noted.xml", "self.xml", "warned.xml"]
+
+
+def test_a_signal_ends_the_processes_too(models: Command) -> None:
+    attributes = " ".join(f'a{i}="1"' for i in range(100_000))  # which take MuJoCo twenty seconds
+    (models.folder / "slow.xml").write_text(f"<mujoco><worldbody><geom {attributes}/></worldbody></mujoco>")
+    command = models.start("check", "slow.xml")
+    working = worker(command)
+    wait_until(lambda: children(working), command)
+    processes = children(working)
+    command.send_signal(signal.SIGTERM)
+    _, err = command.communicate(timeout=PATIENCE)
+    assert command.returncode == 143
+    assert b"Traceback" not in err
+    wait_until(lambda: not any(map(command_line_of, (working, *processes))))
+
+
+def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(
+    mjrun_here: Command, shared_models: Path
+) -> None:
+    done = mjrun_here("check", ROOT / "scenes", shared_models, "--json", "--steps", "20")
+    found = json.loads(done.stdout)
+    assert done.returncode == 3
+    assert b"Traceback" not in done.stderr
+    unloaded = {Path(model["model"]).parent.name for model in found["models"] if not model["loads"]}
+    assert unloaded == {"malformed"}
+    for model in found["models"]:
+        for finding in model["findings"]:
+            assert finding["severity"] != "error" or not model["loads"]
+            assert finding["code"] not in ("MJ002", "MJ003", "MJ004", "MJ005")

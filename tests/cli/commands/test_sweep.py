@@ -1,0 +1,268 @@
+"""`mjrun sweep` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import pandas as pd
+import pytest
+
+from tests.study.models import BALL
+
+if TYPE_CHECKING:
+    from tests.conftest import Command
+
+METRIC = ("--metric", "low=min(qpos/ball/z)")
+
+
+@pytest.fixture
+def ball(mjrun_here: Command) -> str:
+    (mjrun_here.folder / "ball.xml").write_text(BALL)
+    return "ball.xml"
+
+
+def test_the_report_and_the_table_say_what_has_come_of_the_points(mjrun_here: Command, ball: str) -> None:
+    done = mjrun_here("sweep", ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:5", *METRIC, "-o", "study")
+    assert (done.returncode, done.stderr) == (0, b"")
+    text = done.stdout.decode()
+    assert "median" in text
+    assert "study: 5 points (5 ok)" in text
+    assert text.count("where") == 1
+    assert "qpos/ball/z=0.2" in text
+    rows = pd.read_csv(mjrun_here.folder / "study" / "results.csv")
+    assert rows["qpos/ball/z"].tolist() == [0.2, 0.4, 0.6, 0.8, 1]
+
+    again = mjrun_here(
+        "sweep", ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:5", *METRIC, "-o", "study", "--json"
+    )
+    report = json.loads(again.stdout)
+    assert (again.returncode, report["simulated"], report["metrics"]["low"]["count"]) == (0, 0, 5)
+    assert b"5 of 5 points are known already" in again.stderr
+
+
+def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun_here: Command, ball: str) -> None:
+    options = ("--steps", "30", "--vary", "qvel/ball/vz=0,-1e9", *METRIC)
+    done = mjrun_here("sweep", ball, *options, "-o", "study")
+    assert done.returncode == 8
+    told, error = done.stderr.decode().splitlines()
+    assert told.startswith("mjrun: point 1 (qvel/ball/vz=-1e9): the simulation became unstable at step 1, ")
+    assert error == "mjrun: error: 1 unstable, of 2 points; the others are in the table"
+    assert b"unstable at step" in done.stdout
+    line = next(line for line in done.stdout.decode().splitlines() if "mjrun trace" in line)
+    alone = line.split()
+    assert mjrun_here(*alone[1:]).returncode == 4
+
+    done = mjrun_here("sweep", ball, *options, "-o", "study", "--json")
+    report = json.loads(done.stdout)
+    assert (done.returncode, report["statuses"], report["error"]["exit_code"]) == (8, {"ok": 1, "unstable": 1}, 8)
+
+
+def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1..8:8", *METRIC, "--chunk", "1").returncode == 0
+    folder = mjrun_here.folder / "ball_study"
+    for name in ("results.csv", "results.parquet"):
+        (folder / name).unlink()
+    parts = sorted((folder / "parts").iterdir())
+    parts[0].unlink()
+    parts[1].write_bytes(parts[1].read_bytes()[:99])
+
+    plot = mjrun_here("plot", "ball_study", "-o", "x.png")
+    assert b"mjrun sweep ball_study --collect" in plot.stderr
+    done = mjrun_here("sweep", "ball_study")
+    assert b"6 of 8 points are known" in done.stderr
+    assert f"{parts[1].name} is damaged" in done.stderr.decode()
+    assert done.returncode == 0
+    assert len(pd.read_csv(folder / "results.csv").dropna(subset="low")) == 8
+
+
+def test_of_a_study_that_was_run_more_may_be_required(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1..3:3", *METRIC, "-o", "study").returncode == 0
+    table = (mjrun_here.folder / "study" / "results.csv").read_text()
+    assert table.splitlines()[1].startswith("0,1,")  # seeds are whole numbers
+    held = mjrun_here("sweep", "study", "--require", "max(low) < 99")
+    assert (held.returncode, b"3 of 3 points are known already" in held.stderr) == (0, True)
+    assert mjrun_here("sweep", "study", "--require", "max(low) < 0.01", "-q").returncode == 1
+    refused = mjrun_here("sweep", "study", "--samples", "9")
+    assert b"--samples: study says that; for another study, give its model or its document" in refused.stderr
+
+
+def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> None:
+    options = ("--vary", "seed=1,2", *METRIC)
+    assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
+    assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
+    assert b"changed since the last run: steps\n" in mjrun_here("sweep", ball, "--steps", "6", *options).stderr
+
+
+def test_a_folder_that_is_no_study_is_refused(mjrun_here: Command) -> None:
+    (mjrun_here.folder / "empty").mkdir()
+    refused = mjrun_here("sweep", "empty")
+    assert (refused.returncode, b"empty: has no study.json" in refused.stderr) == (7, True)
+
+
+def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> None:
+    assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1,2").returncode == 0
+    assert (mjrun_here.folder / "ball_study" / "results.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "expected"),
+    [
+        (("-o", "study", "--vary", "seed"), 2, "--vary"),
+        (("-o", "study", "--vary", "sed=1"), 2, "did you mean 'seed'"),
+        (("-o", "study", "--vary", "seed=1..4:7"), 2, "--vary seed: '1.5' is not a whole number from 0 on"),
+        (("-o", "study", "--vary", "opt.iterations=1,2.5"), 2, "opt.iterations: '2.5' is not a whole number"),
+        (("-o", "study", "--vary", "opt.timestep=1e-3,x"), 2, "opt.timestep: 'x' is not a number"),
+        (("-o", "study", "--metric", "x=max(qpos/bal/z)"), 2, "qpos/ball/z"),
+        (("-o", "study", "--vary", "seed=gauss(0,1)"), 2, "distributions: uniform(LOW, HIGH)"),
+        (
+            (
+                "-o",
+                "ball.xml/study",
+            ),
+            7,
+            "cannot be made",
+        ),
+        (("-o", "study", "--require", "max(seed) <", "--vary", "seed=1"), 2, "--require, character"),
+        (("-o", "study", "--engine", "ray", "--vary", "seed=1"), 2, "engines: local, "),
+    ],
+)
+def test_mistakes_are_told_and_nothing_is_simulated(
+    mjrun_here: Command, ball: str, options: tuple[str, ...], code: int, expected: str
+) -> None:
+    done = mjrun_here("sweep", ball, "--steps", "5", *options)
+    assert done.returncode == code
+    assert expected in done.stderr.decode()
+    assert not list(mjrun_here.folder.rglob("results.*"))
+
+
+def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun_here: Command, ball: str) -> None:
+    options = (ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:9", *METRIC, "-o", "study", "--dry-run")
+    done = mjrun_here("sweep", *options)
+    assert (done.returncode, done.stderr) == (0, b"")
+    text = done.stdout.decode()
+    assert re.search(r"to simulate  9 in about \d chunks, 270 steps", text)
+    assert ["…", "…"] in [line.split() for line in text.splitlines()]
+    report = json.loads(mjrun_here("sweep", *options, "--json").stdout)
+    assert (report["points"], report["missing"], report["names"]) == (9, 9, ["qpos/ball/z"])
+    assert [each["point"] for each in report["sample"]] == [0, 1, 2, 6, 7, 8]
+    assert sorted(path.name for path in mjrun_here.folder.iterdir()) == ["ball.xml"]
+
+
+def test_four_tasks_make_the_table_of_one(mjrun: Command, mjrun_here: Command, ball: str) -> None:
+    options = (ball, "--steps", "30", "--vary", "qpos/ball/z=uniform(0.2,1)", "--samples", "8", *METRIC, "--chunk", "1")
+    assert mjrun_here("sweep", *options, "-o", "alone", "-q").returncode == 0
+    planned = mjrun_here("sweep", *options, "-o", "study", "--plan", "plan.jsonl")
+    assert (planned.returncode, planned.stdout) == (0, b"plan.jsonl: 8 points\n")
+
+    def task(i: int) -> subprocess.CompletedProcess[bytes]:
+        """Two of them at once in processes of their own."""
+        return (mjrun if i <= 2 else mjrun_here)("sweep", "plan.jsonl", "--task", f"{i}/4", "--jobs", "1")
+
+    with ThreadPoolExecutor(2) as pool:
+        tasks = [*pool.map(task, (1, 2)), task(3), task(4)]
+    for number, done in enumerate(tasks, 1):
+        expected = f"study: task {number} of 4: 2 points simulated (2 ok); "
+        assert (done.returncode, done.stdout.decode()[: len(expected)]) == (0, expected)
+    assert mjrun_here("sweep", "study", "--collect", "-q").returncode == 0
+    alone, study = (mjrun_here.folder / name / "results.parquet" for name in ("alone", "study"))
+    assert study.read_bytes() == alone.read_bytes()
+
+
+def test_a_task_that_was_killed_is_run_again(mjrun_here: Command, ball: str) -> None:
+    options = (
+        ball,
+        "--steps",
+        "200",
+        "--vary",
+        "perturb=uniform(0,1)",
+        "--samples",
+        "40",
+        *METRIC,
+        "--chunk",
+        "1",
+        "-q",
+    )
+    assert mjrun_here("sweep", *options, "-o", "alone").returncode == 0
+    assert mjrun_here("sweep", *options, "-o", "study", "--plan", "plan.jsonl").returncode == 0
+    command = [sys.executable, "-m", "mjrun", "sweep", "plan.jsonl", "--task", "1/1", "--jobs", "1"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, cwd=mjrun_here.folder, env=environment, stdout=subprocess.DEVNULL) as task:
+        while not [*mjrun_here.folder.glob("study/parts/*.parquet")]:
+            time.sleep(0.01)
+        task.kill()
+    for left in mjrun_here.folder.rglob(".*.part"):  # which another process might still write, as far as anybody knows
+        left.unlink()
+    assert mjrun_here("sweep", "plan.jsonl", "--task", "1/1", "-q").returncode == 0
+    assert mjrun_here("sweep", "plan.jsonl", "--collect", "-q").returncode == 0
+    alone, study = (mjrun_here.folder / name / "results.parquet" for name in ("alone", "study"))
+    assert study.read_bytes() == alone.read_bytes()
+
+
+def test_the_table_goes_to_stdout_on_request(mjrun_here: Command, ball: str) -> None:
+    options = (ball, "--steps", "5", "--vary", "seed=1,2", *METRIC, "-o", "study", "--csv")
+    done = mjrun_here("sweep", *options)
+    assert done.stdout == (mjrun_here.folder / "study" / "results.csv").read_bytes()
+    assert b"study: 2 points (2 ok)" in done.stderr
+    assert mjrun_here("sweep", "study", "--csv", "-q").stdout == done.stdout
+    assert mjrun_here("sweep", *options, "--json").returncode == 2
+
+
+def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> None:
+    text = f"model: {ball}\nsteps: 5\nvary: {{seed: [1, 2]}}\nmetrics: {{end: last(time)}}\n"
+    (mjrun_here.folder / "kicks.yaml").write_text(text)
+    assert mjrun_here("sweep", "kicks.yaml", "vary.seed=1..3:3").returncode == 0
+    assert pd.read_csv(mjrun_here.folder / "kicks" / "results.csv")["seed"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("k.yaml", "--samples", "3"), "--samples: k.yaml says that; change it as in samples=VALUE"),
+        (("k.yaml", "--metric", "x=1"), "--metric: k.yaml says that; change it as in metrics.NAME=VALUE"),
+        (("k.yaml", "--qpos", "x=1"), "--qpos: k.yaml says that; change it as in qpos.NAME=VALUE"),
+        (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
+        (("ball.xml", "samples=3"), "samples=3: ball.xml is no document whose values could be changed"),
+        (("ball.xml", "--task", "1/2"), "--task: ball.xml is no plan (.jsonl); --plan FILE writes one"),
+        (("p.jsonl",), "p.jsonl is a plan: give --task I/N, or --collect"),
+        (("p.jsonl", "--task", "1/2"), "p.jsonl has no points: nothing was missing when it was made"),
+        (("p.jsonl", "--task", "3/2"), "'3/2' is not one of N tasks; write it as in 1/16"),
+        (
+            ("ball.xml", "--task", "1/2", "--collect"),
+            "--task and --collect exclude each other: each is all that is done",
+        ),
+        (("ball.xml", "--csv", "--json"), "--json and --csv exclude each other: both want standard output"),
+    ],
+)
+def test_what_does_not_go_together_is_told(
+    mjrun_here: Command, ball: str, words: tuple[str, ...], expected: str
+) -> None:
+    (mjrun_here.folder / "k.yaml").write_text(f"model: {ball}\nsteps: 5\n")
+    (mjrun_here.folder / "p.jsonl").write_text("")
+    done = mjrun_here("sweep", *words)
+    assert done.returncode == 2
+    assert expected in done.stderr.decode()
+
+
+def test_a_model_on_standard_input_is_swept(mjrun: Command, ball: str) -> None:
+    text = (mjrun.folder / ball).read_bytes()
+    varied = ("--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
+    command = [sys.executable, "-m", "mjrun", "sweep", "-", *varied]
+    done = subprocess.run(command, cwd=mjrun.folder, input=text, capture_output=True)
+    assert done.returncode == 0
+    assert b"model_study: 3 points (3 ok)" in done.stdout
+
+
+def test_an_untrusted_model_is_swept_from_copies_and_reads_nothing_else(mjrun: Command, ball: str) -> None:
+    varied = ("--untrusted", "--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
+    assert mjrun("sweep", ball, *varied).returncode == 0
+    (mjrun.folder / "nosy.xml").write_text('<mujoco><asset><mesh file="/etc/hostname"/></asset></mujoco>')
+    refused = mjrun("sweep", "nosy.xml", *varied)
+    assert refused.returncode == 3
+    assert b"nosy.xml:1: '/etc/hostname' lies outside the folder that files are read from" in refused.stderr
