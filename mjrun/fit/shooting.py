@@ -2,7 +2,8 @@
 
 What counts are whole segments, each from one state, which is fitted. They are tried first; where they do not come down
 to the noise of the log, other ways lead to them: short stretches, each from a state of its own (H. G. Bock, "Recent
-advances in parameter identification techniques for O.D.E.", 1983), openings of segments that grow, and other starts.
+advances in parameter identification techniques for O.D.E.", 1983), and other starts. Where contacts make the motion
+rough, ensembles go through openings of segments that grow.
 """
 
 from collections.abc import Sequence
@@ -11,12 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter
-from mjrun.fit.gauss_newton import Advanced, GaussNewton
+from mjrun.fit.ensemble import Ensemble
+from mjrun.fit.gauss_newton import GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.noise import LEAST_NOISE
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
 from mjrun.fit.rotations import shared
-from mjrun.fit.shooting_problem import ShootingProblem, Simulating, together
+from mjrun.fit.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
 from mjrun.fit.solution import Floats, Solution
 from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.unmeasured_states import simulated_starts
@@ -27,7 +29,7 @@ STAGE_EVALUATIONS = 40  # of stages that others follow, at most
 ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that others follow
 EXPLAINED = 1.25  # reduced χ² with which no other way is tried
 ALIKE = 0.01  # relative difference of the costs of two solutions that are taken for one
-SHOTS = 4  # searches where contacts make the motion rough
+SHOTS = 3  # searches where contacts make the motion rough
 BESIDE = 0.1  # of the range of a parameter, between searches where contacts make the motion rough
 WHOLE = 10**9  # rows
 
@@ -84,11 +86,14 @@ class Shooting:
 
     def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
         """Residuals and sensitivities at a start, where nothing is minimized."""
-        return replace(self._run(self._problem(parts, coordinates, states, noise).look()), loss="linear")
+        return replace(self._run(GaussNewton(self._problem(parts, coordinates, states, noise)).look()), loss="linear")
 
     def solve(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
         """Minimizes the residuals of `parts` from a start."""
-        return self._run(self._problem(parts, coordinates, states, noise).minimize())
+        problem = self._problem(parts, coordinates, states, noise)
+        if not self._is_rough:
+            return self._run(GaussNewton(problem).minimize())
+        return self._run(Ensemble(problem, self._seed).minimize(is_last=True))[0]
 
     def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats) -> Solution:
         """The states alone that minimize the residuals of `parts`, the parameters being as they are.
@@ -130,8 +135,8 @@ class Shooting:
             )
         if self._is_rough:
             search.ways.append("ensembles of nearby states, as contacts make the motion rough")
-            begins = [*starts[1:], *self._beside(first.coordinates), starts[0]]
-            tasks = [self._grown(whole, begins[seed - 1], noise, seed=seed) for seed in range(1, SHOTS)]
+            begins = [*starts[1:], *self._beside(first.coordinates)]
+            tasks = [self._rough(whole, begins[seed - 1], noise, seed=seed) for seed in range(1, SHOTS)]
             ends = together(self._predictor, tasks)
             best = min([search.best, *ends], key=lambda each: each.cost)
             search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
@@ -169,7 +174,7 @@ class Shooting:
             for rows, parts in self.stages(segments) if places else []:
                 search.ways.append(f"stretches of {rows} rows")
                 problems = [self._problem(parts, each, self.guessed(parts, each), noise) for each in places]
-                tasks = [each.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE) for each in problems]
+                tasks = [GaussNewton(each).minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE) for each in problems]
                 places = [each.coordinates for each in together(self._predictor, tasks)]
                 if is_end(together(self._predictor, [self._grown(whole, each, noise) for each in places])):
                     return
@@ -189,28 +194,41 @@ class Shooting:
         noise: Floats,
         *,
         fixed: bool = False,
-        seed: int = 0,
         advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
-        """Solutions of whole chunks, from states that fit their first rows; of longer openings where contacts are."""
-        states = self.guessed(parts, coordinates)
+        """Solutions of whole chunks, from states that fit their first rows; by ensembles where contacts make the motion
+        rough."""
         if not self._is_rough:
-            opening = self._problem([_opening(part) for part in parts], coordinates, states, noise, fixed=True)
+            states = self.guessed(parts, coordinates)
+            openings = [_opening(part) for part in parts]
+            opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
             states = (yield from opening.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).states
-            problem = self._problem(parts, coordinates, states, noise, fixed=fixed, advanced=advanced)
-            solution = yield from problem.minimize()
+            search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
+            solution = yield from search.minimize()
             if not self._predictor.has_impacts or solution.reduced < EXPLAINED:
                 return solution
             self._is_rough = True
-            states = self.guessed(parts, coordinates)
-        rows = WHOLE if fixed else SHORTEST
+        return (yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced))
+
+    def _rough(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        seed: int = 0,
+        advanced: Advanced | None = None,
+    ) -> Simulating[Solution]:
+        """Solutions of longer and longer openings of chunks by ensembles; each begins where the one before has ended."""
+        states, scatter, rows = self.guessed(parts, coordinates), None, SHORTEST
         while True:
-            opening = [_opening(part, rows) for part in parts]
-            is_whole = all(a.rows == b.rows for a, b in zip(opening, parts, strict=True))
-            stretches = parts if is_whole else opening
-            problem = self._problem(stretches, coordinates, states, noise, fixed=fixed, seed=seed, advanced=advanced)
-            solution = yield from problem.minimize()
-            if is_whole:
+            openings = [_opening(part, rows) for part in parts]
+            is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
+            problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
+            search = Ensemble(problem, self._seed + seed, scatter, advanced)
+            solution, scatter = yield from search.minimize(is_last=is_last)
+            if is_last:
                 return solution
             states, coordinates = solution.states, None if coordinates is None else solution.coordinates
             rows *= 2
@@ -223,16 +241,13 @@ class Shooting:
         noise: Floats,
         *,
         fixed: bool = False,
-        seed: int = 0,
-        advanced: Advanced | None = None,
-    ) -> GaussNewton:
+    ) -> ShootingProblem:
         setting = (self._predictor, self._parameters, self._states)
-        problem = ShootingProblem(*setting, parts, coordinates, states, noise, fixed)
-        return GaussNewton(problem, self._loss, self._seed + seed, self._is_rough, advanced)
+        return ShootingProblem(*setting, parts, coordinates, states, noise, self._loss, fixed)
 
-    def _run(self, task: Simulating[Solution]) -> Solution:
-        (solution,) = together(self._predictor, [task])
-        return solution
+    def _run(self, task: Simulating[Result]) -> Result:
+        (result,) = together(self._predictor, [task])
+        return result
 
     def _values(self, coordinates: Floats) -> tuple[float, ...]:
         return tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))

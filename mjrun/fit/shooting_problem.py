@@ -4,7 +4,7 @@ Functions that simulate are generators: each yields the rollouts that it needs a
 several problems are simulated in one batch, over all cores (`together`).
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.prediction import Chunk, Predictor, Rollout, States
-from mjrun.fit.solution import Floats
+from mjrun.fit.solution import LOSSES, Floats, Solution
 
 NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
 STATE_NUDGE = 1e-6  # of positions, velocities and activations
@@ -21,6 +21,7 @@ PENALTY = 1e3  # residual, in standard deviations of the noise, where a simulati
 
 Result = TypeVar("Result")
 Simulating = Generator[Sequence[Rollout], Sequence[Floats], Result]
+Advanced = Callable[[Solution], None]
 
 
 def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[Result]:
@@ -57,14 +58,6 @@ class Point:
     deviations: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """Steps of finite differences, of each coordinate, `(p,)`, and of each number of a state, `(size,)`."""
-
-    coordinates: Floats
-    states: Floats
-
-
 class ShootingProblem:
     """Least squares of one stage: unknowns are the coordinates, unless fixed, then the deviations of each chunk.
 
@@ -72,10 +65,12 @@ class ShootingProblem:
       coordinates: where to begin; None for the model as it was, whose parameters are fixed.
       guesses: states at the beginning of the chunks, `(chunks, nstate)`.
       noise: standard deviation of each signal, `(signals,)`.
+      loss: of scipy's `least_squares`.
 
     Attributes:
       parts: the chunks.
-      noise: as above.
+      start: where to begin.
+      noise, loss: as above.
       known: which values of each chunk are measured.
       free: how many coordinates are looked for.
       size: numbers of the deviation of a state.
@@ -90,25 +85,16 @@ class ShootingProblem:
         coordinates: Floats | None,
         guesses: Floats,
         noise: Floats,
+        loss: str,
         fixed: bool,
     ) -> None:
         self._predictor, self._parameters, self._states, self.parts = predictor, parameters, states, parts
-        self._guesses, self.noise = guesses, noise
+        self._guesses, self.noise, self.loss = guesses, noise, loss
         self._is_nominal = coordinates is None
         self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), states.size
         first = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
         self.start = Point(first, np.zeros((len(parts), states.size)))
         self.known = [np.isfinite(part.values) for part in parts]
-
-    @property
-    def fine(self) -> Steps:
-        """Steps that suit smooth motions."""
-        return Steps(np.full(self.free, NUDGE), np.full(self.size, STATE_NUDGE))
-
-    @property
-    def has_impacts(self) -> bool:
-        """Whether contacts or limits have come or gone in any simulation."""
-        return self._predictor.has_impacts
 
     def states(self, point: Point) -> Floats:
         """Integration states at the beginning of the chunks, `(chunks, nstate)`."""
@@ -122,17 +108,18 @@ class ShootingProblem:
         return [left[i * count : (i + 1) * count] for i in range(len(points))]
 
     def slopes(
-        self, point: Point, residuals: Sequence[Floats], steps: Steps, *, of_states: bool = True
+        self, point: Point, residuals: Sequence[Floats], *, of_states: bool = True, wider: float = 1.0
     ) -> Simulating[tuple[list[Floats], list[Floats]]]:
         """Of the residuals of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
 
         Args:
           residuals: at `point`.
           of_states: whether the second is asked for; it is empty otherwise.
+          wider: factor of the steps of finite differences that suit smooth motions.
         """
         count, size = len(self.parts), self.size if of_states else 0
-        x = point.coordinates
-        moves = np.where(x[: self.free] < 0.5, 1.0, -1.0) * steps.coordinates  # away from the nearer bound
+        x, nudge = point.coordinates, wider * STATE_NUDGE
+        moves = np.where(x[: self.free] < 0.5, 1.0, -1.0) * wider * NUDGE  # away from the nearer bound
         starts: list[tuple[int, Floats, Floats]] = []
         for j in range(self.free):
             moved = x.copy()
@@ -141,14 +128,30 @@ class ShootingProblem:
         for j in range(size):
             for i in range(count):
                 deviation = point.deviations[i].copy()
-                deviation[j] += steps.states[j]
+                deviation[j] += nudge
                 starts.append((i, x, deviation))
         if not starts:
             return [np.zeros((*r.shape, 0)) for r in residuals], []
         left = yield from self._left(starts)
-        all_moves = np.concatenate([moves, steps.states[:size]])
+        all_moves = np.concatenate([moves, np.full(size, nudge)])
         slopes = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
         return [each[..., : self.free] for each in slopes], [each[..., self.free :] for each in slopes if size]
+
+    def cost(self, point: Point, residuals: Sequence[Floats]) -> float:
+        """Half the sum of squares, as the loss counts them, with what holds states and parameters in place."""
+        loss = LOSSES[self.loss]
+        squares = sum(float(loss(r[k] ** 2).sum()) for r, k in zip(residuals, self.known, strict=True))
+        priors, _ = self.priors(point.coordinates)
+        return 0.5 * (squares + float(((point.deviations / STATE_SCALE) ** 2).sum()) + float(priors @ priors))
+
+    def solution(
+        self, point: Point, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]
+    ) -> Solution:
+        """A point as a solution; slopes are those of the coordinates and of the states for each chunk."""
+        shown = [np.where(known, r, np.nan) for r, known in zip(residuals, self.known, strict=True)]
+        return Solution(
+            self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss
+        )
 
     def priors(self, coordinates: Floats) -> tuple[Floats, Floats]:
         """What is known beforehand: residuals of the coordinates, `(p,)`, 0 without a prior, and their slopes."""
@@ -171,7 +174,3 @@ class ShootingProblem:
             values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
         return Rollout(self.parts[index], values, self._states.moved(self._guesses[index], deviation))
 
-
-def lengths(slopes: Sequence[Floats]) -> Floats:
-    """Of the slopes to each unknown, over all rows and signals: `(unknowns,)`."""
-    return np.sqrt(sum(np.nansum(each**2, axis=(0, 1)) for each in slopes))

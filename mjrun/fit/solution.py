@@ -41,6 +41,7 @@ class Solution:
       loss: how residuals counted.
       ends: coordinates at which other searches have ended, `(searches, p)`, where contacts make the motion rough; none
         where it is smooth.
+      variances: of residuals with the roughness of the motion, as `residuals`; none where it is smooth: all are 1.
     """
 
     chunks: Sequence[Chunk]
@@ -51,6 +52,7 @@ class Solution:
     noise: Floats
     loss: str = "linear"
     ends: Sequence[Floats] = ()
+    variances: Sequence[Floats] = ()
 
     @property
     def cost(self) -> float:
@@ -88,9 +90,15 @@ class Solution:
 
     @property
     def weights(self) -> list[Floats]:
-        """How much residuals count, 1 with a linear loss: derivatives of the loss by their squares, as `residuals`."""
-        slope = LOSS_SLOPES[self.loss]
-        return [slope(each**2) for each in self.residuals]
+        """How much residuals count, 1 with a linear loss and smooth motion: derivatives of the loss by their squares,
+        as `residuals`."""
+        variances = self.variances or [np.ones_like(each) for each in self.residuals]
+        return [loss_weights(self.loss, *each) for each in zip(self.residuals, variances, strict=True)]
+
+
+def loss_weights(loss: str, residuals: Floats, variances: Floats | float = 1.0) -> Floats:
+    """Weights of the squares of residuals: derivatives of the loss by these squares."""
+    return LOSS_SLOPES[loss](residuals**2 / variances) / variances
 
 
 def with_noise(solution: Solution, noise: Floats) -> Solution:
@@ -98,4 +106,5 @@ def with_noise(solution: Solution, noise: Floats) -> Solution:
     factor = solution.noise / noise
     residuals = [each * factor for each in solution.residuals]
     slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]
-    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise)
+    variances = [each * factor**2 for each in solution.variances]
+    return replace(solution, residuals=residuals, sensitivities=slopes, noise=noise, variances=variances)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from mjrun.fit.gauss_newton import GaussNewton, _solved
+from mjrun.fit.gauss_newton import GaussNewton
+from mjrun.fit.normal_equations import solve_normal
 from mjrun.fit.prediction import Rollout, States
 from mjrun.fit.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fit.logs import NOISE
@@ -20,8 +21,8 @@ def test_it_ends_where_scipy_does(loss: str) -> None:
     (part,) = shoot.cut(segments(1.0))
     guess, noise = shoot.guessed([part], None), np.array([NOISE])
     states = States(predictor.model)
-    problem = ShootingProblem(predictor, parameters, states, [part], np.array([0.5, 0.5]), guess, noise, False)
-    (solution,) = together(predictor, [GaussNewton(problem, loss, 0, False).minimize()])
+    problem = ShootingProblem(predictor, parameters, states, [part], np.array([0.5, 0.5]), guess, noise, loss, False)
+    (solution,) = together(predictor, [GaussNewton(problem).minimize()])
 
     def residuals(x: np.ndarray) -> np.ndarray:
         values = tuple(p.value(c) for p, c in zip(parameters, x[:2], strict=True))
@@ -50,7 +51,7 @@ def test_problems_side_by_side_come_to_what_each_comes_to_alone() -> None:
         shoot.solve(parts, np.array(x), shoot.guessed(parts, None), np.array([NOISE])) for x in ([0.4] * 2, [0.7] * 2)
     ]
     tasks = [
-        shoot._problem(parts, np.array(x), shoot.guessed(parts, None), np.array([NOISE])).minimize()
+        GaussNewton(shoot._problem(parts, np.array(x), shoot.guessed(parts, None), np.array([NOISE]))).minimize()
         for x in ([0.4] * 2, [0.7] * 2)
     ]
     beside = together(predictor_of(shoot), tasks)
@@ -63,4 +64,4 @@ def test_steep_slopes_leave_normal_equations_solvable() -> None:
     matrix = 1e20 * np.ones((2, 2)) + np.eye(2)
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.solve(matrix, np.ones(2))
-    np.testing.assert_allclose(_solved(matrix, 1e20 * np.ones((2, 1))).sum(), 1.0)
+    np.testing.assert_allclose(solve_normal(matrix, 1e20 * np.ones((2, 1))).sum(), 1.0)

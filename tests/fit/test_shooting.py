@@ -46,6 +46,7 @@ def test_a_fit_never_ends_worse_than_it_began() -> None:
     truth = np.array([parameters[0].coordinate(FRICTION)])
     search = shoot.search([log], [truth], noise)
     assert search.best.cost <= search.own.cost * 1.001
+    assert abs(search.best.coordinates[0] - truth[0]) < 0.03
 
 
 def test_intervals_of_rough_motions_contain_the_truth() -> None:
