@@ -8,15 +8,19 @@ fitted for several seeds by each of three, in turn, in one process:
   (`mujoco.rollout`) of models that are compiled for each value; the best start counts;
 - `mujoco.sysid` as its tutorial does it: one shot from the measured initial state, over the parameters alone, once.
 
-A line has the largest and the median relative error, the share of 95 % intervals that contain the truth (`mjrun` and
-scipy, whose intervals are those of its Jacobian), rollouts, and CPU seconds of a fit. Where a model cannot explain its
-log, intervals that miss the truth are counted as told if the fit warns.
+A line has how many logs were fitted, the median and the largest relative error, the share of 95 % intervals that
+contain the truth (`mjrun` and scipy, whose intervals are those of its Jacobian), rollouts, and CPU seconds of a fit.
+Where a model cannot explain its log, intervals that miss the truth are counted as told if the fit warns. Motions that
+contacts make rough cost much, so that fewer of their logs are fitted (`--rough-seeds`). `mujoco.sysid` needs what
+`pip install 'mujoco[sysid]'` brings; without it, its lines say so.
 
     python benchmarks/fit.py
     python benchmarks/fit.py --seeds 5 --problems "pendulum friction" --no-sysid
 """
 
 import argparse
+import contextlib
+import io
 import tempfile
 import time
 import warnings
@@ -51,15 +55,16 @@ class Row:
     refused: int = 0
     rollouts: list[int] = field(default_factory=list[int])
     seconds: list[float] = field(default_factory=list[float])
+    failure: str = ""
 
-    def line(self, problem: str, solver: str, fits: int) -> str:
+    def line(self, problem: str, solver: str) -> str:
         """The row of the table."""
         if not self.errors:
-            return f"{problem:<22} {solver:<6} nothing of {fits}"
+            return f"{problem:<22} {solver:<6} {self.refused:>5}   {self.failure or 'all refused'}"
         hits = f"{100 * np.mean(self.hits):5.0f} %" if self.hits else "      –"
         notes = [f"{self.warned} warned"] * bool(self.warned) + [f"{self.refused} refused"] * bool(self.refused)
         return (
-            f"{problem:<22} {solver:<6} "
+            f"{problem:<22} {solver:<6} {len(self.errors) + self.refused:>5} "
             f"{100 * np.median(self.errors):7.3f} % {100 * np.max(self.errors):8.3f} % {hits} "
             f"{np.mean(self.rollouts):7.0f} {np.mean(self.seconds):7.2f} s   {', '.join(notes)}"
         )
@@ -166,9 +171,13 @@ def by_scipy(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> N
 def by_sysid(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> None:
     from mujoco import sysid
 
+    if not hasattr(sysid, "optimize"):
+        row.failure = "not installed"
+        return
     names, rows = problem.log(seed)
     shot = Shot(problem, model, names, rows)
     if any(p.is_delay for p in shot.parameters):
+        row.failure = "has no delays"
         return
     begin = time.process_time()
     parameters, calls = sysid.ParameterDict(), 0
@@ -206,7 +215,8 @@ def by_sysid(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> N
         calls += x.shape[1] if x.ndim > 1 else 1
         return residual(x, *arguments)
 
-    best, _ = sysid.optimize(initial_params=parameters, residual_fn=counted, optimizer="mujoco", verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # it reports every iteration
+        best, _ = sysid.optimize(initial_params=parameters, residual_fn=counted, optimizer="mujoco", verbose=False)
     row.seconds.append(time.process_time() - begin)
     row.rollouts.append(calls)
     row.errors.append([abs(float(best[f"p{i}"].value[0]) / t - 1) for i, t in enumerate(problem.truth)])
@@ -222,16 +232,18 @@ SOLVERS: dict[str, Callable[[Problem, Path, Path, int, Row], None]] = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20, help="logs of each problem")
+    parser.add_argument("--rough-seeds", type=int, default=5, help="logs of problems that contacts make rough")
     parser.add_argument("--problems", nargs="*", choices=PROBLEMS, default=[*PROBLEMS])
     parser.add_argument("--no-sysid", action="store_true", help="leave mujoco.sysid out")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     solvers = [name for name in SOLVERS if not (options.no_sysid and name == "sysid")]
-    print(f"{'problem':<22} {'':<6} {'median':>9} {'largest':>10} {'covered':>7} {'rollouts':>7} {'CPU':>7}")
+    heads = f"{'logs':>5} {'median':>9} {'largest':>10} {'covered':>7} {'rollouts':>7} {'CPU':>7}"
+    print(f"{'problem':<22} {'solver':<6} {heads}")
     for name in options.problems:
         problem, rows = PROBLEMS[name], {solver: Row() for solver in solvers}
         with tempfile.TemporaryDirectory() as folder:
-            for seed in range(options.seeds):
+            for seed in range(options.rough_seeds if problem.is_rough else options.seeds):
                 model, log = problem.write(Path(folder), seed)
                 for solver, row in rows.items():
                     try:
@@ -239,9 +251,9 @@ def main() -> None:
                     except Exception as error:  # of a solver that is not ours
                         if solver == "mjrun":
                             raise
-                        print(f"{name:<22} {solver:<6} {type(error).__name__}: {str(error).splitlines()[0]}")
+                        row.failure = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         for solver, row in rows.items():
-            print(row.line(name, solver, options.seeds), flush=True)
+            print(row.line(name, solver), flush=True)
 
 
 if __name__ == "__main__":

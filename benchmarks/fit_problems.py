@@ -1,7 +1,7 @@
 """Problems of parameter estimation whose answer is known: models, the truth, and logs made by a bare loop of MuJoCo."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -147,6 +147,7 @@ class Problem:
       every: steps from one row to the next.
       late: how many steps later than logged commands act.
       is_exact: whether the model can explain the logs; otherwise it lacks something.
+      is_rough: whether contacts make the motion rough.
     """
 
     xml: str
@@ -160,7 +161,7 @@ class Problem:
     every: int = 5
     late: int = 0
     is_exact: bool = True
-    fixed: Sequence[tuple[str, float]] = field(default=())
+    is_rough: bool = False
 
     def model(self) -> mujoco.MjModel:
         """The model that makes the logs."""
@@ -272,10 +273,6 @@ def _quadruped(spec: mujoco.MjSpec) -> None:
             joint.armature = 0.055
 
 
-def _spin(spec: mujoco.MjSpec) -> None:
-    del spec
-
-
 BOX_SLIDES = (0.0, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0)
 PROBLEMS = {
     "pendulum friction": Problem(
@@ -311,6 +308,7 @@ PROBLEMS = {
         qvel=[1.5, 0.3, 0, 0, 0, 2.0],
         seconds=0.6,
         every=2,
+        is_rough=True,
     ),
     "spring with delay": Problem(
         SPRING,
@@ -339,5 +337,6 @@ PROBLEMS = {
         _waves(0.25, 8),
         qpos=[0, 0, 0.26, 1, 0, 0, 0],
         seconds=3.0,
+        is_rough=True,
     ),
 }

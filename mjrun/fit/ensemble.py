@@ -1,13 +1,12 @@
 """Gauss-Newton steps by ensembles, where contacts make the motion rough.
 
 A box that slides rattles, and states that no measurement distinguishes lead to other rattling: the sum of squares jumps
-wherever one looks closely. So slopes are those that fit the residuals at many points best, about as far away as standard
-errors reach (as in M. A. Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for inverse problems", 2013).
-What these slopes do not explain is the roughness of each residual. It counts as noise, and many times over, because it
-spoils the slopes too: signals that rattle tell little, and smooth ones decide.
+from place to place, however near. So slopes are those that fit the residuals at many points best, about as far away as
+standard errors reach (as in M. A. Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for inverse problems",
+2013). What these slopes do not explain is the roughness of each residual. It counts as noise, and many times over,
+because it spoils the slopes too: signals that rattle tell little, and smooth ones decide.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from mjrun.fit.normal_equations import NormalEquations, Slopes, normal_equations
 from mjrun.fit.shooting_problem import Advanced, Point, ShootingProblem, Simulating
 from mjrun.fit.solution import Floats, Solution, loss_weights
 
-LEAST_ROUNDS, MOST_ROUNDS = 3, 8
+LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # one more where no longer stretches follow
 POOLED = 3  # rounds of which points are regressed together
 SPREAD = 1.5  # standard errors between points and their middle
 FARTHEST = 0.3  # that a point is from the middle, in any unknown
@@ -24,7 +23,7 @@ REACH = 2.0  # of a step, in standard errors before it
 SETTLED = 0.3  # step of the coordinates in standard errors, at which rounds end
 SPURIOUS = 10.0  # times the number of residuals for each point: how often roughness counts as noise
 WIDER = 1000.0  # times the steps that suit smooth motions: with these the first standard errors are estimated
-POLISHED = 6  # batches of states beside the best one, at the end
+POLISHED = 2  # batches of states beside the best one, at the end
 NEAREST = 1e-3  # standard errors between such states and the best one, at least
 
 
@@ -60,7 +59,7 @@ class Ensemble:
     """Minimizes the sum of squares of a problem.
 
     Args:
-      scatter: standard errors of the start; None where they are not known.
+      scatter: standard errors of the start; None for those of finite differences, which show in short stretches alone.
       advanced: called with every solution that is better than the one before.
     """
 
@@ -79,7 +78,9 @@ class Ensemble:
         """
         problem, middle = self._problem, self._problem.start
         scatter = self._scatter or (yield from self._first_scatter(middle))
-        for count in range(1, MOST_ROUNDS + 1):
+        least, count = (LEAST_ROUNDS if problem.free else 1) + is_last, 0
+        while True:
+            count += 1
             yield from self._simulate(middle, scatter)
             residuals, slopes, variances = self._regressed(middle)
             weights = [loss_weights(problem.loss, r, v) for r, v in zip(residuals, variances, strict=True)]
@@ -88,7 +89,8 @@ class Ensemble:
             shorter = min(1.0, REACH / max(scatter.length(turn, moves), 1e-300))
             middle = _moved(middle, shorter * turn, shorter * moves)
             scatter = _scatter(normal)
-            if count >= LEAST_ROUNDS and turn @ normal.matrix @ turn <= SETTLED**2 * len(turn):
+            is_settled = turn @ normal.matrix @ turn <= SETTLED**2 * len(turn)
+            if count == MOST_ROUNDS or (count >= least and is_settled):
                 break
         best, residuals = yield from self._nearest(middle, scatter, POLISHED if is_last else 0)
         pairs = zip(slopes.of_coordinates, slopes.of_states, strict=True)
@@ -100,8 +102,8 @@ class Ensemble:
     def _first_scatter(self, point: Point) -> Simulating[Scatter]:
         (residuals,) = yield from self._problem.residuals([point])
         slopes = Slopes(*(yield from self._problem.slopes(point, residuals, wider=WIDER)))
-        ones = [np.ones_like(each) for each in residuals]
-        return _scatter(normal_equations(self._problem, point, residuals, slopes, ones))
+        weights = [np.ones_like(each) for each in residuals]
+        return _scatter(normal_equations(self._problem, point, residuals, slopes, weights))
 
     def _simulate(self, middle: Point, scatter: Scatter) -> Simulating[None]:
         """Adds points all around, in opposite directions that are orthogonal by standard errors."""

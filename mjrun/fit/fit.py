@@ -170,7 +170,8 @@ class _Run:
             self._reporter.progress("stages of the fit", 0, 1)
 
         search = self._shooting.search(self._fitted.segments, starts, self._noise, advanced)
-        if search.best.reduced > EXPLAINED and not search.best.variances:  # signals that the model explains well count more than others from here on
+        if search.best.reduced > EXPLAINED and not search.best.variances:
+            # Signals that the model explains well count more than others from here on.
             weighted = self._shooting.weighted(search.best)
             if weighted.cost <= with_noise(search.own, weighted.noise).cost:
                 search.best = weighted

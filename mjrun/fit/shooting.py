@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.ensemble import Ensemble
-from mjrun.fit.gauss_newton import GaussNewton
+from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.gauss_newton import TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.noise import LEAST_NOISE
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
@@ -25,9 +25,12 @@ from mjrun.fit.unmeasured_states import simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 4
-STAGE_EVALUATIONS = 40  # of stages that others follow, at most
+STAGE_EVALUATIONS = 24  # of stages that others follow, at most
+CONTACT_EVALUATIONS = 8  # within which a motion with contacts is explained, or taken for rough
 ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that others follow
 EXPLAINED = 1.25  # reduced χ² with which no other way is tried
+OTHERS = 2  # other starts of whole segments, before stretches are tried
+MODEST = 100.0  # reduced χ² below which whole segments from two starts that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two solutions that are taken for one
 SHOTS = 3  # searches where contacts make the motion rough
 BESIDE = 0.1  # of the range of a parameter, between searches where contacts make the motion rough
@@ -90,10 +93,7 @@ class Shooting:
 
     def solve(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
         """Minimizes the residuals of `parts` from a start."""
-        problem = self._problem(parts, coordinates, states, noise)
-        if not self._is_rough:
-            return self._run(GaussNewton(problem).minimize())
-        return self._run(Ensemble(problem, self._seed).minimize(is_last=True))[0]
+        return self._run(GaussNewton(self._problem(parts, coordinates, states, noise)).minimize())
 
     def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats) -> Solution:
         """The states alone that minimize the residuals of `parts`, the parameters being as they are.
@@ -129,10 +129,8 @@ class Shooting:
 
         if not self._is_rough and search.best.reduced >= EXPLAINED:
             self._go_on(search, segments, starts, noise, advanced)
-        if search.best.cost > own.cost:  # from where the model is explained best by itself
-            search.best = min(
-                [search.best, self.solve(whole, starts[0], own.states, noise)], key=lambda each: each.cost
-            )
+        if not self._is_rough and search.best.reduced < EXPLAINED:  # to the end, where stages have limits
+            search.best = self.solve(whole, search.best.coordinates, search.best.states, noise)
         if self._is_rough:
             search.ways.append("ensembles of nearby states, as contacts make the motion rough")
             begins = [*starts[1:], *self._beside(first.coordinates)]
@@ -140,6 +138,13 @@ class Shooting:
             ends = together(self._predictor, tasks)
             best = min([search.best, *ends], key=lambda each: each.cost)
             search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
+        if search.best.cost <= own.cost:
+            return search
+        if self._is_rough:  # the model itself is as near to the log as simulations come
+            search.best = replace(search.best, coordinates=starts[0], states=own.states, residuals=own.residuals)
+        else:  # from where the model is explained best by itself
+            better = self.solve(whole, starts[0], own.states, noise)
+            search.best = min([search.best, better], key=lambda each: each.cost)
         return search
 
     def _beside(self, coordinates: Floats) -> list[Floats]:
@@ -158,8 +163,12 @@ class Shooting:
         """Tries stretches, from other starts too, until the log is explained or two ways end alike."""
         whole = self.cut(segments)
 
-        def is_end(solutions: Sequence[Solution]) -> bool:
-            """Keeps the best, and says whether there is no need to go on."""
+        def is_end(solutions: Sequence[Solution], most: float = np.inf) -> bool:
+            """Keeps the best, and says whether there is no need to go on.
+
+            Args:
+              most: reduced χ² from which on solutions that are alike do not confirm each other.
+            """
             is_same = False
             for each in solutions:
                 is_same |= abs(each.cost - search.best.cost) < ALIKE * each.cost
@@ -167,8 +176,13 @@ class Shooting:
                     search.best = each
                     if advanced:
                         advanced(each)
+            is_same &= search.best.reduced < most
             return is_same or self._is_rough or search.best.reduced < EXPLAINED
 
+        for start in starts[1 : 1 + OTHERS]:
+            search.ways.append("whole segments from another start")
+            if is_end([self._run(self._grown(whole, start, noise))], MODEST):
+                return
         for group in (starts[:1], starts[1:]):
             places = list(group)
             for rows, parts in self.stages(segments) if places else []:
@@ -204,7 +218,8 @@ class Shooting:
             opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
             states = (yield from opening.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).states
             search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
-            solution = yield from search.minimize()
+            evaluations = CONTACT_EVALUATIONS if self._predictor.has_impacts else STAGE_EVALUATIONS
+            solution = yield from search.minimize(evaluations, ROUGH_TOLERANCE if fixed else TOLERANCE)
             if not self._predictor.has_impacts or solution.reduced < EXPLAINED:
                 return solution
             self._is_rough = True
@@ -220,7 +235,7 @@ class Shooting:
         seed: int = 0,
         advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
-        """Solutions of longer and longer openings of chunks by ensembles; each begins where the one before has ended."""
+        """Solutions of longer and longer openings of chunks by ensembles, each from where the one before has ended."""
         states, scatter, rows = self.guessed(parts, coordinates), None, SHORTEST
         while True:
             openings = [_opening(part, rows) for part in parts]

@@ -144,14 +144,10 @@ class ShootingProblem:
         priors, _ = self.priors(point.coordinates)
         return 0.5 * (squares + float(((point.deviations / STATE_SCALE) ** 2).sum()) + float(priors @ priors))
 
-    def solution(
-        self, point: Point, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]
-    ) -> Solution:
+    def solution(self, point: Point, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]) -> Solution:
         """A point as a solution; slopes are those of the coordinates and of the states for each chunk."""
         shown = [np.where(known, r, np.nan) for r, known in zip(residuals, self.known, strict=True)]
-        return Solution(
-            self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss
-        )
+        return Solution(self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss)
 
     def priors(self, coordinates: Floats) -> tuple[Floats, Floats]:
         """What is known beforehand: residuals of the coordinates, `(p,)`, 0 without a prior, and their slopes."""
@@ -173,4 +169,3 @@ class ShootingProblem:
         if not self._is_nominal:
             values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
         return Rollout(self.parts[index], values, self._states.moved(self._guesses[index], deviation))
-

@@ -27,20 +27,27 @@ class Misfit:
       ratios: of each signal, residual over noise, `(signals,)`.
       shares: of each signal, residual over its spread, `(signals,)`.
       reduced: reduced χ², about 1 where the model explains all but noise.
+      is_rough: whether contacts make the motion rough.
     """
 
     ratios: Floats
     shares: Floats
     reduced: float
+    is_rough: bool
 
     def warning(self) -> str | None:
         """A sentence on a misfit; None without one."""
         if self.reduced < MISFIT:
             return None
+        beyond = f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): "
+        if self.is_rough:
+            return (
+                f"{beyond}contacts make the motion rough, and simulations that are as near as this still rattle in "
+                "another way, or the model lacks something, so that true values may be outside of the intervals"
+            )
         return (
-            f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): the model lacks "
-            "something, so that true values may be outside of the intervals, which only count scatter\n"
-            f"if the noise is larger than the log's high frequencies show, {option('noise')} sets it"
+            f"{beyond}the model lacks something, so that true values may be outside of the intervals, which only count "
+            f"scatter\nif the noise is larger than the log's high frequencies show, {option('noise')} sets it"
         )
 
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
@@ -67,7 +74,7 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
     ratios = left / np.maximum(noise, LEAST * spread)
     numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
     reduced = float((ratios**2).mean()) * numbers / max(numbers - solution.unknowns, 1)
-    return Misfit(ratios, left / np.where(spread > 0, spread, np.nan), reduced)
+    return Misfit(ratios, left / np.where(spread > 0, spread, np.nan), reduced, bool(solution.variances))
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:

@@ -31,6 +31,9 @@ def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
     assert doubled.reduced == pytest.approx(4 * fit.reduced)
     assert doubled.ratios == pytest.approx(2 * fit.ratios)
     assert f"reduced χ² {doubled.reduced:.3g}" in (doubled.warning() or "")
+    rough = replace(solution, variances=[np.ones_like(each) for each in solution.residuals])
+    assert "rattle" in (misfit(rough, solution.noise / 2, ()).warning() or "")
+    assert "rattle" not in (doubled.warning() or "")
 
 
 def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:
