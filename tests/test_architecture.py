@@ -206,7 +206,7 @@ def test_a_planted_bad_import_is_found(tmp_path: Path, module: str, source: str)
     ("module", "source"),
     [
         ("physics/observe.py", "import heapq, mujoco\nimport numpy as np\nfrom collections.abc import Callable"),
-        ("physics/observe.py", "from mjrun.physics.stepper import Stepper\nfrom . import state_buffer"),
+        ("physics/observe.py", "from mjrun.physics.stepper import Stepper\nfrom . import control"),
         ("cli/video.py", "from mjrun.errors import clean\nfrom mjrun.outputs.video import Video\nimport click"),
         ("outputs/video.py", "from mjrun import Visual\nfrom mjrun.version import __version__"),
         ("formats/ffmpeg.py", "import imageio_ffmpeg"),

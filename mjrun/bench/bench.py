@@ -41,7 +41,7 @@ from mjrun.options.bench import BenchOptions
 from mjrun.options.kinds import AUTO
 from mjrun.options.option import is_given, options
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.shared_rendering import RendererRequest, SharedRendering
+from mjrun.outputs.output import RendererRequest, SharedRendering
 from mjrun.physics.parameter_grid import points, scan_values, settings
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend

@@ -14,8 +14,7 @@ from mujoco.batch import Batch
 
 from mjrun.bench.step_phases import Phase, phases
 from mjrun.model import state
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.control_table import ControlArray
+from mjrun.physics.control import ControlArray, ControlSignal
 from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.timeline import rational
 

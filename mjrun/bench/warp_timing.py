@@ -9,7 +9,7 @@ from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks
 from mjrun.bench.step_timing import StepTimer, ThreadScaling
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
 from mjrun.physics.warp_device import WarpDevice
-from mjrun.physics.warp_worlds import WarpWorlds
+from mjrun.physics.warp_engine import WarpWorlds
 
 C, WARP = ENGINES = ("c", "warp")
 ON_GPU, ON_CPU = 4096, 8  # worlds, if nobody says how many

@@ -9,15 +9,15 @@ import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, listing, option
 from mjrun.fit.rotations import normalize, rotations
-from mjrun.formats.table_reader import open_table, read_table
 from mjrun.model.names import control_names
-from mjrun.physics.table_times import SLACK, require_times
+from mjrun.physics.control import SLACK, require_times
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import select
 from mjrun.simulation.column_map import map_entries
+from mjrun.simulation.mapped_table import column_names, evaluated
 
 TIME, CONTROLS = "time", "ctrl/"
 GAP = 5  # usual times between rows; a longer one ends a segment
@@ -140,8 +140,7 @@ class _Table:
     def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str], linear: bool) -> None:
         self._path, self._model, self._linear = path, model, linear
         self._controls = control_names(model)
-        with open_table(path, _note(names := list[str]())):
-            pass
+        names = column_names(path)
         mapped = self._by_map(texts, names)
         self._expressions, self._has_time_map = self._by_name(names) | mapped, TIME in mapped
         if TIME not in self._expressions:
@@ -162,7 +161,7 @@ class _Table:
 
     def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[Segment]:
         """Its stretches without gaps, with a column for each of `signals`."""
-        columns = self._columns()
+        columns = evaluated(self._path, self._expressions)
         times = columns[TIME]
         require_times(times, self._path)
         missing = np.full(len(times), np.nan)
@@ -196,11 +195,6 @@ class _Table:
             left_out = f"; {short} of fewer than {FEWEST} rows are left out" if short else ""
             remarks.append(f"{clean(self._path)}: gaps in time split it into {len(parts)} segments{left_out}")
         return [Segment(self._path, times[part], values[part], controls[part]) for part in long]
-
-    def _columns(self) -> dict[str, np.ndarray]:
-        wanted = dict.fromkeys(name for expression in self._expressions.values() for name in expression.columns)
-        table = read_table(self._path, list(wanted), missing="nan").columns
-        return {name: expression.values(table) for name, expression in self._expressions.items()}
 
     def _commands(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
         """Controls `(count, nu)`: where a row has none the last one holds, and before the first one there are NaN."""
@@ -245,16 +239,6 @@ class _Table:
                     raise UnknownNameError("column", left, valid, where=f"{option('map')} of this model")
                 expressions[left] = parse_row_expression(right, names, f"{option('map')} {clean(left)}")
         return expressions
-
-
-def _note(names: list[str]):
-    """A filter of columns that takes none, and notes all."""
-
-    def note(name: str) -> bool:
-        names.append(name)
-        return False
-
-    return note
 
 
 def _is_measured(name: str, available: AvailableProbes) -> bool:

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
+from functools import partial
 from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
 
@@ -21,12 +21,6 @@ from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
 from mjrun.reporter import Reporter, WarningReporter, pass_on
-
-if TYPE_CHECKING:
-    from mjrun.diff.pictures import WorstFrames
-    from mjrun.diff.result import PictureDifference
-
-    PictureComparison = Callable[[str, str, Tolerance], tuple[PictureDifference, WorstFrames | None]]
 
 
 @options
@@ -101,20 +95,9 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
     return DiffResult(file_kind.MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
 
 
-def _videos(diff: Diff, a: str, b: str) -> DiffResult:
-    from mjrun.diff.pictures import compare_videos
-
-    return _pictures(file_kind.VIDEO, diff, a, b, compare_videos)
-
-
-def _images(diff: Diff, a: str, b: str) -> DiffResult:
-    from mjrun.diff.pictures import compare_images
-
-    return _pictures(file_kind.IMAGE, diff, a, b, compare_images)
-
-
-def _pictures(kind: str, diff: Diff, a: str, b: str, compare: "PictureComparison") -> DiffResult:
+def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
     from mjrun.diff.picture_sentences import picture_sentences, require_library
+    from mjrun.diff.pictures import compare_images, compare_videos
     from mjrun.outputs.worst_frame import write_worst_frame
 
     for path in (a, b):
@@ -123,6 +106,7 @@ def _pictures(kind: str, diff: Diff, a: str, b: str, compare: "PictureComparison
     require_library(diff)
     if diff.output is not None:
         image_format(diff.output, "rgb")
+    compare = compare_videos if kind == file_kind.VIDEO else compare_images
     picture, worst = compare(a, b, Tolerance(diff.atol, diff.rtol))
     differences = picture_sentences(picture, clean(a), clean(b), diff)
     if diff.output is not None and worst is not None:
@@ -145,6 +129,6 @@ APPLICABLE = {
 COMPARISONS: Mapping[str, Callable[[Diff, str, str], DiffResult]] = {
     file_kind.TABLE: _tables,
     file_kind.RECORDING: _recordings,
-    file_kind.VIDEO: _videos,
-    file_kind.IMAGE: _images,
+    file_kind.VIDEO: partial(_pictures, file_kind.VIDEO),
+    file_kind.IMAGE: partial(_pictures, file_kind.IMAGE),
 }

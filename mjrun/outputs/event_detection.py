@@ -10,8 +10,7 @@ import numpy as np
 from mjrun.errors import OptionPath, UsageError, concerning, quoted
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.observe import AnyTap, Tap
-from mjrun.physics.replay import ReplayStepper
-from mjrun.physics.state_buffer import StateBuffer
+from mjrun.physics.replay import ReplayStepper, StateBuffer
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns

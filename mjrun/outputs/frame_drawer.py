@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from mjrun.errors import clean, option
-from mjrun.outputs.shared_rendering import SharedRendering
-from mjrun.physics.state_buffer import StateBuffer
+from mjrun.outputs.output import SharedRendering
+from mjrun.physics.replay import StateBuffer
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts, SceneCompositor

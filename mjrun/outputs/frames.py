@@ -24,14 +24,13 @@ from mjrun.options.option import options
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
-from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult
+from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, RendererRequest, SharedRendering
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.panel_files import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.outputs.scene_decorations import SceneDecorations, scene_decorations
-from mjrun.outputs.shared_rendering import RendererRequest, SharedRendering
 from mjrun.outputs.view_settings import RENDERERS, check_view, visual_of
 from mjrun.physics.observe import AnyTap, Tap
-from mjrun.physics.state_buffer import StateBuffer
+from mjrun.physics.replay import StateBuffer
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor

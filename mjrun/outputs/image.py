@@ -21,10 +21,18 @@ from mjrun.options.option import options
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.frames import FrameJob, FrameOutput, FramePlan, plan_frames
-from mjrun.outputs.output import Context, EventSteps, OutputResult, PassSummary, Plan, Preview, metadata_tags
+from mjrun.outputs.output import (
+    Context,
+    EventSteps,
+    OutputResult,
+    PassSummary,
+    Plan,
+    Preview,
+    SharedRendering,
+    metadata_tags,
+)
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.panel_files import PanelFile, camera_names, output_files, panel_files
-from mjrun.outputs.shared_rendering import SharedRendering
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.simulation.simulation import require_countable

@@ -14,9 +14,18 @@ from mjrun.model.keyframe_text import key_names
 from mjrun.model.names import names
 from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import options
-from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, PassSummary, Plan, Preview
+from mjrun.outputs.output import (
+    Context,
+    EventSteps,
+    Job,
+    Output,
+    OutputResult,
+    PassSummary,
+    Plan,
+    Preview,
+    SharedRendering,
+)
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.shared_rendering import SharedRendering
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.timeline import nearest
 

@@ -11,13 +11,12 @@ from mjrun.camera.pose import Pose
 from mjrun.camera.script import CameraScript
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
+from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.labels import labels_beside
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.output_files import named_files
 from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel
 from mjrun.rendering.layout import layout_size
-
-FRAME_NAME = "%06d.png"  # in a folder
 
 
 @dataclass(frozen=True)

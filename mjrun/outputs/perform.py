@@ -27,9 +27,8 @@ from mjrun.errors import (
 from mjrun.formats.atomic_output import OutputWriter, nobody_else_publishes, publish_together
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.outputs.output import Context, Job, OutputResult, PassSummary, Plan, Preview
+from mjrun.outputs.output import Context, Job, OutputResult, PassSummary, Plan, Preview, SharedRendering
 from mjrun.outputs.output_files import ReservedFiles
-from mjrun.outputs.shared_rendering import SharedRendering
 from mjrun.physics.observe import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
@@ -302,19 +301,22 @@ def _plan(
     simulation = jobs[0].simulation
     if any(job.simulation is not simulation for job in jobs):
         raise UsageError("all outputs of one pass must be of the same simulation")
-    with _UsageErrors(jobs) as errors:
-        _check_files(jobs, errors)
-        for index, job in enumerate(jobs):
-            errors.collect(index, partial(_check, job, rendering))
-    with _UsageErrors(jobs) as errors:
-        context = errors.collect(None, partial(_context, simulation, reporter))
+    errors = _UsageErrors(alone=len(jobs) == 1)
+    _check_files(jobs, errors)
+    for index, job in enumerate(jobs):
+        errors.collect(index, partial(_check, job, rendering))
+    errors.raise_all()
+
+    context = errors.collect(None, partial(_context, simulation, reporter))
+    errors.raise_all()
     assert context
-    with _UsageErrors(jobs) as errors:
-        plans = [plan for i, job in enumerate(jobs) if (plan := errors.collect(i, partial(job.plan, context)))]
-        measured = copy.copy(context.model)
-        for plan in plans:
-            measured.opt.enableflags |= plan.enable_flags
-        stepper = errors.collect(None, lambda: simulation.stepper(measured))
+
+    plans = [plan for i, job in enumerate(jobs) if (plan := errors.collect(i, partial(job.plan, context)))]
+    measured = copy.copy(context.model)
+    for plan in plans:
+        measured.opt.enableflags |= plan.enable_flags
+    stepper = errors.collect(None, partial(simulation.stepper, measured))
+    errors.raise_all()
     assert stepper
     return plans, context, stepper
 
@@ -331,10 +333,14 @@ def _check(job: Job[OutputResult], rendering: SharedRendering) -> None:
 
 
 class _UsageErrors:
-    """Collects what is wrong with jobs, so that all of it is raised together at the end of a `with` block."""
+    """Collects what is wrong with jobs, so that all of it is raised together.
 
-    def __init__(self, jobs: Sequence[Job[OutputResult]]) -> None:
-        self._alone = len(jobs) == 1
+    Args:
+      alone: whether there is one job, whose only error is raised as it is.
+    """
+
+    def __init__(self, *, alone: bool) -> None:
+        self._alone = alone
         self._errors: list[tuple[int | None, UsageError]] = []
 
     def collect(self, index: int | None, function: Callable[[], T]) -> T | None:
@@ -347,11 +353,9 @@ class _UsageErrors:
             self._errors.append((index, error))
             return None
 
-    def __enter__(self) -> "_UsageErrors":
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None and self._errors:
+    def raise_all(self) -> None:
+        """Raises what was collected, if anything was."""
+        if self._errors:
             together = InvalidJobsError(self._errors)
             if self._alone and len(self._errors) == 1:
                 raise self._errors[0][1] from together

@@ -21,10 +21,10 @@ from mjrun.outputs.output import (
     PassSummary,
     Plan,
     Preview,
+    SharedRendering,
     metadata_tags,
 )
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.shared_rendering import SharedRendering
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
 from mjrun.physics.observe import AnyTap, Tap

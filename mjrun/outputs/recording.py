@@ -11,9 +11,18 @@ from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
-from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, PassSummary, Plan, Preview
+from mjrun.outputs.output import (
+    Context,
+    EventSteps,
+    Job,
+    Output,
+    OutputResult,
+    PassSummary,
+    Plan,
+    Preview,
+    SharedRendering,
+)
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.shared_rendering import SharedRendering
 from mjrun.physics.observe import AnyTap, Tap
 
 

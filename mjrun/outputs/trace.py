@@ -19,10 +19,19 @@ from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
 from mjrun.outputs.golden import GoldenTable, check_options, difference_message, golden_files, require_golden_table
-from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, PassSummary, Plan, Preview
+from mjrun.outputs.output import (
+    Context,
+    EventSteps,
+    Job,
+    Output,
+    OutputResult,
+    PassSummary,
+    Plan,
+    Preview,
+    SharedRendering,
+)
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.shared_rendering import SharedRendering
-from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, Rows, rate_warning
+from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, SampledRows, rate_warning
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.episode import EpisodeColumns
@@ -206,7 +215,7 @@ class TraceOutput(Output[TraceResult]):
             warnings=summary.warnings,
         )
 
-    def _write(self, rows: Rows) -> None:
+    def _write(self, rows: SampledRows) -> None:
         for checker in self._checkers:
             checker.feed(rows.values, self._rows)
         if self._writer:
@@ -218,9 +227,9 @@ class TraceOutput(Output[TraceResult]):
             self._contacts.write(rows.contacts)
 
 
-def _stream(parts: Iterator[Callable[[], Rows]], write: Callable[[Rows], object]) -> None:
+def _stream(parts: Iterator[Callable[[], SampledRows]], write: Callable[[SampledRows], object]) -> None:
     """Computes and writes blocks in a thread, while the next ones are simulated in C."""
-    waiting: queue.Queue[Callable[[], Rows] | None] = queue.Queue(QUEUED_BLOCKS)
+    waiting: queue.Queue[Callable[[], SampledRows] | None] = queue.Queue(QUEUED_BLOCKS)
     failures: list[BaseException] = []
 
     def work() -> None:

@@ -11,7 +11,8 @@ import numpy as np
 
 from mjrun.errors import SimulationError, option
 from mjrun.model.column import Column
-from mjrun.physics.native_rollout import blocks
+from mjrun.physics.c_engine import SLEEP, RecordingBatch
+from mjrun.physics.engine import BLOCK_STEPS
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contacts
@@ -23,11 +24,11 @@ from mjrun.timeline import Timeline, rational, seconds
 
 TIME = Column("time", "s", "simulated time, exact")
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-ROWS = 256  # in a block that is read instant by instant
+ROWS = 256  # in a block that is read instant by instant; and the fewest of other blocks but the last
 
 
 @dataclass(frozen=True)
-class Rows:
+class SampledRows:
     """Consecutive rows `(n, ncolumns)` of a trace, and of its contact table `(m, ncolumns)`, if it has one."""
 
     values: np.ndarray
@@ -82,12 +83,11 @@ class ProbeSampler:
           initial: the same at step 0, `{name: (1, …)}`.
         """
         parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, FieldProbe)]
-        return self._join(steps, parts, None).values
+        return self._timed(steps, parts)
 
-    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+    def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
-        probes = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
-        if self.contact_columns or len(probes) < len(self.probes):
+        if self.contact_columns or not all(isinstance(probe, FieldProbe) for probe in self.probes):
             yield from self._by_instants(stepper, rows)
             return
         initial = self._initial(stepper)
@@ -95,14 +95,14 @@ class ProbeSampler:
             steps = np.array(rows[bisect_left(rows, first) : bisect_left(rows, first + count)])
             if len(steps):
                 index = slice(None) if len(steps) == count else steps - first
-                yield lambda steps=steps, index=index, fields=fields: self._join(
-                    steps, _columns(probes, {name: values[0, index] for name, values in fields.items()}, initial)
+                yield lambda steps=steps, index=index, fields=fields: SampledRows(
+                    self.rows(steps, {name: values[0, index] for name, values in fields.items()}, initial)
                 )
 
-    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], Rows]]:
+    def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """The same, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
-            steps, instants = rows[start : start + ROWS], list[Rows]()
+            steps, instants = rows[start : start + ROWS], list[SampledRows]()
             try:
                 observe(stepper, [Tap(steps, self.read, instants.append)], steps[-1])
             except SimulationError:
@@ -111,13 +111,14 @@ class ProbeSampler:
                 raise
             yield lambda steps=steps, instants=instants: self.stack(steps, instants)
 
-    def stack(self, steps: Sequence[int], instants: Sequence[Rows]) -> Rows:
+    def stack(self, steps: Sequence[int], instants: Sequence[SampledRows]) -> SampledRows:
         """What `read` gave at `steps`, or at the first of them, as rows with their times."""
         touching = [row.contacts for row in instants if row.contacts is not None]
         values = np.stack([row.values for row in instants])
-        return self._join(np.array(steps[: len(instants)]), [values], np.concatenate(touching) if touching else None)
+        timed = self._timed(np.array(steps[: len(instants)]), [values])
+        return SampledRows(timed, np.concatenate(touching) if touching else None)
 
-    def read(self, stepper: Stepper) -> Rows:
+    def read(self, stepper: Stepper) -> SampledRows:
         """The row of the instant where `stepper` stands, without its time."""
         data, initial = stepper.instant(), self._initial(stepper)
         fields = _fields(stepper.model, data, self._fields)
@@ -133,25 +134,25 @@ class ProbeSampler:
                     values.append(probe.read(stepper.now()))
         time = float(self._timeline.time(stepper.step))
         touching = contacts(stepper.model, data, time) if self.contact_columns else None
-        return Rows(np.concatenate([np.empty(0), *values]), touching)
+        return SampledRows(np.concatenate([np.empty(0), *values]), touching)
 
     def _initial(self, stepper: Stepper) -> Fields:
         """What probes need to know of step 0."""
         return _fields(stepper.model, stepper.initial(), self._initial_fields) if self._initial_fields else {}
 
-    def _join(self, steps: np.ndarray, parts: Sequence[np.ndarray], touching: np.ndarray | None = None) -> Rows:
-        return Rows(np.column_stack([seconds(steps, self._timeline.timestep), *parts]), touching)
+    def _timed(self, steps: np.ndarray, parts: Sequence[np.ndarray]) -> np.ndarray:
+        return np.column_stack([seconds(steps, self._timeline.timestep), *parts])
 
 
 class RowBuffer:
     """Rows that are read one by one, at `steps`, and written block by block."""
 
-    def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[Rows], object]) -> None:
+    def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[SampledRows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
-        self._rows: list[Rows] = []
+        self._rows: list[SampledRows] = []
         self._written = 0
 
-    def add(self, row: Rows) -> None:
+    def add(self, row: SampledRows) -> None:
         """Adds the next row, as `ProbeSampler.read` returns it."""
         self._rows.append(row)
         if len(self._rows) == ROWS:
@@ -188,5 +189,68 @@ def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
     return instant
 
 
-def _columns(probes: Sequence[FieldProbe], fields: Fields, initial: Fields) -> list[np.ndarray]:
-    return [probe.compute(fields, initial) for probe in probes]
+def blocks(
+    stepper: PhysicsStepper, record: Sequence[str], steps: int, size: int = BLOCK_STEPS
+) -> Iterator[tuple[int, int, Fields]]:
+    """Runs `steps` steps from where `stepper` stands, and yields every instant on the way, the last included.
+
+    The numbers are bit for bit those of a bare loop that calls `mj_forward` on a copy at every step.
+
+    Args:
+      stepper: at the first instant; moved along as the blocks are taken.
+      record: names of MjData fields.
+      size: steps in a block, at most.
+
+    Yields:
+      The step of the first row, the number of rows, and `{field: (1, rows, …)}` of instants a step apart.
+
+    Raises:
+      SimulationError: after every instant that was good.
+    """
+    first, count, waiting = stepper.step, 0, list[Fields]()
+    failure: SimulationError | None = None
+    try:
+        for length, fields in _pieces(stepper, record, stepper.step + steps, size):
+            waiting.append(fields)
+            count += length
+            if count >= min(ROWS, size):
+                yield first, count, _joined(waiting)
+                first, count, waiting = first + count, 0, []
+    except SimulationError as error:
+        failure = error
+    if count:
+        yield first, count, _joined(waiting)
+    if failure:
+        raise failure
+
+
+def _instant(stepper: Stepper, record: Sequence[str]) -> Fields:
+    """The fields of the instant where `stepper` stands: `{field: (1, 1, …)}`."""
+    data = stepper.instant()
+    return {name: np.array(getattr(data, name))[None, None] for name in record}
+
+
+def _pieces(stepper: PhysicsStepper, record: Sequence[str], end: int, size: int) -> Iterator[tuple[int, Fields]]:
+    """The same in pieces of any length, and their lengths."""
+    batch = None if stepper.model.opt.enableflags & SLEEP else RecordingBatch([stepper.model], record, size)
+    while stepper.step < end:
+        at = stepper.step
+        count = min(size, end - at, stepper.steps_alike())
+        if batch:
+            controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
+            recorded = batch.run(stepper.state()[None], count, controls)
+            if recorded.completed.all():
+                stepper.jump(at + count, recorded.states[0])
+                yield count, recorded.fields
+                continue
+        for step in range(at, at + count):  # something is amiss: step by step names it, or gets past it
+            stepper.advance(step)
+            yield 1, _instant(stepper, record)
+        stepper.advance(at + count)
+    yield 1, _instant(stepper, record)
+
+
+def _joined(pieces: Sequence[Fields]) -> Fields:
+    if len(pieces) == 1:
+        return pieces[0]
+    return {name: np.concatenate([piece[name] for piece in pieces], axis=1) for name in pieces[0]}

@@ -24,9 +24,17 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs.frame_drawer import FrameDrawer
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.frames import FrameJob, FrameOutput, FramePlan, plan_frames
-from mjrun.outputs.output import Context, EventSteps, OutputResult, PassSummary, Plan, Preview, metadata_tags
+from mjrun.outputs.output import (
+    Context,
+    EventSteps,
+    OutputResult,
+    PassSummary,
+    Plan,
+    Preview,
+    SharedRendering,
+    metadata_tags,
+)
 from mjrun.outputs.panel_files import PanelFile, camera_names, output_files, panel_files, panels_of
-from mjrun.outputs.shared_rendering import SharedRendering
 from mjrun.rendering.compositor import SceneCompositor
 
 

@@ -16,8 +16,7 @@ from mujoco.batch import SimulationError as BatchError
 
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.control_table import ControlArray
+from mjrun.physics.control import ControlArray, ControlSignal
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational

@@ -1,18 +1,30 @@
-"""The controls of a simulation, step by step, whatever they come from.
+"""The controls of a simulation, step by step: constants, tables, noise, and controllers in Python.
 
 Controls belong to an instant: those set at step k act from step k to k + 1, and on what is derived at k.
 """
 
+import inspect
+import math
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Protocol
+from typing import Any, Protocol
 
+import mujoco
 import numpy as np
 
-from mjrun.physics.control_noise import ControlNoise
-from mjrun.physics.controller import PeriodicController
+from mjrun.errors import ControllerError, UnknownNameError, UsageError, clean, listing, option
+from mjrun.model import state
+from mjrun.model.names import control_names
+from mjrun.timeline import nearest, seconds
 
 NEVER = 2**62  # a step that no simulation reaches
+PREFIX = "ctrl/"  # of a table's columns
+SLACK = 1e-3  # of a timestep: a table's times may be sums of floats
+NOISE_BLOCK = 1024  # steps of noise drawn at a time
+NOISE_STREAM = 1  # keeps the noise on controls apart from other noise of the same seed
+
+Controller = Callable[[mujoco.MjModel, mujoco.MjData], Any]
 
 
 class KnownInputs(Protocol):
@@ -33,6 +45,235 @@ class KnownControls(Protocol):
     def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
         """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`, as far as they are known."""
         ...
+
+
+class PeriodicController:
+    """A controller, called every `period` [s] with the model and an instant of which every field belongs together.
+
+    It writes `data.ctrl`, or any other input (applied forces, mocap poses, active equalities), or returns
+    the controls `(nu,)`. Forces and accelerations that it sees are those of the controls in force until then.
+
+    Args:
+      controller: called with (model, data); a method `reset` is called first, with (model, data) or nothing.
+      period: at least a timestep; its multiples fall on the nearest steps.
+
+    Raises:
+      ControllerError: it does not take (model, data).
+      UsageError: `period` is shorter than a timestep.
+    """
+
+    def __init__(self, controller: Controller, period: Fraction, timestep: Fraction) -> None:
+        self._controller, self._ratio = controller, period / timestep
+        self.name = getattr(controller, "__qualname__", type(controller).__qualname__)
+        if self._ratio < 1:
+            raise UsageError(
+                f"{option('control_dt')} {float(period):g} is shorter than the timestep, {float(timestep):g} s\n"
+                "a controller can be called once a step at most"
+            )
+        if not _takes(controller, 2):
+            raise ControllerError(f"the controller {self.name} must take (model, data)")
+
+    def next_change(self, step: int) -> int:
+        """The first step after `step` at which the controller is called."""
+        return nearest(math.ceil((step + Fraction(1, 2)) / self._ratio) * self._ratio)
+
+    def is_due(self, step: int) -> bool:
+        """Whether the controller is called at `step`."""
+        return step == 0 or self.next_change(step - 1) == step
+
+    def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Tells the controller that a simulation begins."""
+        reset = getattr(self._controller, "reset", None)
+        if reset is not None:
+            arguments = (model, data) if _takes(reset, 2) else ()
+            self._call("reset", reset, *arguments)
+
+    def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int) -> None:
+        """Lets the controller set the inputs in `data`.
+
+        Raises:
+          ControllerError: it failed, or what it gave cannot be taken.
+        """
+        before = state.save(model, data, spec=state.PHYSICS)
+        when = f"at step {step}, time {data.time:.9g} s"
+        controls = self._call(when, self._controller, model, data)
+        if controls is not None:
+            data.ctrl[:] = self._checked(model, controls, when)
+        if not np.array_equal(before, state.save(model, data, spec=state.PHYSICS), equal_nan=True):
+            raise ControllerError(
+                f"the controller {self.name} changed the state {when}\n"
+                "it may set ctrl, qfrc_applied, xfrc_applied, eq_active, mocap_pos, mocap_quat and userdata"
+            )
+        bad = np.flatnonzero(~np.isfinite(data.ctrl))
+        if bad.size:
+            actuator = control_names(model)[bad[0]]
+            raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {data.ctrl[bad[0]]} {when}")
+
+    def _checked(self, model: mujoco.MjModel, controls: Any, when: str) -> np.ndarray:
+        try:
+            ctrl = np.asarray(controls, float)
+        except (TypeError, ValueError):
+            kind = type(controls).__name__
+            raise ControllerError(f"the controller {self.name} returned a {kind} {when}, not numbers") from None
+        if ctrl.shape == (model.nu,) or (ctrl.shape == () and model.nu == 1):
+            return ctrl
+        actuators = listing(control_names(model))
+        shape = f"shape {ctrl.shape} {when}; the model takes ({model.nu},)"
+        raise ControllerError(
+            f"the controller {self.name} returned {shape}\n"
+            + (f"actuators: {actuators}" if model.nu else "no actuators")
+        )
+
+    def _call(self, when: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except (Exception, SystemExit) as error:
+            raise ControllerError.of(f"the controller {self.name}, {when},", error) from error
+
+
+def _takes(function: Callable[..., Any], count: int) -> bool:
+    """Whether `function` can be called with `count` arguments, as far as it says."""
+    try:
+        inspect.signature(function).bind(*[None] * count)
+    except TypeError:
+        return False
+    except ValueError:  # it does not say
+        return True
+    return True
+
+
+class ControlNoise:
+    """Gaussian noise on every control: white, or an Ornstein-Uhlenbeck process.
+
+    Any step can be asked for at any time: the same seed gives the same noise at the same step.
+
+    Args:
+      std: standard deviation, in the actuators' own units.
+      smooth: time in which the process forgets [s]; 0 is white noise, new at every step.
+      seed: of the noise.
+      timestep: of the simulation [s].
+      actuators: how many.
+    """
+
+    def __init__(self, std: float, smooth: float, seed: int, timestep: float, actuators: int) -> None:
+        self._std, self._seed, self._actuators = std, seed, actuators
+        self._keep = math.exp(-timestep / smooth) if smooth else 0.0
+        self._last = [np.zeros(actuators)]  # the value before each block
+        self._block, self._values = -1, np.empty(0)
+
+    def rows(self, first: int, count: int) -> np.ndarray:
+        """The noise of the steps from `first` on, `(count, nu)`."""
+        out = np.empty((count, self._actuators))
+        step = first
+        while step < first + count:
+            block, at = divmod(step, NOISE_BLOCK)
+            part = self._noise(block)[at : at + first + count - step]
+            out[step - first : step - first + len(part)] = part
+            step += len(part)
+        return out
+
+    def _noise(self, block: int) -> np.ndarray:
+        for wanted in range(min(block, len(self._last) - 1), block + 1):
+            if wanted != self._block:
+                self._block, self._values = wanted, self._draw(wanted)
+                if wanted + 1 == len(self._last):
+                    self._last.append(self._values[-1])
+        return self._values
+
+    def _draw(self, block: int) -> np.ndarray:
+        generator = np.random.default_rng([self._seed, NOISE_STREAM, block])
+        values = self._std * generator.standard_normal((NOISE_BLOCK, self._actuators))
+        if self._keep:
+            value = self._last[block]
+            values[block == 0 :] *= math.sqrt(1 - self._keep**2)  # so that the deviation is std from the start
+            for row in values:
+                row += self._keep * value
+                value = row
+        return values
+
+
+class ControlTable:
+    """Controls by time, read beforehand: each holds until the next, or goes there in a straight line.
+
+    The last one holds to the end. Actuators without a column keep their constant control.
+
+    Args:
+      model: whose actuators are driven.
+      columns: `time` [s], and `ctrl/ACTUATOR` for each actuator, `(n,)` each; the rest is not looked at.
+      source: what the table is called in messages.
+      linear: interpolate; otherwise hold.
+      constant: indices of controls that need no column.
+
+    Raises:
+      UnknownNameError: a column of an actuator that is not there.
+      UsageError: no time, times out of order or too late, an actuator without a column, numbers not finite.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        columns: Mapping[str, np.ndarray],
+        source: str,
+        linear: bool = False,
+        constant: Collection[int] = (),
+    ) -> None:
+        actuators = control_names(model)
+        driven = {name.removeprefix(PREFIX): values for name, values in columns.items() if name.startswith(PREFIX)}
+        for name in driven:
+            if name not in actuators:
+                raise UnknownNameError("actuator", name, actuators, where=f"the columns of {source}")
+        missing = [name for i, name in enumerate(actuators) if name not in driven and i not in constant]
+        if not driven or missing:
+            wanted = listing([f"{PREFIX}{name}" for name in missing or actuators]) or "nothing: it has no actuators"
+            raise UsageError(
+                f"{clean(source)} lacks columns that the model takes: {wanted}\n{option('ctrl')} can hold the others"
+            )
+        self._time, self._linear = _times(columns, source), linear
+        self._actuators = np.array([actuators.index(name) for name in driven])
+        self._values = np.column_stack(list(driven.values()))
+        bad = np.argwhere(~np.isfinite(self._values))
+        if len(bad):
+            row, column = bad[0]
+            text = f"{PREFIX}{list(driven)[column]} is {self._values[row, column]}"
+            raise UsageError(f"{clean(source)}, row {row}: {clean(text)}, and must be finite")
+
+    @property
+    def end(self) -> float:
+        """The time of the last row [s]."""
+        return float(self._time[-1])
+
+    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
+        """Puts the controls of the steps from `first` on into their columns of `ctrl` `(n, nu)`."""
+        time = np.asarray(seconds(np.arange(first, first + len(ctrl)), timestep), float)
+        if self._linear:
+            for actuator, values in zip(self._actuators, self._values.T, strict=True):
+                ctrl[:, actuator] = np.interp(time, self._time, values)
+        else:
+            row = np.searchsorted(self._time, time + SLACK * float(timestep), side="right") - 1
+            ctrl[:, self._actuators] = self._values[row]
+
+
+def _times(columns: Mapping[str, np.ndarray], source: str) -> np.ndarray:
+    if "time" not in columns:
+        raise UsageError(
+            f"{clean(source)} has no column 'time'\nit takes 'time' in seconds, and ctrl/ACTUATOR for each"
+        )
+    time = columns["time"]
+    require_times(time, source)
+    if time[0] > 0:
+        raise UsageError(f"{clean(source)} begins at {time[0]:.9g} s, and does not say what the controls are from 0 on")
+    return time
+
+
+class ControlArray:
+    """Controls step by step, `(steps, nu)`: the first row acts at step 0; the last one holds to the end."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self._values = values
+
+    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
+        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
+        ctrl[:] = self._values[np.minimum(np.arange(first, first + len(ctrl)), len(self._values) - 1)]
 
 
 @dataclass
@@ -67,10 +308,15 @@ class ControlSignal:
             ctrl += self.noise.rows(first, count)
         return ctrl
 
-    def next_call(self, step: int) -> int:
-        """The first step after `step` at which the controller is called."""
-        return self.controller.next_call(step) if self.controller else NEVER
 
-    def is_due(self, step: int) -> bool:
-        """Whether the controller is called at `step`."""
-        return self.controller is not None and self.controller.is_due(step)
+def require_times(time: np.ndarray, source: str) -> None:
+    """Raises UsageError unless `time` `(n,)` [s] has rows, and they ascend; `source` is what has them."""
+    if not len(time):
+        raise UsageError(f"{clean(source)} has no rows")
+    bad = np.flatnonzero(~np.isfinite(time))
+    if len(bad):
+        raise UsageError(f"{clean(source)}, row {bad[0]}: time is {time[bad[0]]}, and must be finite")
+    bad = np.flatnonzero(np.diff(time) <= 0)
+    if len(bad):
+        before, after = time[bad[0]], time[bad[0] + 1]
+        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time {after:.9g} follows {before:.9g}, and must grow")

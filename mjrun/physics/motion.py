@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from mjrun.model import state
+from mjrun.physics.control import SLACK
 from mjrun.physics.motion_samples import CompleteSamples, Interpolation, MotionSamples, slerp
-from mjrun.physics.table_times import SLACK
 from mjrun.timeline import rational
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, listing
 from mjrun.model.names import BALL, FREE
-from mjrun.physics.table_times import require_times
+from mjrun.physics.control import require_times
 
 # The fields of MjData that samples may give.
 FIELDS = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")

@@ -1,7 +1,8 @@
-"""Replay: an instant of a simulation from its recorded states, instead of from physics."""
+"""Recorded states: kept in memory or on disk, replayed instead of physics, or their inputs applied to physics again."""
 
 import copy
 import math
+import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -10,7 +11,8 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, clean, listing, option
+from mjrun.closable import Closable
+from mjrun.errors import FileError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.physics.stepper import derive, instant_of
 from mjrun.timeline import rational
@@ -18,6 +20,8 @@ from mjrun.timeline import rational
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 FAR = 1000  # steps from a recorded state to the next that are taken once more at most
 ALIKE = 1e-4  # relative: times of states are sums of floats
+SPILL = 2**20  # bytes of states that are kept in memory
+AHEAD = 50  # steps that are looked through for a change of inputs
 
 
 class RecordedStates(Protocol):
@@ -36,6 +40,93 @@ class RecordedStates(Protocol):
     def state(self, index: int) -> np.ndarray:
         """State number `index` as a new array `(size,)`."""
         ...
+
+
+class StateBuffer(Closable):
+    """A list of integration states `(nstate,)` of one model, in the order they were appended."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self._bytes = 8 * state.size(model)
+        self._file = tempfile.SpooledTemporaryFile(max_size=SPILL)  # noqa: SIM115  (closed by close)
+        self._count = 0
+
+    def append(self, row: np.ndarray) -> None:
+        """Adds one state at the end.
+
+        Raises:
+          FileError: the disk is full.
+        """
+        content = np.ascontiguousarray(row, np.float64).tobytes()
+        if len(content) != self._bytes:
+            raise ValueError(f"a state of this model has {self._bytes // 8} numbers, not {row.size}")
+        try:
+            self._file.seek(self._count * self._bytes)
+            self._file.write(content)
+        except OSError as error:
+            where = tempfile.tempdir or "no folder"  # which was found when the states became many
+            hint = "TMPDIR names another folder for it"
+            raise FileError(where, f"cannot hold the recording: {error.strerror or error}", hint) from None
+        self._count += 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        if not 0 <= index < self._count:
+            raise IndexError(index)
+        self._file.seek(index * self._bytes)
+        return np.frombuffer(self._file.read(self._bytes), np.float64)
+
+    @property
+    def size(self) -> int:
+        """Numbers in a state."""
+        return self._bytes // 8
+
+    @property
+    def steps(self) -> np.ndarray:
+        """The step of each state `(n,)`, of a recording of every step."""
+        return np.arange(self._count)
+
+    def state(self, index: int) -> np.ndarray:
+        """State number `index`, to be written on."""
+        return self[index].copy()
+
+    def close(self) -> None:
+        """Frees the memory or the file."""
+        self._file.close()
+
+
+class RecordedInputs:
+    """All that acted on a simulation: controls, applied forces, mocap poses. The last ones hold to the end."""
+
+    def __init__(self, model: mujoco.MjModel, states: RecordedStates) -> None:
+        self._states, self._nu = states, model.nu
+        start = state.controls(model).start
+        self._part = slice(start, start + state.size(model, state.INPUTS))  # controls come first
+        self._recent: dict[int, np.ndarray] = {}
+
+    def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
+        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
+        for index in range(len(ctrl)):
+            ctrl[index] = self.at(first + index)[: self._nu]
+
+    def at(self, step: int) -> np.ndarray:
+        """The inputs at `step`, as `state.INPUTS` has them."""
+        if step not in self._recent:
+            if len(self._recent) > 2 * AHEAD:
+                self._recent.clear()
+            index = bisect_right(self._states.steps, step) - 1
+            self._recent[step] = self._states.state(index)[self._part]
+        return self._recent[step]
+
+    def next_change(self, step: int) -> int:
+        """A step after `step` up to which all inputs but the controls stay as they are."""
+        others = self.at(step)[self._nu :]
+        for following in range(step + 1, step + AHEAD):
+            if not np.array_equal(self.at(following)[self._nu :], others):
+                return following
+        return step + AHEAD
 
 
 class ReplayStepper:

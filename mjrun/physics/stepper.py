@@ -9,8 +9,7 @@ import numpy as np
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.controller import PeriodicController
+from mjrun.physics.control import NEVER, ControlSignal, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
 
@@ -140,10 +139,8 @@ class PhysicsStepper:
 
     def steps_alike(self) -> int:
         """How many steps can be taken before a controller is called or other inputs than controls change."""
-        changes = [self.control.next_call(self.step)]
-        changes += [self._pushes.next_change(self.step)] if self._pushes else []
-        changes += [self.control.inputs.next_change(self.step)] if self.control.inputs else []
-        return min(changes) - self.step
+        sources = (self.control.controller, self.control.inputs, self._pushes)
+        return min((source.next_change(self.step) for source in sources if source), default=NEVER) - self.step
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, which something else has stepped to."""
@@ -187,7 +184,7 @@ class PhysicsStepper:
             self._instant_step = -1
         if self._pushes:
             self._push()
-        if control.controller and control.is_due(self.step):
+        if control.controller and control.controller.is_due(self.step):
             self._call_controller(control.controller)
         if control.varies:
             self._data.ctrl[:] = control.rows(self.step, 1)[0]

@@ -1,26 +1,266 @@
-"""MuJoCo Warp as an engine: many simulations at once, in single precision, on a GPU or a CPU."""
+"""MuJoCo Warp as an engine: many simulations at once, in single precision, on a GPU or a CPU.
 
+Simulations are worlds that a device steps at once, all of them at the same step.
+"""
+
+import copy
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields
+from functools import partial
+from math import ceil
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import MjrunWarning, SimulationError, option
+from mjrun.errors import MjrunWarning, SimulationError, UsageError, option, quoted
+from mjrun.model import state
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
-from mjrun.physics.warp_device import WarpDevice
-from mjrun.physics.warp_worlds import WarpWorlds
+from mjrun.physics.warp_device import WarpDevice, WarpFields
+
+CHEAPER = "what is left out makes a step cheaper than it is"
+CONSTRAINTS = f"there is room for {{njmax}} constraints in a world; {CHEAPER}"
+CONTACTS = f"there is room for {{nconmax}} contacts in a world; {CHEAPER}"
+# What mujoco_warp flags in a world where something does not fit: what it means, and what to do about it.
+OVERFLOWS: Mapping[str, tuple[str, str]] = {
+    "NEFC": (CONSTRAINTS, f"raise {option('njmax')} to {{constraints}}"),
+    "NJMAX_NNZ": (
+        f"there is no room for all of the constraints' Jacobian; {CHEAPER}",
+        f"raise {option('njmax')} above {{njmax}}",
+    ),
+    "BROADPHASE": (CONTACTS, f"raise {option('nconmax')} to {{contacts}}"),
+    "NARROWPHASE": (CONTACTS, f"raise {option('nconmax')} to {{contacts}}"),
+    "CCD": (
+        f"there is room for {{nconmax}} contacts of convex shapes; {CHEAPER}",
+        f"raise {option('nconmax')} above {{nconmax}}",
+    ),
+    "HFIELD": ("a shape meets too many cells of a height field", "a coarser height field has fewer"),
+    "CONTACT_MATCH": ("a contact sensor matches more contacts than mujoco_warp looks at", "a narrower one has fewer"),
+    "TACTILE": ("a tactile sensor meets more geoms than mujoco_warp looks at", "a narrower one has fewer"),
+    "EPA_HORIZON": ("a penetration is too deep to be measured well", "start without deep penetrations"),
+    "ITERATIONS": (
+        "the solver has reached its limit of {iterations} iterations",
+        f"raise {option('set')} opt.iterations",
+    ),
+    "LS_ITERATIONS": ("the solver's line search has reached its limit", f"raise {option('set')} opt.ls_iterations"),
+}
+CONTACT, PASSIVE = 1, 4  # bits of a contact's type in mujoco_warp, for those that MuJoCo has too
+# Parts of an integration state that worlds have, in the order in which the state has them.
+STATE_FIELDS = (
+    ("time", mujoco.mjtState.mjSTATE_TIME),
+    ("qpos", mujoco.mjtState.mjSTATE_QPOS),
+    ("qvel", mujoco.mjtState.mjSTATE_QVEL),
+    ("act", mujoco.mjtState.mjSTATE_ACT),
+    ("history", mujoco.mjtState.mjSTATE_HISTORY),
+    ("qacc_warmstart", mujoco.mjtState.mjSTATE_WARMSTART),
+    ("ctrl", mujoco.mjtState.mjSTATE_CTRL),
+    ("qfrc_applied", mujoco.mjtState.mjSTATE_QFRC_APPLIED),
+    ("xfrc_applied", mujoco.mjtState.mjSTATE_XFRC_APPLIED),
+    ("eq_active", mujoco.mjtState.mjSTATE_EQ_ACTIVE),
+    ("mocap_pos", mujoco.mjtState.mjSTATE_MOCAP_POS),
+    ("mocap_quat", mujoco.mjtState.mjSTATE_MOCAP_QUAT),
+    ("userdata", mujoco.mjtState.mjSTATE_USERDATA),
+    ("plastic", mujoco.mjtState.mjSTATE_PLASTIC),
+)
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a step of all worlds has needed.
+
+    Attributes:
+      contacts: of all worlds together.
+      candidates: pairs that might touch, of all worlds together.
+      constraints, iterations: of each world, and of its solver, `(n,)`.
+    """
+
+    contacts: int
+    candidates: int
+    constraints: np.ndarray
+    iterations: np.ndarray
+
+
+class WarpWorlds:
+    """Worlds on a device, all at the same step. Use them within `active`.
+
+    Args:
+      models: one for all worlds, or one for each, of one `WarpFields.group`.
+      starts: integration states, `(n, nstate)`.
+      nconmax, njmax: contacts and constraints to make room for in a world; mujoco_warp guesses when None.
+
+    Attributes:
+      count: how many worlds.
+      nconmax, njmax: contacts and constraints that there is room for in a world.
+
+    Raises:
+      UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+    """
+
+    def __init__(
+        self,
+        device: WarpDevice,
+        models: mujoco.MjModel | Sequence[mujoco.MjModel],
+        starts: np.ndarray,
+        nconmax: int | None = None,
+        njmax: int | None = None,
+    ) -> None:
+        self.count = len(starts)
+        every = models_of(models, self.count)
+        self._device, self._model = device, _with_autoreset(every[0])
+        self._sample = mujoco.MjData(self._model)  # the shapes of fields
+        state.restore(self._model, self._sample, starts[0])
+        with self._device.refusals(self.count), self.active():
+            self._device_model = WarpFields(device).put_models(self._model, every)
+            self._device_model.opt.warn_overflow = 0  # it prints from the device, a line for each world and step
+            self._data = device.library.put_data(
+                self._model, self._sample, nworld=self.count, nconmax=nconmax, njmax=njmax
+            )
+            self._assign(starts)
+            # All of it, so that a rollout leaves nothing behind, whatever mujoco_warp remembers.
+            self._start = [(array, device.warp.clone(array)) for array in self._arrays()]
+        self.nconmax, self.njmax = self._data.naconmax // self.count, int(self._data.njmax)
+        self._step: Callable[[], None] = partial(device.library.step, self._device_model, self._data)
+
+    def active(self) -> AbstractContextManager[Any]:
+        """Lets Warp work on the device of these worlds."""
+        return self._device.active()
+
+    def compile(self) -> None:
+        """Takes the first step, for which Warp compiles what it has not cached, and records another as a graph.
+
+        A graph's kernels are launched at once, not one by one from Python, as in mujoco_warp's own testspeed.
+
+        Raises:
+          UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+        """
+        warp = self._device.warp
+        with self._device.refusals(self.count), self.active():
+            self._step()
+            with warp.ScopedCapture() as capture:
+                self._step()
+            self._step = partial(warp.capture_launch, capture.graph)
+            self.wait()
+
+    def restart(self) -> None:
+        """Goes back to the starts."""
+        for array, start in self._start:
+            self._device.warp.copy(array, start)
+        self.wait()
+
+    def step(self) -> None:
+        """Takes a step; it may still be under way when this returns."""
+        self._step()
+
+    def forward(self) -> None:
+        """Computes the derived fields of the state that the worlds are in."""
+        self._device.library.forward(self._device_model, self._data)
+
+    def wait(self) -> None:
+        """Waits until the device is done."""
+        self._device.warp.synchronize_device(self._device.alias)
+
+    def upload(self, values: np.ndarray) -> Any:
+        """`values` as a flat array on the device."""
+        return self._device.warp.array(values.ravel(), dtype=self._device.warp.float32)
+
+    def set_controls(self, array: Any, offset: int) -> None:
+        """Sets the controls of all worlds, n·nu numbers of an uploaded `array` from `offset` on."""
+        self._device.warp.copy(self._data.ctrl, array, src_offset=offset, count=self.count * self._model.nu)
+
+    def require(self, names: Sequence[str]) -> None:
+        """Raises UsageError unless mujoco_warp has the MjData fields `names`."""
+        for name in names:
+            if name != "ncon" and not isinstance(getattr(self._data, name, None), self._device.warp.array):
+                raise UsageError(f"mujoco_warp does not compute {quoted(name)}\n{option('engine')} c does")
+
+    def read(self, name: str) -> np.ndarray:
+        """The MjData field `name` of every world, `(n, …)`, with MuJoCo's shape and type."""
+        sample = np.asarray(getattr(self._sample, name))
+        if name == "ncon":
+            return self._contacts()
+        values = getattr(self._data, name).numpy()
+        if name == "solver_niter":  # of all islands together here
+            values = np.pad(values[:, None], ((0, 0), (0, sample.size - 1)))
+        return values.reshape(self.count, *sample.shape).astype(sample.dtype)
+
+    def unstable(self) -> np.ndarray:
+        """Which worlds have positions or velocities that are not finite or too large, `(n,)` bool."""
+        vectors = np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()])
+        return ~(abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
+
+    def demand(self) -> Demand:
+        """What the last step has needed."""
+        return Demand(
+            contacts=int(self._data.nacon.numpy()[0]),
+            candidates=int(self._data.ncollision.numpy()[0]),
+            constraints=self._data.nefc.numpy(),
+            iterations=self._data.solver_niter.numpy(),
+        )
+
+    def overflows(self, contacts: int = 0, constraints: int = 0) -> list[str]:
+        """What has not fitted since the start, and what to raise, a sentence each.
+
+        Args:
+          contacts: the most that all worlds together have needed, if it is known.
+          constraints: the most that one world has needed.
+        """
+        marks = int(np.bitwise_or.reduce(self._data.overflow.numpy()))
+        limits = {
+            "nconmax": self.nconmax,
+            "njmax": self.njmax,
+            "contacts": max(ceil(contacts / self.count), self.nconmax + 1),
+            "constraints": max(constraints, self.njmax + 1),
+            "iterations": self._model.opt.iterations,
+        }
+        known = self._device.library.OverflowType
+        single = [mark for mark in known if mark.value and not mark.value & (mark.value - 1)]
+        texts = [overflow_message(mark.name, limits) for mark in single if marks & mark.value]
+        return list(dict.fromkeys(texts))
+
+    def _contacts(self) -> np.ndarray:
+        """Contacts in each world, `(n,)`."""
+        contact, count = self._data.contact, min(int(self._data.nacon.numpy()[0]), self._data.naconmax)
+        counted = contact.type.numpy()[:count] & (CONTACT | PASSIVE) != 0
+        return np.bincount(contact.worldid.numpy()[:count][counted], minlength=self.count).astype(np.int32)
+
+    def _assign(self, starts: np.ndarray) -> None:
+        """Puts each world at its start."""
+        for name, part in STATE_FIELDS:
+            array = getattr(self._data, name)
+            if array.size:
+                values = np.empty((self.count, state.size(self._model, int(part))))
+                for start, row in zip(starts, values, strict=True):
+                    mujoco.mj_extractState(self._model, start, state.STATE, row, int(part))
+                array.assign(values.reshape(array.numpy().shape))
+
+    def _arrays(self) -> list[Any]:
+        """The arrays of the data that live on from step to step; contacts and constraints are made anew in each."""
+        values = [getattr(self._data, field.name) for field in fields(self._data)]
+        return [value for value in values if isinstance(value, self._device.warp.array) and value.size]
+
+
+def overflow_message(mark: str, limits: Mapping[str, object]) -> str:
+    """What an overflow of mujoco_warp's means, and what to raise."""
+    if mark not in OVERFLOWS:
+        return f"mujoco_warp has no room: {mark.lower()} overflow"
+    meaning, remedy = OVERFLOWS[mark]
+    return f"{meaning.format_map(limits)}: {remedy.format_map(limits)}"
+
+
+def _with_autoreset(model: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy of `model` without the flag that turns automatic resets off: mujoco_warp has none, and refuses it."""
+    changed = copy.copy(model)
+    changed.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return changed
 
 
 class WarpEngine:
-    """An `Engine` of models that differ in nothing but what `WarpFields` lets worlds differ in.
+    """An `Engine` of models that differ in nothing but what `WarpFields` lets worlds differ in."""
 
-    Args:
-      nconmax, njmax: contacts and constraints to make room for in a simulation; mujoco_warp guesses when None.
-    """
-
-    def __init__(self, device: WarpDevice, nconmax: int | None = None, njmax: int | None = None) -> None:
-        self._device, self._nconmax, self._njmax = device, nconmax, njmax
+    def __init__(self, device: WarpDevice) -> None:
+        self._device = device
 
     def rollout(
         self,
@@ -39,7 +279,7 @@ class WarpEngine:
           UsageError: mujoco_warp cannot simulate such models, or record a field.
         """
         model = models_of(models, len(starts))[0]
-        worlds = WarpWorlds(self._device, models, starts, self._nconmax, self._njmax)
+        worlds = WarpWorlds(self._device, models, starts)
         worlds.require(record)
         walk = _Walk(worlds, model, controls, record)
         rows = [*range(0, steps, every), steps]

@@ -51,13 +51,6 @@ class ColumnMap:
     sources: dict[str, dict[int, RowExpression]] = field(default_factory=dict[str, dict[int, RowExpression]])
     unknown: Sequence[str] = ()
 
-    @property
-    def read(self) -> list[str]:
-        """The columns of the table that it needs."""
-        expressions = [source for sources in self.sources.values() for source in sources.values()]
-        expressions += [self.time] if self.time else []
-        return list(dict.fromkeys(name for expression in expressions for name in expression.columns))
-
 
 def column_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
     """What the columns `names` of a table mean in `model`.

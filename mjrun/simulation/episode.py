@@ -19,7 +19,7 @@ from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.options.push import Push
 from mjrun.physics.push_forces import PushForces
 from mjrun.probe.episode import EpisodeColumns
-from mjrun.task.episode import Ending, EpisodeStepper
+from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
@@ -70,14 +70,6 @@ class EpisodeResult:
         return f"{sentence}; the simulation went on without a reset up to {self.simulated:g} s"
 
 
-@dataclass(frozen=True)
-class EpisodeLength:
-    """How long an episode lasts: physics steps up to where it ends, or, if it does not, up to where one looked."""
-
-    steps: int
-    ending: Ending | None
-
-
 class Episode(ABC):
     """The episode of a seed.
 
@@ -100,15 +92,15 @@ class Episode(ABC):
         Args:
           said: what is said.
         """
-        if said is not None and (self.goes_on or said.steps <= self.length.steps):
+        if said is not None and (self.goes_on or said.steps <= self.length):
             return said
-        return Timeline.of_steps(timestep, self.length.steps)
+        return Timeline.of_steps(timestep, self.length)
 
     def remarks(self, said: Timeline | None) -> list[str]:
         """What the user should know of the episode before it is simulated; see `timeline`."""
-        if said is None or self.goes_on or said.steps <= self.length.steps:
+        if said is None or self.goes_on or said.steps <= self.length:
             return []
-        end = float(said.time(self.length.steps))
+        end = float(said.time(self.length))
         return [f"the episode ends at {end:g} s; an environment does not go on without a reset, so all ends there"]
 
     def result(self, stepper: EpisodeStepper) -> EpisodeResult:
@@ -156,15 +148,15 @@ class Episode(ABC):
         return EpisodeColumns(dict.fromkeys(names.observations, ""), names.actions, names.rewards)
 
     @cached_property
-    def length(self) -> EpisodeLength:
-        """How long it lasts. The episode is simulated for it; one that fails is taken to last as long as it can."""
+    def length(self) -> int:
+        """Physics steps up to its end, or up to `longest`, for which it is simulated; one that fails has `longest`."""
         stepper = self._first
         try:
             while stepper.now().ending is None and stepper.step < self.longest:
                 stepper.advance(stepper.step + stepper.control_steps)
-        except SimulationError:  # whoever simulates it again is told
-            return EpisodeLength(self.longest, None)
-        return EpisodeLength(stepper.step, stepper.now().ending)
+        except SimulationError:  # raised again when it is simulated again
+            return self.longest
+        return stepper.step
 
 
 class TaskEpisode(Episode):

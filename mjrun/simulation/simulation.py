@@ -23,14 +23,10 @@ from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.option import Exclusion, is_given, options
 from mjrun.options.policy import is_code
 from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.control_noise import ControlNoise
-from mjrun.physics.control_table import PREFIX, ControlTable
-from mjrun.physics.controller import PeriodicController
+from mjrun.physics.control import PREFIX, ControlNoise, ControlSignal, ControlTable, PeriodicController
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
-from mjrun.physics.recorded_inputs import RecordedInputs
-from mjrun.physics.replay import ReplayStepper, require_model, require_timestep
+from mjrun.physics.replay import RecordedInputs, ReplayStepper, require_model, require_timestep
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task
@@ -147,24 +143,16 @@ class Simulation(SimulationOptions):
         """The files that it reads besides the model, with what they are."""
         replay = "table" if self.replay is not None and not is_recording(self._stored(self.replay)) else "recording"
         tables = (("table of controls", self.ctrl_from), (replay, self.replay))
-        named = [(what, Path(file)) for what, file in tables if file is not None]
-        return [*named, *self._map_files, *self._policy_files]
+        files = [(what, Path(file)) for what, file in tables if file is not None]
+        if self.map:
+            from mjrun.simulation.column_map import map_files
 
-    @property
-    def _policy_files(self) -> list[tuple[str, Path]]:
-        if self.policy is None:
-            return []
-        from mjrun.simulation.episode import policy_files
+            files += [("file of columns", Path(file)) for file in map_files(self.map)]
+        if self.policy is not None:
+            from mjrun.simulation.episode import policy_files
 
-        return [("policy", file) for file in policy_files(self.policy, self.normalize)]
-
-    @property
-    def _map_files(self) -> list[tuple[str, Path]]:
-        if not self.map:
-            return []
-        from mjrun.simulation.column_map import map_files
-
-        return [("file of columns", Path(file)) for file in map_files(self.map)]
+            files += [("policy", file) for file in policy_files(self.policy, self.normalize)]
+        return files
 
     @cached_property
     def fingerprints(self) -> list[dict[str, object]]:
@@ -287,15 +275,15 @@ class Simulation(SimulationOptions):
         """
         from mjrun.physics.motion_samples import Interpolation
         from mjrun.simulation.column_map import with_files
-        from mjrun.simulation.motion_table import MotionReading
+        from mjrun.simulation.mapped_table import read_motion
 
         texts = with_files(self.map, self._stored) if texts is None else texts
         key = (path, tuple(texts), model.opt.timestep, *state.sizes(model).values())
         if key not in self._motions:
             hold, hold_controls = self.replay_interpolation == "hold", self.ctrl_interpolation == "hold"
             interpolation = Interpolation(hold, hold_controls, self.replay_unwrap)
-            reading = MotionReading(texts, self.quat, self.replay_rate, interpolation)
-            self._motions[key] = reading.read(path, model, self.initial_data(model))
+            start = self.initial_data(model)
+            self._motions[key] = read_motion(path, model, start, texts, self.quat, self.replay_rate, interpolation)
         return self._motions[key]
 
     @cached_property

@@ -1,6 +1,7 @@
 """Verification of a recording: its physics stepped again, and what differs."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import copy
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -8,14 +9,13 @@ from typing import Any, cast
 import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, clean, concerning, listing, option
+from mjrun.errors import FailedStepError, UsageError, clean, concerning, listing, option
 from mjrun.formats.input_file import cut
 from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.physics.replay import ReplayStepper
-from mjrun.physics.verification import FirstDifference, first_difference
+from mjrun.physics.replay import RecordedStates, ReplayStepper
 from mjrun.probe.fields import state_columns
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import origin
@@ -32,6 +32,23 @@ UNEXPLAINED = (
     "versions, machine, model and overrides are those of the recording: this state, or the inputs of the one before, "
     "were changed later"
 )
+
+PROGRESS = 1000  # states from one report to the next
+
+
+@dataclass(frozen=True)
+class FirstDifference:
+    """Where physics leaves the recorded states.
+
+    Attributes:
+      index, step: of the first recorded state that differs.
+      recorded, stepped: the integration states `(nstate,)` there; inputs are the recorded ones in both.
+    """
+
+    index: int
+    step: int
+    recorded: np.ndarray
+    stepped: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -124,6 +141,46 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
             differences=[] if difference is None else _field_differences(model, difference),
             origins=origins,
         )
+
+
+def first_difference(
+    model: mujoco.MjModel, states: RecordedStates, last: int, progress: Callable[[int], None] = lambda done: None
+) -> FirstDifference | None:
+    """Steps from the first of `states` up to number `last`, and compares every recorded state, bit for bit.
+
+    Inputs are those recorded: controls, applied forces, mocap poses, active equalities and user data. Between recorded
+    states that are further apart than a step they stay what they are at the first of the two.
+
+    Args:
+      progress: told from time to time how many states agree.
+
+    Returns:
+      Where they differ first; None if they do not.
+
+    Raises:
+      FailedStepError: MuJoCo gave up.
+    """
+    model = copy.copy(model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    inputs = state.part(model, state.INPUTS)
+    data = mujoco.MjData(model)
+    steps = states.steps
+
+    recorded = states.state(0)
+    state.restore(model, data, recorded)
+    for index in range(1, last + 1):
+        try:
+            mujoco.mj_step(model, data, nstep=int(steps[index] - steps[index - 1]))
+        except mujoco.FatalError as error:
+            raise FailedStepError(int(steps[index - 1]), data.time, str(error)) from None
+        recorded = states.state(index)
+        state.restore(model, data, recorded[inputs], state.INPUTS)
+        stepped = state.save(model, data)
+        if stepped.tobytes() != recorded.tobytes():
+            return FirstDifference(index, int(steps[index]), recorded, stepped)
+        if index % PROGRESS == 0:
+            progress(index)
+    return None
 
 
 def _field_differences(model: mujoco.MjModel, difference: FirstDifference) -> list[FieldDifference]:

@@ -26,9 +26,8 @@ from mjrun.physics.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
 from mjrun.physics.engine import Engine, joined
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper
-from mjrun.physics.warp_device import WarpDevice
+from mjrun.physics.warp_device import WarpDevice, WarpFields
 from mjrun.physics.warp_engine import WarpEngine
-from mjrun.physics.warp_fields import WarpFields
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.fields import FieldProbe

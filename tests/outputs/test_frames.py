@@ -12,8 +12,7 @@ import mjrun
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.frames import FrameOutput, check_drawing, plan_frames
-from mjrun.outputs.output import Context
-from mjrun.outputs.shared_rendering import SharedRendering
+from mjrun.outputs.output import Context, SharedRendering
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend

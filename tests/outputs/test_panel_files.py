@@ -1,22 +1,29 @@
 """Panels of a drawing: how many, and in which file each stands."""
 
+import json
 import warnings
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
+from mjrun.camera.argument import parse_camera
+from mjrun.camera.motion import CameraMotion
 from mjrun.errors import MjrunWarning, UsageError
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.image import Image
-from mjrun.outputs.panel_files import output_files, panel_files, panels_of
+from mjrun.outputs.panel_files import DrawingCalibration, output_files, panel_files, panels_of
 from mjrun.outputs.video import Video
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.compositor import Overlay, Panel
+from mjrun.rendering.visual import Visual
 from mjrun.simulation.simulation import Simulation
 
 pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
 
-SIZE = (96, 64)
+SIZE = (160, 120)
 
 
 def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> None:
@@ -138,3 +145,155 @@ def test_every_file_of_a_drawing_is_listed_and_standard_output_is_none() -> None
         ("manifest", "m.json"),
     ]
     assert output_files(ViewOptions(), "-", None) == []
+
+
+def corners(model: mujoco.MjModel, data: mujoco.MjData, geom: str) -> np.ndarray:
+    """The eight corners of a box in the world."""
+    half, place = model.geom(geom).size, data.geom(geom)
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    return place.xpos + (signs * half) @ place.xmat.reshape(3, 3).T
+
+
+@pytest.mark.parametrize("camera", ["side", "free:azimuth=35,elevation=-30,distance=2", "track:box,distance=1"])
+def test_projected_corners_of_a_box_land_on_its_pixels(swing: Path, tmp_path: Path, camera: str) -> None:
+    Image(
+        Simulation(swing),
+        f"{tmp_path}/s.npy",
+        time=0.3,
+        view="seg",
+        camera=camera,
+        size=SIZE,
+        calibration=f"{tmp_path}/c.json",
+    ).run()
+    ids = np.load(tmp_path / "s.npy")
+    labels = json.loads((tmp_path / "s.labels.json").read_text())["labels"]
+    box = next(label["id"] for label in labels if label["name"] == "box" and label["type"] == "geom")
+    (entry,) = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=150)
+    mujoco.mj_forward(model, data)
+    # The tutorial's camera matrix: K [R | t] on homogeneous points.
+    local = np.linalg.inv(entry["world_from_camera"]) @ np.column_stack([corners(model, data, "box"), np.ones(8)]).T
+    u, v, w = np.array(entry["K"]) @ local[:3]
+    rows, columns = np.nonzero(ids == box)
+    assert len(rows) > 100
+    # A pixel belongs to the box if its centre, half a pixel in, does; a sharp corner may miss all centres.
+    for pixels, edges in ((columns, u / w), (rows, v / w)):
+        assert edges.min() - 0.01 < pixels.min() + 0.5 < edges.min() + 1.2
+        assert edges.max() - 1.2 < pixels.max() + 0.5 < edges.max() + 0.01
+
+
+def test_a_film_s_calibration_is_what_its_frames_were_drawn_through(
+    swing: Path, tmp_path: Path, backend: Backend
+) -> None:
+    orbit = "orbit:lookat=box,azimuth=0..90,distance=1.5"
+    video = Video(
+        Simulation(swing, duration=0.2),
+        f"{tmp_path}/f/",
+        camera=["side", orbit],
+        separate=True,
+        fps=20,
+        size=(32, 24),
+        calibration=f"{tmp_path}/c.json",
+    )
+    video.run()
+    entries = json.loads((tmp_path / "c.json").read_text())["pictures"]
+    assert [(entry["camera"], entry["frame"], entry["time"]) for entry in entries] == [
+        (camera, k, k / 20) for k in range(4) for camera in ("side", orbit.partition(",")[0])
+    ]
+    assert all((tmp_path / entry["file"]).exists() for entry in entries)
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    stepper = Simulation(swing).stepper(model)
+    states = []
+    for step in (0, 25, 50, 75):
+        stepper.advance(step)
+        states.append(stepper.state())
+    times = [0, 0.05, 0.1, 0.15]
+    courses = [CameraMotion(parse_camera(text, model), model, (32, 24)) for text in ("side", orbit)]
+    with ClassicRenderer(model, (32, 24), backend, Visual()) as renderer:
+        for camera, course in enumerate(courses):
+            for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):
+                renderer.look(states[k])
+                drawn = renderer.picture(pose, ["depth"]).calibration
+                assert np.allclose(drawn.pose, entries[2 * k + camera]["world_from_camera"], atol=0)
+                assert np.allclose(drawn.matrix, entries[2 * k + camera]["K"], atol=0)
+
+
+@pytest.mark.parametrize("make", [Image, Video])
+def test_a_dataset_of_bop_has_depth_in_millimetres_or_none(swing: Path, tmp_path: Path, make: type) -> None:
+    simulation = Simulation(swing, duration=0.1)
+    output = f"{tmp_path}/d.png" if make is Image else f"{tmp_path}/d/"
+    options = {"size": (32, 24), "calibration": f"{tmp_path}/c.json", "calibration_format": "bop"}
+    views = {"view": ["rgb", "depth"], "separate": True}
+    with pytest.raises(UsageError, match="its depth is in 16-bit PNGs of millimetres; set style to exact"):
+        make(simulation, output, **options, **views, style="color").run()
+    make(simulation, output, **options, **views, style="exact").run()
+    assert json.loads((tmp_path / "c.json").read_text())["0"]["depth_scale"] == 1
+
+
+def test_every_pixel_shows_what_mj_ray_meets_through_it(swing: Path, tmp_path: Path) -> None:
+    options = {"size": (40, 30), "camera": "side", "calibration": f"{tmp_path}/c.json"}
+    simulation = Simulation(swing)
+    Image(simulation, f"{tmp_path}/v.npy", time=0.3, view=["seg", "depth"], separate=True, **options).run()  # type: ignore[arg-type]
+    ids, depth = (np.load(tmp_path / f"v-{view}.npy") for view in ("seg", "depth"))
+    entry = json.loads((tmp_path / "c.json").read_text())["pictures"][0]
+    matrix, world = np.array(entry["K"]), np.array(entry["world_from_camera"])
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=150)
+    mujoco.mj_forward(model, data)
+
+    hit = np.zeros(1, np.int32)
+    alike, compared = 0, 0
+    for row, column in np.ndindex(ids.shape):
+        along = world[:3, :3] @ np.linalg.solve(matrix, [column + 0.5, row + 0.5, 1])  # at depth 1
+        distance = mujoco.mj_ray(model, data, world[:3, 3], along, None, 1, -1, hit)
+        inside = hit[0] >= 0 and distance < 5  # farther away, the drawn floor may end
+        if inside and (ids[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2] == ids[row, column]).all():
+            compared += 1
+            alike += ids[row, column] == hit[0] and depth[row, column] == pytest.approx(distance, rel=0.01)
+    assert compared > 200
+    assert alike == compared
+
+
+@pytest.mark.parametrize(
+    ("output", "file"),
+    [
+        ("f/", "../f/000003.png"),
+        ("f", "../f/000003.png"),
+        ("f_%04d.png", "../f_0003.png"),
+        ("c/f_%d.png", "f_3.png"),
+        ("f.jpg", "../f.jpg"),
+        ("f.mp4", ""),
+        ("-", ""),
+    ],
+)
+def test_a_calibration_names_the_file_of_each_frame_as_seen_from_its_folder(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, file: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "c").mkdir()
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    options = ViewOptions(camera="side", calibration="c/c.json", size=(32, 24))
+    motion = CameraMotion(parse_camera("side", model), model, (32, 24))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    (pose,) = motion.poses([Simulation(swing).stepper(model).state()], [0.0], [0.0], [(0, 1)])
+    calibration = DrawingCalibration(options, [motion], panel_files(options, output), numbers=False)
+    with calibration.writer as writer:
+        calibration.write([pose], 3, 0.25)
+        writer.finish()
+        writer.publish()
+    (entry,) = json.loads((tmp_path / "c/c.json").read_text())["pictures"]
+    assert (entry["camera"], entry["frame"], entry["time"]) == ("side", 3, 0.25)
+    assert (entry.get("file") or "") == file
+    # The pose is MuJoCo's own, and its axes x right, y down, z forward.
+    x, y, z = data.camera("side").xmat.reshape(3, 3).T
+    expected = np.column_stack([x, -y, -z, data.camera("side").xpos])
+    assert np.allclose(np.array(entry["world_from_camera"])[:3], expected, atol=1e-6)
+
+
+def test_a_format_that_nobody_knows_is_refused(swing: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="'colmap' is not one of mjrun"):
+        Image(Simulation(swing), f"{tmp_path}/a.png", calibration="c.json", calibration_format="colmap")

@@ -1,15 +1,17 @@
 """Rows of a table: read in blocks, at single instants and from a recording, they are the same to the last bit."""
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 import pytest
 
+from mjrun.errors import FailedStepError, UnstableError
 from mjrun.outputs.event_detection import EventDetector
 from mjrun.outputs.overlay_probes import overlay_probes
-from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.outputs.trace_rows import ProbeSampler, blocks
 from mjrun.physics.observe import observe
-from mjrun.physics.replay import ReplayStepper
-from mjrun.physics.state_buffer import StateBuffer
+from mjrun.physics.replay import ReplayStepper, StateBuffer
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import Timeline, rational
 
@@ -90,3 +92,118 @@ def test_an_event_may_be_about_energy_in_a_model_that_leaves_it_out() -> None:
     (steps,) = detector.event_steps.values()
     assert steps[0] == int(np.argmax(kinetic > limit)) > 0
     detector.close()
+
+
+FIELDS = ("qpos", "qvel", "act", "ctrl", "qacc", "energy", "sensordata", "xpos", "cvel", "ncon", "qfrc_constraint")
+BODY = """
+<mujoco>
+  <option integrator="{integrator}"><flag energy="enable" {flags}/></option>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <body pos="0 0 .3"><freejoint/><geom name="box" type="box" size=".1 .1 .1"/><site name="s"/></body>
+    <body pos="1 0 1"><joint name="h" axis="0 1 0" damping=".1"/><geom size=".05" pos=".3 0 0"/></body>
+  </worldbody>
+  <actuator><general name="g" joint="h" dyntype="filter" dynprm=".1"/></actuator>
+  <sensor><accelerometer site="s"/><jointvel joint="h"/></sensor>
+  <keyframe><key qvel="0 0 0 1 2 3 0" ctrl=".5"/></keyframe>
+</mujoco>
+"""
+
+
+def start(text: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+    return model, data
+
+
+def bare(model: mujoco.MjModel, data: mujoco.MjData, fields: Sequence[str], steps: int) -> dict[str, np.ndarray]:
+    """Every instant of a loop that anyone would write, were it not so slow."""
+    rows: dict[str, list[np.ndarray]] = {field: [] for field in fields}
+    for _ in range(steps + 1):
+        shown = mujoco.MjData(model)
+        mujoco.mj_copyData(shown, model, data)
+        mujoco.mj_forward(model, shown)
+        for field in fields:
+            rows[field].append(np.array(getattr(shown, field)).ravel())
+        mujoco.mj_step(model, data)
+    return {field: np.stack(values) for field, values in rows.items()}
+
+
+def streamed(stepper: PhysicsStepper, fields: Sequence[str], steps: int, chunk: int) -> dict[str, np.ndarray]:
+    found: dict[str, list[np.ndarray]] = {field: [] for field in fields}
+    expected = stepper.step
+    for first, _, block in blocks(stepper, fields, steps, chunk):
+        assert first == expected
+        for field in fields:
+            found[field].append(block[field][0].reshape(block[field].shape[1], -1))
+        expected += len(found[fields[0]][-1])
+    return {field: np.concatenate(parts) for field, parts in found.items()}
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 100, 1000])
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
+def test_every_row_is_one_instant_to_the_last_bit(integrator: str, chunk: int) -> None:
+    model, data = start(BODY.format(integrator=integrator, flags=""))
+    stepper = PhysicsStepper(model, data)
+    found, expected = streamed(stepper, FIELDS, 200, chunk), bare(model, data, FIELDS, 200)
+    assert expected["ncon"].max() > 0
+    for field in FIELDS:
+        assert found[field].tobytes() == expected[field].astype(found[field].dtype).tobytes(), field
+    assert stepper.step == 200
+
+
+def test_bodies_that_sleep_are_measured_as_they_are() -> None:
+    model, data = start(BODY.format(integrator="Euler", flags='sleep="enable"'))
+    data.qvel[:] = 0
+    found = streamed(PhysicsStepper(model, data), FIELDS, 150, 50)
+    expected = bare(model, data, FIELDS, 150)
+    assert all(found[field].tobytes() == expected[field].astype(found[field].dtype).tobytes() for field in FIELDS)
+
+
+def test_a_warning_that_is_no_failure_does_not_stop_the_rows() -> None:
+    spheres = "".join(f'<body pos="{x / 8} 0 .04"><freejoint/><geom size=".05"/></body>' for x in range(6))
+    text = f'<mujoco><size memory="12K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
+    model, data = start(text)
+    found = streamed(PhysicsStepper(model, data), ("qpos", "qvel"), 60, 20)
+    again = mujoco.MjData(model)
+    mujoco.mj_step(model, again, nstep=60)
+    assert again.warning[int(mujoco.mjtWarning.mjWARN_CNSTRFULL)].number
+    assert found["qpos"].shape == (61, model.nq)
+    assert np.array_equal(found["qpos"][-1], again.qpos)
+
+
+def test_rows_before_an_instability_are_all_there_and_good() -> None:
+    text = '<mujoco><worldbody><body><joint type="slide"/><geom size="1"/></body></worldbody></mujoco>'
+    model, data = start(text)
+    data.qvel[0] = 1e10 - 1
+    model.opt.gravity[2] = 1000
+    rows: list[float] = []
+
+    def collect() -> None:
+        for _, _, block in blocks(PhysicsStepper(model, data), ("qvel",), 500, 64):
+            rows.extend(np.asarray(block["qvel"]).reshape(-1))
+
+    with pytest.raises(UnstableError) as caught:
+        collect()
+    assert len(rows) == caught.value.step + 1
+    assert np.abs(rows).max() < mujoco.mjMAXVAL
+
+
+def test_a_velocity_that_leaves_the_limits_in_the_very_last_step_is_an_instability() -> None:
+    text = '<mujoco><worldbody><body><joint type="slide"/><geom size="1"/></body></worldbody></mujoco>'
+    model, data = start(text)
+    model.opt.gravity[2] = -1000
+    data.qvel[0] = -1e10 + 5  # loses 2 in a step, so the third leaves
+    with pytest.raises(UnstableError) as caught:
+        streamed(PhysicsStepper(model, data), ("qvel",), 3, 64)
+    assert caught.value.step == 2
+
+
+def test_running_out_of_memory_is_a_failed_step() -> None:
+    spheres = "".join(f'<body pos="{x / 8} 0 .06"><freejoint/><geom size=".05"/></body>' for x in range(6))
+    text = f'<mujoco><size memory="20K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
+    model, data = start(text)
+    with pytest.raises(FailedStepError):
+        streamed(PhysicsStepper(model, data), ("qpos",), 100, 64)

@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.outputs import frame_drawer, perform
+from mjrun.outputs import frame_drawer, output
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
@@ -131,7 +131,7 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     def stepped(*_: object) -> None:
         raise AssertionError("a step was taken")
 
-    monkeypatch.setattr(perform, "observe", stepped)
+    monkeypatch.setattr(output, "observe", stepped)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MjrunError) as caught:
         Video(**{"simulation": Simulation(swing), "output": "film.mp4", "size": SIZE, **wrong}).run()

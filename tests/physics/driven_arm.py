@@ -6,10 +6,8 @@ from fractions import Fraction
 import mujoco
 import numpy as np
 
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.control_table import ControlTable
-from mjrun.physics.controller import Controller, PeriodicController
-from mjrun.physics.native_rollout import blocks
+from mjrun.outputs.trace_rows import blocks
+from mjrun.physics.control import Controller, ControlSignal, ControlTable, PeriodicController
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
 

@@ -1,14 +1,28 @@
 """Controls from several things at once, against bare loops."""
 
+import math
 from collections.abc import Callable
+from fractions import Fraction
+from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mjrun.errors import UnstableError
-from mjrun.physics.control_noise import ControlNoise
-from tests.physics.driven_arm import arm, by_instants, periodic, stepped_in_c, stepper, table
+from mjrun.errors import ControllerError, UnknownNameError, UnstableError, UsageError
+from mjrun.model import state
+from mjrun.physics.control import (
+    NOISE_BLOCK,
+    ControlArray,
+    ControlNoise,
+    ControlTable,
+    PeriodicController,
+    require_times,
+)
+from mjrun.timeline import nearest
+from tests.physics.driven_arm import arm, bare, by_instants, periodic, same, stepped_in_c, stepper, table
 
 
 @pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
@@ -41,3 +55,239 @@ def test_an_instability_under_varying_controls_is_found_at_its_step() -> None:
     with pytest.raises(UnstableError) as caught:
         stepper(model, table=table(model, [0.0, 0.074], [0.0, 1e9])).advance(200)
     assert caught.value.step == first - 1 == 37
+
+
+@cache
+def whole_noise(smooth: float) -> np.ndarray:
+    return ControlNoise(2.0, smooth, 5, 0.002, 3).rows(0, 5 * NOISE_BLOCK)
+
+
+@pytest.mark.parametrize("smooth", [0.0, 0.05])
+@given(first=st.integers(0, 3 * NOISE_BLOCK), count=st.integers(0, 2 * NOISE_BLOCK))
+def test_noise_is_the_same_wherever_one_begins(smooth: float, first: int, count: int) -> None:
+    whole = whole_noise(smooth)
+    noise = ControlNoise(2.0, smooth, 5, 0.002, 3)
+    assert np.array_equal(noise.rows(first, count), whole[first : first + count])
+    assert np.array_equal(noise.rows(0, 10), whole[:10])
+
+
+@pytest.mark.parametrize("smooth", [0.0, 0.02])
+def test_noise_has_its_deviation_and_its_memory(smooth: float) -> None:
+    rows = ControlNoise(0.5, smooth, 1, 0.002, 40).rows(0, 20_000)
+    keep = math.exp(-0.002 / smooth) if smooth else 0.0
+    assert rows.std() == pytest.approx(0.5, rel=0.02)
+    assert rows.mean() == pytest.approx(0, abs=0.01)
+    assert rows[0].std() == pytest.approx(0.5, rel=0.5)
+    for lag in (1, 5):
+        assert (rows[lag:] * rows[:-lag]).mean() / 0.25 == pytest.approx(keep**lag, abs=0.02)
+    across = np.corrcoef(rows.T)[~np.eye(40, dtype=bool)]
+    assert abs(across).max() < (0.1 if smooth else 0.04)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
+@pytest.mark.parametrize("linear", [False, True])
+def test_a_table_drives_as_a_bare_loop_does(integrator: str, taken: Callable, linear: bool) -> None:
+    model = arm(integrator)
+    time, values = [-0.1, 0.05, 0.1, 0.1013, 0.4], [1.0, -2.0, 0.5, 4.0, 0.0]
+
+    def ctrl(step: int, data: mujoco.MjData) -> None:
+        at = step / 500
+        held = values[max(i for i, t in enumerate(time) if t <= at)]
+        data.ctrl[:] = np.interp(at, time, values) * np.array([1, -1]) if linear else (held, -held)
+
+    run = stepper(model, table=table(model, time, values, linear))
+    assert same(taken(run, 260), bare(model, 260, ctrl))
+
+
+def test_a_table_s_times_may_be_sums_of_floats() -> None:
+    model = arm()
+    time = np.cumsum([0.002] * 100) - 0.002
+    assert any(time[k] > k / 500 for k in range(100))  # which would be a step late
+    ctrl = np.zeros((100, 2))
+    table(model, time.tolist(), list(range(100))).apply(ctrl, 0, Fraction(1, 500))
+    assert np.array_equal(ctrl[:, 0], np.arange(100))
+
+
+def test_actuators_without_a_column_keep_their_control() -> None:
+    model = arm()
+    driven = ControlTable(model, {"time": np.zeros(1), "ctrl/g": np.ones(1)}, "t.csv", constant=[0])
+    ctrl = np.full((3, 2), 7.0)
+    driven.apply(ctrl, 0, Fraction(1, 500))
+    assert ctrl.tolist() == [[7, 1]] * 3
+
+
+GOOD = {"time": np.array([0, 1.0]), "ctrl/m": np.zeros(2), "ctrl/g": np.zeros(2)}
+
+
+@pytest.mark.parametrize(
+    ("columns", "kind", "said"),
+    [
+        ({**GOOD, "ctrl/q": np.zeros(2)}, UnknownNameError, "no actuator 'q' in the columns of t.csv"),
+        (
+            {k: v for k, v in GOOD.items() if k != "ctrl/g"},
+            UsageError,
+            "t.csv lacks columns that the model takes: ctrl/g",
+        ),
+        ({"time": np.zeros(1)}, UsageError, "lacks columns that the model takes: ctrl/m, ctrl/g"),
+        ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
+        ({k: v[:0] for k, v in GOOD.items()}, UsageError, "has no rows"),
+        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 1: time 0 follows 1, and must grow"),
+        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 1: time 0 follows 0, and must grow"),
+        ({**GOOD, "time": np.array([0.5, 1])}, UsageError, "begins at 0.5 s"),
+        ({**GOOD, "time": np.array([0, np.nan])}, UsageError, "row 1: time is nan"),
+        ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 1: ctrl/g is inf"),
+    ],
+)
+def test_a_table_that_does_not_fit_is_refused(columns: dict[str, np.ndarray], kind: type, said: str) -> None:
+    with pytest.raises(kind, match=said):
+        ControlTable(arm(), columns, "t.csv")
+
+
+def test_a_sequence_has_a_row_for_each_step_and_holds_the_last() -> None:
+    values = np.arange(6.0).reshape(3, 2)
+    ctrl = np.zeros((4, 2))
+    ControlArray(values).apply(ctrl, 1, Fraction(1, 500))
+    assert ctrl.tolist() == [[2, 3], [4, 5], [4, 5], [4, 5]]
+
+
+def test_a_sequence_drives_as_a_bare_loop_does() -> None:
+    model = arm()
+    values = np.random.default_rng(0).standard_normal((80, 2))
+
+    def ctrl(step: int, data: mujoco.MjData) -> None:
+        data.ctrl[:] = values[min(step, 79)]
+
+    for taken in (stepped_in_c, by_instants):
+        assert same(taken(stepper(model, table=ControlArray(values)), 100), bare(model, 100, ctrl))
+
+
+class Swing:
+    """A controller with a memory of its own."""
+
+    def __init__(self) -> None:
+        self.calls: list[float] = []
+        self.resets = 0
+
+    def reset(self) -> None:
+        self.resets += 1
+
+    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.calls.append(data.time)
+        data.ctrl[:] = [math.sin(20 * data.time) - 0.3 * data.qvel[0], 0.1 * data.sensordata[0]]
+        data.xfrc_applied[3, 2] = 3 * len(self.calls)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+@pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
+@pytest.mark.parametrize(("period", "every"), [("0.002", 1), ("0.014", 7), ("0.3", 150)])
+def test_a_controller_drives_as_a_bare_loop_does(integrator: str, taken: Callable, period: str, every: int) -> None:
+    model, swing, other = arm(integrator), Swing(), Swing()
+    run = stepper(model, controller=periodic(swing, period))
+    oracle = bare(model, 300, lambda step, data: None if step % every else other(model, data))
+    assert same(taken(run, 300), oracle)
+    assert len(swing.calls) == len(other.calls) == 300 // every + 1
+    assert swing.resets == 1
+
+
+def test_a_controller_that_does_nothing_changes_nothing() -> None:
+    model = arm()
+    idle = stepper(model, controller=periodic(lambda model, data: None, "0.004"))
+    alone = stepper(model)
+    idle.advance(500)
+    alone.advance(500)
+    assert np.array_equal(idle.state(), alone.state())
+
+
+def test_looking_on_does_not_call_a_controller() -> None:
+    model, watched, alone = arm(), Swing(), Swing()
+    runs = [stepper(model, controller=periodic(s, "0.01")) for s in (watched, alone)]
+    for step in range(0, 101, 3):
+        runs[0].advance(step)
+        runs[0].instant()
+        runs[0].state()
+    for run in runs:
+        run.advance(101)
+    assert watched.calls == alone.calls
+    assert np.array_equal(runs[0].state(), runs[1].state())
+
+
+def test_a_controller_sees_one_instant() -> None:
+    model = arm()
+
+    def check(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        fresh = mujoco.MjData(model)
+        state.restore(model, fresh, state.save(model, data))
+        mujoco.mj_forward(model, fresh)
+        assert np.array_equal(fresh.xpos, data.xpos)
+        assert np.array_equal(fresh.sensordata, data.sensordata)
+        data.ctrl[:] = math.cos(9 * data.time)
+
+    stepper(model, controller=periodic(check, "0.002")).advance(60)
+
+
+@given(st.fractions(1, 40, max_denominator=60), st.integers(0, 3000))
+def test_a_controller_is_called_at_the_steps_nearest_to_its_multiples(ratio: Fraction, step: int) -> None:
+    controller = PeriodicController(lambda model, data: None, ratio, Fraction(1))
+    due = {nearest(k * ratio) for k in range(step + 3)}
+    assert controller.is_due(step) == (step in due)
+    assert controller.next_change(step) == min(k for k in due if k > step)
+
+
+def test_returned_controls_count() -> None:
+    model = arm()
+    run = stepper(model, controller=periodic(lambda model, data: [1, 2], "0.002"))
+    assert run.instant().ctrl == pytest.approx([1, 2])
+    assert run.instant().actuator_force[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("controller", "said"),
+    [
+        (
+            lambda model, data: [1, 2, 3],
+            r"returned shape \(3,\) at step 0, time 0 s; the model takes \(2,\)\nactuators: m",
+        ),
+        (lambda model, data: "up", "returned a str at step 0, time 0 s, not numbers"),
+        (lambda model, data: [0, math.nan], "set g to nan at step 0"),
+        (lambda model, data: data.qvel.fill(1), "changed the state at step 0"),
+        (lambda model, data: 1 / 0, "(?s)at step 0, time 0 s, raised ZeroDivisionError: .*in <lambda>"),
+        (lambda data: None, r"must take \(model, data\)"),
+    ],
+)
+def test_a_controller_that_fails_says_how(controller: Callable, said: str) -> None:
+    with pytest.raises(ControllerError, match=said):
+        stepper(arm(), controller=periodic(controller, "0.002"))
+
+
+def test_a_controller_that_leaves_is_an_error() -> None:
+    def leave(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        raise SystemExit(0)
+
+    with pytest.raises(ControllerError, match="raised SystemExit"):
+        stepper(arm(), controller=periodic(leave, "0.002"))
+
+
+def test_a_controller_cannot_be_called_between_steps() -> None:
+    with pytest.raises(UsageError, match=r"control_dt 0.001 is shorter than the timestep, 0.002 s"):
+        periodic(lambda model, data: None, "0.001")
+
+
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        ([], r"^t\.csv has no rows$"),
+        ([0, np.nan], r"^t\.csv, row 1: time is nan, and must be finite$"),
+        ([-np.inf, 1], r"^t\.csv, row 0: time is -inf, and must be finite$"),
+        ([0, 0.1, 0.1], r"^t\.csv, row 2: time 0\.1 follows 0\.1, and must grow$"),
+        ([3, 2], r"^t\.csv, row 1: time 2 follows 3, and must grow$"),
+    ],
+)
+def test_times_that_are_none_are_refused_at_the_first_bad_row(time: list[float], message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        require_times(np.array(time), "t.csv")
+
+
+def test_times_ascend_from_anywhere() -> None:
+    require_times(np.array([5.0]), "t.csv")
+    require_times(np.array([-1, -0.5, np.nextafter(-0.5, 1)]), "t.csv")

@@ -10,9 +10,8 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.options.push import PushKind
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.controller import PeriodicController
-from mjrun.physics.native_rollout import blocks
+from mjrun.outputs.trace_rows import blocks
+from mjrun.physics.control import ControlSignal, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational

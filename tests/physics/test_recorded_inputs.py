@@ -9,11 +9,10 @@ import pytest
 
 from mjrun.model import state
 from mjrun.options.push import PushKind
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.controller import PeriodicController
-from mjrun.physics.native_rollout import blocks
+from mjrun.outputs.trace_rows import blocks
+from mjrun.physics.control import ControlSignal, PeriodicController
 from mjrun.physics.push_forces import PushForces
-from mjrun.physics.recorded_inputs import AHEAD, RecordedInputs
+from mjrun.physics.replay import AHEAD, RecordedInputs
 from mjrun.physics.stepper import PhysicsStepper
 from tests.physics.tumbler import model
 

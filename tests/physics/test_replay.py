@@ -18,8 +18,7 @@ from mjrun.errors import FailedStepError, UsageError
 from mjrun.formats.recording_reader import RecordingReader
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.model import state
-from mjrun.physics.control import ControlSignal
-from mjrun.physics.controller import Controller, PeriodicController
+from mjrun.physics.control import Controller, ControlSignal, PeriodicController
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.replay import ReplayStepper, require_model, states_at
 from mjrun.physics.stepper import PhysicsStepper, Stepper

@@ -1,11 +1,15 @@
 """Devices of MuJoCo Warp: which there are, and how a refusal is explained."""
 
+import dataclasses
 import importlib.util
+from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 
 from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
-from mjrun.physics.warp_device import WarpDevice
+from mjrun.physics.warp_device import UNUSED, WarpDevice, WarpFields
 
 
 @pytest.fixture
@@ -39,3 +43,70 @@ def test_without_the_library_its_extra_is_named(monkeypatch: pytest.MonkeyPatch)
 def test_a_refusal_says_why_and_what_to_do(cpu: WarpDevice, error: Exception, message: str) -> None:
     with pytest.raises(UsageError, match=f"(?s){message}"), cpu.refusals(4):
         raise error
+
+
+MODEL = """
+<mujoco>
+  <option gravity="0 0 -9.81"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <body pos="0 0 .5"><joint name="j" damping="1" armature=".1"/><geom name="g" size=".1 .1 .1"/></body>
+  </worldbody>
+  <actuator><position name="p" joint="j" kp="10"/></actuator>
+</mujoco>
+"""
+CHANGES = {
+    "mass": lambda spec: setattr(spec.geom("g"), "mass", 3),
+    "size": lambda spec: setattr(spec.geom("g"), "size", [0.2, 0.1, 0.1]),
+    "friction": lambda spec: setattr(spec.geom("g"), "friction", [0.3, 0.01, 0.001]),
+    "armature": lambda spec: setattr(spec.joint("j"), "armature", 0.4),
+    "gain": lambda spec: setattr(spec.actuator("p"), "gainprm", [20, *[0] * 9]),
+    "gravity": lambda spec: setattr(spec.option, "gravity", [0, 0, -8]),
+    "wind": lambda spec: setattr(spec.option, "wind", [0, 1, 0]),
+    "timestep": lambda spec: setattr(spec.option, "timestep", 0.005),
+    "integrator": lambda spec: setattr(spec.option, "integrator", mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+    "contype": lambda spec: setattr(spec.geom("g"), "contype", 4),
+    "type": lambda spec: setattr(spec.geom("g"), "type", mujoco.mjtGeom.mjGEOM_BOX),
+}
+SHARED = {"mass", "size", "friction", "armature", "gravity"}
+
+
+@pytest.fixture(scope="module")
+def device() -> WarpDevice:
+    pytest.importorskip("mujoco_warp")
+    return WarpDevice("cpu")
+
+
+def changed(name: str | None = None) -> mujoco.MjModel:
+    spec = mujoco.MjSpec.from_string(MODEL)
+    if name:
+        CHANGES[name](spec)
+    return spec.compile()
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_worlds_share_a_group_where_only_their_own_numbers_differ(device: WarpDevice, name: str) -> None:
+    fields = WarpFields(device)
+    assert (fields.group(changed(name)) == fields.group(changed())) == (name in SHARED)
+
+
+@pytest.mark.parametrize("name", sorted(SHARED))
+def test_a_group_is_on_the_device_what_each_of_its_models_is_alone(device: WarpDevice, name: str) -> None:
+    models = [changed(), changed(name)]
+    with device.active():
+        together = WarpFields(device).put_models(models[0], models)
+        alone = [device.library.put_model(model) for model in models]
+    for owner in ("", "opt"):
+        group, *others = [getattr(each, owner) if owner else each for each in (together, *alone)]
+        for field in dataclasses.fields(group):
+            if field.name in UNUSED:
+                continue
+            value: Any = getattr(group, field.name)
+            for world, other in enumerate(getattr(each, field.name) for each in others):
+                if isinstance(value, (int, float, bool)):
+                    assert value == other, field.name
+                elif isinstance(value, device.warp.array) and value.size:
+                    one, two = value.numpy(), other.numpy()
+                    varies = one.shape != two.shape or getattr(field.type, "shape", "")[0] == "*"
+                    one, two = (one[world % len(one)], two[0]) if varies else (one, two)
+                    np.testing.assert_array_equal(one, two, err_msg=field.name)

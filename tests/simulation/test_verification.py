@@ -1,20 +1,33 @@
 """A recording against its physics: what differs is named, and so is what else is not as it was."""
 
 import json
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from fractions import Fraction
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from mjrun.errors import FileError, UsageError
+from mjrun.errors import FailedStepError, FileError, UsageError
 from mjrun.formats.recording_writer import RecordingWriter
 from mjrun.model import state
+from mjrun.options.push import PushKind
 from mjrun.outputs.recording import Recording
+from mjrun.outputs.trace_rows import blocks
+from mjrun.physics.control import ControlSignal, PeriodicController
+from mjrun.physics.push_forces import PushForces
+from mjrun.physics.stepper import PhysicsStepper
+from mjrun.simulation import verification
 from mjrun.simulation.simulation import Simulation
-from mjrun.simulation.verification import UNEXPLAINED, verify
+from mjrun.simulation.verification import UNEXPLAINED, first_difference, verify
+from mjrun.timeline import rational
+from tests.physics.test_replay import DELAYED, PLUGIN, SLEEPY, TUMBLE, Kept, live, recorded, wave
 
 XML = """<mujoco><worldbody>
 <body name="box" pos="0 0 1"><freejoint name="root"/><geom type="box" size=".1 .2 .3" mass="{mass}"/></body>
@@ -160,3 +173,106 @@ def test_without_a_recording_of_this_model_there_is_nothing_to_verify(
     with pytest.raises(UsageError, match="the recording is of another model: it has nq 8, not 1") as caught:
         verify(Simulation(other, replay=recording))
     assert caught.value.path == ("replay",)
+
+
+MANY = 120
+TUMBLER = mujoco.MjModel.from_xml_string(TUMBLE.format("Euler"))
+
+
+def run(model: mujoco.MjModel, steps: Sequence[int] = range(MANY + 1), driven: bool = False) -> Kept:
+    return recorded(live(model, controller=wave if driven else None), steps)[0]
+
+
+@cache
+def driven_run() -> Kept:
+    """A run under changing inputs; not to be written to."""
+    return run(TUMBLER, driven=True)
+
+
+@pytest.mark.parametrize(
+    ("source", "driven"),
+    [
+        *((TUMBLE.format(integrator), True) for integrator in ("Euler", "RK4", "implicit", "implicitfast")),
+        (DELAYED, True),
+        (PLUGIN, False),
+        (SLEEPY, False),
+        (SLEEPY, True),
+    ],
+)
+def test_a_run_is_stepped_again_to_the_last_bit(source: str, driven: bool) -> None:
+    model = mujoco.MjModel.from_xml_string(source)
+    steps = range(700 if source == SLEEPY else MANY + 1)
+    assert first_difference(model, run(model, steps, driven), steps[-1]) is None
+
+
+def test_a_run_that_is_pushed_by_many_and_recorded_in_c_is_stepped_again() -> None:
+    model, timestep = TUMBLER, rational(TUMBLER.opt.timestep)
+    pushes = PushForces(model, [PushKind()("body:1=0/3/0@0.03+0.1"), PushKind()("site:arm=1/0/0@0.1+0.05")], timestep)
+    controller = PeriodicController(wave, Fraction(1, 50), timestep)
+    control = ControlSignal(timestep, np.zeros(model.nu), controller=controller)
+    stepper = PhysicsStepper(model, mujoco.MjData(model), control, pushes)
+    rows = [stepper.state()]
+    for _ in range(MANY):
+        for _ in blocks(stepper, ["qpos"], 1):
+            pass
+        rows.append(stepper.state())
+    kept = Kept(np.arange(MANY + 1), np.stack(rows))
+    forces = kept.rows[:, state.fields(state.sizes(model))["xfrc_applied"]]
+    assert len(np.unique(forces, axis=0)) > 20
+    assert first_difference(model, kept, MANY) is None
+
+
+@given(st.integers(1, MANY), st.sampled_from(["qpos", "qvel", "act", "time", "qacc_warmstart"]), st.data())
+@settings(deadline=None, max_examples=40)
+def test_a_bit_that_was_flipped_is_found_in_its_step_and_place(step: int, field: str, data: st.DataObject) -> None:
+    kept = driven_run()
+    part = state.fields(state.sizes(TUMBLER))[field]
+    place, bit = data.draw(st.integers(part.start, part.stop - 1)), data.draw(st.integers(0, 63))
+    rows = kept.rows.copy()
+    rows.view(np.uint64)[step, place] ^= np.uint64(1) << np.uint64(bit)
+
+    found = first_difference(TUMBLER, replace(kept, rows=rows), MANY)
+    assert found
+    assert (found.index, found.step) == (step, step)
+    assert np.flatnonzero(found.recorded.view(np.uint64) != found.stepped.view(np.uint64)).tolist() == [place]
+    assert found.stepped.tobytes() == kept.rows[step].tobytes()
+    assert first_difference(TUMBLER, replace(kept, rows=rows), step - 1) is None
+
+
+def test_controls_that_were_changed_are_found_a_step_later() -> None:
+    kept = driven_run()
+    rows = kept.rows.copy()
+    rows[50, state.controls(TUMBLER)] += 1
+    found = first_difference(TUMBLER, replace(kept, rows=rows), MANY)
+    assert found
+    assert found.step == 51
+
+
+@pytest.mark.parametrize("every", [1, 2, 7])
+def test_a_recording_of_some_steps_is_verified_at_those(every: int) -> None:
+    steps = range(0, MANY + 1, every)
+    kept = run(TUMBLER, steps)
+    assert first_difference(TUMBLER, kept, len(steps) - 1) is None
+    rows = kept.rows.copy()
+    rows[5, 1] += 1e-15
+    found = first_difference(TUMBLER, replace(kept, rows=rows), len(steps) - 1)
+    assert found
+    assert (found.index, found.step) == (5, 5 * every)
+
+
+def test_progress_is_told_and_the_model_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verification, "PROGRESS", 50)
+    model, told = mujoco.MjModel.from_xml_string(TUMBLE.format("Euler")), list[int]()
+    flags = model.opt.disableflags
+    assert first_difference(model, run(model, range(101)), 100, told.append) is None
+    assert told == [50, 100]
+    assert model.opt.disableflags == flags
+
+
+def test_physics_that_fails_is_told_with_its_step() -> None:
+    spheres = "".join(f'<body pos="{x / 8} 0 .06"><freejoint/><geom size=".05"/></body>' for x in range(6))
+    text = '<mujoco><size memory="{}"/><worldbody><geom type="plane" size="1 1 1"/>{}</worldbody></mujoco>'
+    kept = run(mujoco.MjModel.from_xml_string(text.format("1M", spheres)))
+    with pytest.raises(FailedStepError) as caught:
+        first_difference(mujoco.MjModel.from_xml_string(text.format("20K", spheres)), kept, MANY)
+    assert 0 < caught.value.step < MANY

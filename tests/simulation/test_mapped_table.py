@@ -19,7 +19,7 @@ from mjrun.formats.recording_reader import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.physics.motion import Motion
-from mjrun.simulation.motion_table import MotionReading
+from mjrun.simulation.mapped_table import read_motion
 from mjrun.simulation.simulation import Simulation
 from tests.physics.tumbler import column_names, model, tumble
 
@@ -34,7 +34,7 @@ MAP = (
 
 
 def read(path: Path, *texts: str, quat: str = "wxyz", rate: Fraction | None = None) -> Motion:
-    return MotionReading(texts, quat, rate).read(path, model(), mujoco.MjData(model()))
+    return read_motion(path, model(), mujoco.MjData(model()), texts, quat, rate)
 
 
 def positions(motion: Motion, steps: np.ndarray = ROWS) -> np.ndarray:
