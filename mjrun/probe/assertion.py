@@ -59,20 +59,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjrun.errors import clean, option
+from mjrun.probe import expression as tree
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_rows, shown
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
-from mjrun.probe.expression import (
-    OF_CONDITIONS,
-    AggregateCall,
-    AllRows,
-    BooleanExpression,
-    BooleanOperation,
-    Node,
-    NumericExpression,
-    columns_read,
-    sides,
-    walk,
-)
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.verdict import PartRows, Verdict
@@ -81,11 +70,11 @@ from mjrun.probe.verdict import PartRows, Verdict
 class Alternatives:
     """On how many rows each part of an `or` decides, since all other parts fail there."""
 
-    def __init__(self, operation: BooleanOperation) -> None:
+    def __init__(self, operation: tree.BooleanOperation) -> None:
         self._operation, self._decided = operation, [0] * len(operation.parts)
 
     @property
-    def parts(self) -> list[tuple[BooleanExpression, int]]:
+    def parts(self) -> list[tuple[tree.BooleanExpression, int]]:
         """Each part, and the number of rows that it decides."""
         return list(zip(self._operation.parts, self._decided, strict=True))
 
@@ -101,9 +90,9 @@ class Alternatives:
 class RowCheck:
     """Where a truth fails first, what was compared there, and how often it fails."""
 
-    def __init__(self, truth: BooleanExpression) -> None:
+    def __init__(self, truth: tree.BooleanExpression) -> None:
         self.truth, self.failures, self.place = truth, 0, ""
-        self.found: dict[NumericExpression, float] = {}
+        self.found: dict[tree.NumericExpression, float] = {}
         self.alternatives = [Alternatives(operation) for operation in _alternatives(truth)]
 
     def add(self, chunk: RowChunk, known: KnownValues) -> None:
@@ -113,7 +102,7 @@ class RowCheck:
         if failures and not self.failures:
             index = int(np.argmin(holds))
             self.place = chunk.place(index)
-            self.found = {side: float(evaluate_rows(side, chunk, known)[index]) for side in sides(self.truth)}
+            self.found = {side: float(evaluate_rows(side, chunk, known)[index]) for side in tree.sides(self.truth)}
         self.failures += failures
         for alternatives in self.alternatives:
             alternatives.add(chunk, known)
@@ -132,7 +121,7 @@ class Assertion:
     text: str
     columns: tuple[str, ...]
     table: tuple[str, ...]
-    _truth: BooleanExpression = field(repr=False)
+    _truth: tree.BooleanExpression = field(repr=False)
 
     def checker(self) -> "AssertionChecker":
         """A new check, which has seen no row."""
@@ -151,7 +140,7 @@ def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") 
     """
     parser = Parser(text, option(name), columns)
     truth, table = parser.assertion(), parser.vocabulary.names
-    read = {*columns_read(truth)}
+    read = {*tree.columns_read(truth)}
     return Assertion(text, tuple(name for name in dict.fromkeys(table) if name in read), table, truth)
 
 
@@ -161,11 +150,11 @@ class AssertionChecker:
     def __init__(self, assertion: Assertion) -> None:
         self._assertion, self._truth = assertion, assertion._truth
         self._rows = ChunkBuffer(assertion.table, assertion.columns)
-        nodes = list(walk(self._truth))
+        nodes = list(tree.walk(self._truth))
         self._aggregates = Aggregates(nodes)
-        self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, AllRows)}
+        self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, tree.AllRows)}
         self._values: KnownValues = {}  # known after the last row
-        self._is_one_subject = len({self._text(side) for side in sides(self._truth)}) == 1
+        self._is_one_subject = len({self._text(side) for side in tree.sides(self._truth)}) == 1
 
     def feed(self, block: np.ndarray, first_row: int) -> None:
         """Takes the rows from `first_row` on: one column for each of the table's. The block may be used again.
@@ -193,7 +182,7 @@ class AssertionChecker:
     def _decided(self) -> list[PartRows]:
         """The number of rows that each alternative decides, and that each aggregate with a condition is about."""
         parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
-        calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in OF_CONDITIONS]
+        calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in tree.OF_CONDITIONS]
         return [PartRows(self._text(node), rows) for node, rows in (*parts, *calls)]
 
     def _digest(self, chunk: RowChunk) -> None:
@@ -202,29 +191,29 @@ class AssertionChecker:
             for check in self._row_checks.values():
                 check.add(chunk, self._aggregates.known)
 
-    def _passes(self, truth: BooleanExpression) -> bool:
+    def _passes(self, truth: tree.BooleanExpression) -> bool:
         match truth:
-            case AllRows():
+            case tree.AllRows():
                 return not self._row_checks[truth].failures
-            case BooleanOperation(every=every, parts=parts):
+            case tree.BooleanOperation(every=every, parts=parts):
                 return (all if every else any)(map(self._passes, parts))
         return bool(evaluate_truth(truth, {}, self._values))
 
-    def _sentences(self, truth: BooleanExpression, outcome: bool) -> Iterator[str]:
+    def _sentences(self, truth: tree.BooleanExpression, outcome: bool) -> Iterator[str]:
         """What decided: the parts whose outcome is that of the whole."""
         match truth:
-            case BooleanOperation(parts=parts):
+            case tree.BooleanOperation(parts=parts):
                 for part in parts:
                     if self._passes(part) == outcome:
                         yield from self._sentences(part, outcome)
-            case AllRows() if outcome:
+            case tree.AllRows() if outcome:
                 rows = f"all {self._rows.seen} rows" if self._rows.seen > 1 else "the only row"
                 subject = "it" if truth is self._truth else self._text(truth)
                 yield f"{subject} holds on {rows}{self._deciding_parts(self._row_checks[truth])}"
-            case AllRows():
+            case tree.AllRows():
                 yield self._failure(self._row_checks[truth])
             case _:
-                yield from map(self._side, sides(truth))
+                yield from map(self._side, tree.sides(truth))
 
     def _deciding_parts(self, check: RowCheck) -> str:
         """On how many rows each alternative decides, for the end of a message."""
@@ -238,32 +227,32 @@ class AssertionChecker:
         more = f", the first of {check.failures} such rows" if check.failures > 1 else ""
         return ", ".join(sides) + check.place + more
 
-    def _side(self, side: NumericExpression) -> str:
+    def _side(self, side: tree.NumericExpression) -> str:
         """The value of one side of a comparison, and the rows that its aggregates come from."""
         sentence = self._value_text(side, float(evaluate(side, {}, self._values)))
-        if isinstance(side, AggregateCall):
+        if isinstance(side, tree.AggregateCall):
             return sentence + self._origin(side)
-        inner = [node for node in walk(side) if isinstance(node, AggregateCall)]
+        inner = [node for node in tree.walk(side) if isinstance(node, tree.AggregateCall)]
         aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._origin(n)}" for n in inner)
         return f"{sentence} ({'; '.join(dict.fromkeys(aggregates))})"
 
-    def _origin(self, call: AggregateCall) -> str:
+    def _origin(self, call: tree.AggregateCall) -> str:
         """The row that decides the value of an aggregate, and how many rows it is about if there is a condition."""
         rows = self._aggregates.rows.get(call)
-        is_counted = rows is None or call.name in OF_CONDITIONS
+        is_counted = rows is None or call.name in tree.OF_CONDITIONS
         return self._aggregates.place(call) + ("" if is_counted else f", of {rows} of {self._rows.seen} rows")
 
-    def _value_text(self, side: NumericExpression, value: float) -> str:
+    def _value_text(self, side: tree.NumericExpression, value: float) -> str:
         subject = "it" if self._is_one_subject else self._text(side)
         return f"{subject} is {shown(value)}" + (" (no comparison with nan holds)" if math.isnan(value) else "")
 
-    def _text(self, node: Node) -> str:
+    def _text(self, node: tree.Node) -> str:
         return clean(self._assertion.text[node.start : node.end])
 
 
-def _alternatives(truth: BooleanExpression) -> Iterator[BooleanOperation]:
+def _alternatives(truth: tree.BooleanExpression) -> Iterator[tree.BooleanOperation]:
     """Each `or` in a truth of one row."""
-    if isinstance(truth, BooleanOperation):
+    if isinstance(truth, tree.BooleanOperation):
         if not truth.every:
             yield truth
         for part in truth.parts:

@@ -10,22 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mjrun.probe.expression import (
-    COMPARE,
-    REDUCED,
-    AggregateCall,
-    BooleanExpression,
-    BooleanOperation,
-    Choice,
-    ColumnReference,
-    ColumnVector,
-    Comparison,
-    FunctionCall,
-    NumberLiteral,
-    NumericExpression,
-    PreviousValue,
-    Reduction,
-)
+from mjrun.probe import expression as tree
 
 
 class ColumnLayout:
@@ -82,11 +67,11 @@ class ColumnMatrix(Mapping[str, Any]):
 
 
 Columns = Mapping[str, np.ndarray]
-KnownValues = dict[NumericExpression, Any]  # of aggregates and of previous values, by their calls
+KnownValues = dict[tree.NumericExpression, Any]  # of aggregates and of previous values, by their calls
 Evaluation = Callable[[Columns, KnownValues], Any]
 
 
-def evaluate(value: NumericExpression, columns: Columns, known: KnownValues) -> Any:
+def evaluate(value: tree.NumericExpression, columns: Columns, known: KnownValues) -> Any:
     """The value on each row of `columns`, or on all of them alike; `known` has what other rows decide.
 
     Returns:
@@ -95,43 +80,43 @@ def evaluate(value: NumericExpression, columns: Columns, known: KnownValues) -> 
     return evaluation(value)(columns, known)
 
 
-def evaluate_truth(truth: BooleanExpression, columns: Columns, known: KnownValues) -> Any:
+def evaluate_truth(truth: tree.BooleanExpression, columns: Columns, known: KnownValues) -> Any:
     """Whether `truth` holds, row by row where it has rows."""
     return truth_evaluation(truth)(columns, known)
 
 
-def evaluation(value: NumericExpression) -> Evaluation:
+def evaluation(value: tree.NumericExpression) -> Evaluation:
     """`evaluate` of one expression, for those who call it often."""
     match value:
-        case NumberLiteral(value=number):
+        case tree.NumberLiteral(value=number):
             return lambda columns, known: number
-        case ColumnReference(name=name):
+        case tree.ColumnReference(name=name):
             return lambda columns, known: columns[name]
-        case ColumnVector(names=names):
+        case tree.ColumnVector(names=names):
             return lambda columns, known: _vector(columns, names)
-        case AggregateCall() | PreviousValue():
+        case tree.AggregateCall() | tree.PreviousValue():
             return lambda columns, known: known[value]
-        case FunctionCall():
+        case tree.FunctionCall():
             return _call(value)
-        case Reduction(name=name, operands=operands):
-            reduced, numbers = REDUCED[name], _side_by_side(operands)
+        case tree.Reduction(name=name, operands=operands):
+            reduced, numbers = tree.REDUCED[name], _side_by_side(operands)
             return lambda columns, known: reduced(numbers(columns, known), axis=-1)
-        case Choice(condition=condition, operands=operands):
+        case tree.Choice(condition=condition, operands=operands):
             return _choice(truth_evaluation(condition), *_aligned(operands), is_vector=value.width > 0)
     raise TypeError(value)
 
 
-def truth_evaluation(truth: BooleanExpression) -> Evaluation:
+def truth_evaluation(truth: tree.BooleanExpression) -> Evaluation:
     """`evaluate_truth` of one condition, for those who call it often."""
     match truth:
-        case Comparison(operator=operator, sides=sides):
-            compare = COMPARE[operator]
+        case tree.Comparison(operator=operator, sides=sides):
+            compare = tree.COMPARE[operator]
             left, right = map(evaluation, sides)
-            if isinstance(limit := sides[1], NumberLiteral):
+            if isinstance(limit := sides[1], tree.NumberLiteral):
                 number = limit.value
                 return lambda columns, known: compare(left(columns, known), number)
             return lambda columns, known: compare(left(columns, known), right(columns, known))
-        case BooleanOperation(every=every, parts=parts):
+        case tree.BooleanOperation(every=every, parts=parts):
             first, *rest = map(truth_evaluation, parts)
 
             def operation(columns: Columns, known: KnownValues) -> Any:
@@ -157,14 +142,14 @@ def _choice(holds: Evaluation, first: Evaluation, second: Evaluation, is_vector:
     return choice
 
 
-def _call(call: FunctionCall) -> Evaluation:
+def _call(call: tree.FunctionCall) -> Evaluation:
     first, *rest = _aligned(call.operands)
     function = call.functions[0]
     if not rest:
         return lambda columns, known: function(first(columns, known))
     if len(rest) == 1:
         (second,) = rest
-        if isinstance(last := call.operands[1], NumberLiteral):
+        if isinstance(last := call.operands[1], tree.NumberLiteral):
             number = last.value
             return lambda columns, known: function(first(columns, known), number)
         return lambda columns, known: function(first(columns, known), second(columns, known))
@@ -185,7 +170,7 @@ def _vector(columns: Columns, names: tuple[str, ...]) -> np.ndarray:
     return np.stack([columns[name] for name in names], axis=-1)
 
 
-def _aligned(operands: Sequence[NumericExpression]) -> list[Evaluation]:
+def _aligned(operands: Sequence[tree.NumericExpression]) -> list[Evaluation]:
     """The evaluations of `operands`; if one is a vector, all are such that numpy combines them row by row."""
     evaluations = list(map(evaluation, operands))
     if not any(operand.width for operand in operands):
@@ -203,7 +188,7 @@ def _beside_vector(values_of: Evaluation) -> Evaluation:
     return beside
 
 
-def _side_by_side(operands: Sequence[NumericExpression]) -> Evaluation:
+def _side_by_side(operands: Sequence[tree.NumericExpression]) -> Evaluation:
     """All numbers of `operands` on each row: `(n, k)` in C order, so that a sum over them is the same for every n."""
     evaluations = list(map(evaluation, operands))
     if len(operands) == 1 and operands[0].width:

@@ -6,35 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.errors import counted
-from mjrun.probe.expression import (
-    AGGREGATES,
-    ARITHMETIC,
-    ELEMENTWISE,
-    FINITE,
-    FIXED,
-    FOLDED,
-    OF_CONDITIONS,
-    ROW,
-    START,
-    SUCCESSIVE,
-    TABLE,
-    AggregateCall,
-    BooleanExpression,
-    BooleanOperation,
-    Choice,
-    ColumnReference,
-    Comparison,
-    Function,
-    FunctionCall,
-    Node,
-    NumberLiteral,
-    NumericExpression,
-    PreviousValue,
-    Reduction,
-    is_mixed,
-    is_row,
-    sides,
-)
+from mjrun.probe import expression as tree
 from mjrun.probe.scanner import SourceText, Token, Vocabulary
 
 
@@ -52,21 +24,21 @@ class NodeBuilder:
         self.source, self.vocabulary = source, vocabulary
         self.aggregates = vocabulary.control_dt is None
 
-    def call(self, name: Token, arguments: list[Node], end: int) -> Node:
+    def call(self, name: Token, arguments: list[tree.Node], end: int) -> tree.Node:
         """A call that is written up to character `end`."""
-        conditional = any(isinstance(argument, BooleanExpression) for argument in arguments)
-        wide = any(isinstance(argument, NumericExpression) and argument.width for argument in arguments)
-        several = name.text in FOLDED and not conditional and (wide or len(arguments) > 1)
-        if name.text in AGGREGATES and not several:
+        conditional = any(isinstance(argument, tree.BooleanExpression) for argument in arguments)
+        wide = any(isinstance(argument, tree.NumericExpression) and argument.width for argument in arguments)
+        several = name.text in tree.FOLDED and not conditional and (wide or len(arguments) > 1)
+        if name.text in tree.AGGREGATES and not several:
             return self._aggregate(name, arguments, end)
         if name.text == "where":
             return self._choice(name, arguments, end)
 
         values = [self.value(argument) for argument in arguments]
         if name.text == "norm" or (several and wide):
-            return Reduction(name.start, end, self._kind(values), name.text, tuple(values))
+            return tree.Reduction(name.start, end, self._kind(values), name.text, tuple(values))
         if several:
-            return self.elementwise(name.start, end, [FOLDED[name.text]] * (len(values) - 1), values)
+            return self.elementwise(name.start, end, [tree.FOLDED[name.text]] * (len(values) - 1), values)
         if name.text == "clip":
             self._expect(name, values, 3, "clip(x, low, high)")
             return self.elementwise(name.start, end, [np.maximum, np.minimum], values)
@@ -74,36 +46,36 @@ class NodeBuilder:
         self._expect(name, values, 1, f"{name.text} of one")
         if name.text == "isfinite":
             return self._finiteness(name, values[0], end)
-        if name.text in SUCCESSIVE:
+        if name.text in tree.SUCCESSIVE:
             return self._successive(name, values[0], end)
-        return self.elementwise(name.start, end, [ELEMENTWISE[name.text]], values)
+        return self.elementwise(name.start, end, [tree.ELEMENTWISE[name.text]], values)
 
     def elementwise(
-        self, start: int, end: int, functions: Sequence[Function], values: Sequence[NumericExpression]
-    ) -> FunctionCall:
+        self, start: int, end: int, functions: Sequence[tree.Function], values: Sequence[tree.NumericExpression]
+    ) -> tree.FunctionCall:
         """Functions of `values`, number by number."""
-        call = FunctionCall(start, end, self._kind(values), tuple(functions), tuple(values))
+        call = tree.FunctionCall(start, end, self._kind(values), tuple(functions), tuple(values))
         self._check_widths(values)
         return call
 
     def compared(
-        self, start: int, end: int, operators: Sequence[Token], values: Sequence[NumericExpression]
-    ) -> BooleanExpression:
+        self, start: int, end: int, operators: Sequence[Token], values: Sequence[tree.NumericExpression]
+    ) -> tree.BooleanExpression:
         """What holds if all neighbours compare as the operators between them say."""
         pairs = []
         for token, left, right in zip(operators, values, values[1:], strict=False):
-            if self._kind([left, right]) == FIXED:
+            if self._kind([left, right]) == tree.FIXED:
                 raise self.source.fault(left.start, "a comparison of numbers only", "a column on one side")
-            pairs.append(Comparison(left.start, right.end, token.text, (left, right)))
-        return pairs[0] if len(pairs) == 1 else BooleanOperation(start, end, True, tuple(pairs))
+            pairs.append(tree.Comparison(left.start, right.end, token.text, (left, right)))
+        return pairs[0] if len(pairs) == 1 else tree.BooleanOperation(start, end, True, tuple(pairs))
 
-    def value(self, node: Node) -> NumericExpression:
+    def value(self, node: tree.Node) -> tree.NumericExpression:
         """`node` as a number or a vector."""
-        if isinstance(node, NumericExpression):
+        if isinstance(node, tree.NumericExpression):
             return node
         raise self.source.fault(node.start, "a comparison", "a number")
 
-    def scalar(self, node: Node) -> NumericExpression:
+    def scalar(self, node: tree.Node) -> tree.NumericExpression:
         """`node` as a single number."""
         value = self.value(node)
         if value.width:
@@ -111,89 +83,92 @@ class NodeBuilder:
             raise self.source.fault(value.start, shown, "one number: norm(…), sum(…), min(…) or max(…) of it")
         return value
 
-    def truth(self, node: Node) -> BooleanExpression:
+    def truth(self, node: tree.Node) -> tree.BooleanExpression:
         """`node` as something that holds or not."""
-        if isinstance(node, BooleanExpression):
+        if isinstance(node, tree.BooleanExpression):
             return node
-        if isinstance(node, ColumnReference) and self.vocabulary.is_count(node.name):
-            return Comparison(node.start, node.end, ">", (node, NumberLiteral(node.end, node.end, FIXED, 0.0)))
+        if isinstance(node, tree.ColumnReference) and self.vocabulary.is_count(node.name):
+            none = tree.NumberLiteral(node.end, node.end, tree.FIXED, 0.0)
+            return tree.Comparison(node.start, node.end, ">", (node, none))
         raise self.source.fault(node.start, "a number", "a comparison (< <= > >= == !=)")
 
-    def _choice(self, name: Token, arguments: list[Node], end: int) -> NumericExpression:
+    def _choice(self, name: Token, arguments: list[tree.Node], end: int) -> tree.NumericExpression:
         """`where(condition, x, y)`."""
         self._expect(name, arguments, 3, "where(condition, x, y)")
         condition, first, second = self.truth(arguments[0]), self.value(arguments[1]), self.value(arguments[2])
         self._check_widths((first, second))
-        kind = self._kind([*sides(condition), first, second])
-        return Choice(name.start, end, kind, condition, (first, second))
+        kind = self._kind([*tree.sides(condition), first, second])
+        return tree.Choice(name.start, end, kind, condition, (first, second))
 
-    def _finiteness(self, name: Token, value: NumericExpression, end: int) -> BooleanExpression:
+    def _finiteness(self, name: Token, value: tree.NumericExpression, end: int) -> tree.BooleanExpression:
         """`isfinite(x)`; a vector is finite if all its numbers are."""
-        if value.kind == FIXED:
+        if value.kind == tree.FIXED:
             raise self.source.fault(value.start, "a number only", "a column in it")
         if value.width:
-            magnitude = FunctionCall(value.start, value.end, value.kind, (abs,), (value,))
-            value = Reduction(value.start, value.end, value.kind, "max", (magnitude,))
-        return Comparison(name.start, end, FINITE, (value, NumberLiteral(end, end, FIXED, math.inf)))
+            magnitude = tree.FunctionCall(value.start, value.end, value.kind, (abs,), (value,))
+            value = tree.Reduction(value.start, value.end, value.kind, "max", (magnitude,))
+        infinity = tree.NumberLiteral(end, end, tree.FIXED, math.inf)
+        return tree.Comparison(name.start, end, tree.FINITE, (value, infinity))
 
-    def _successive(self, name: Token, value: NumericExpression, end: int) -> NumericExpression:
+    def _successive(self, name: Token, value: tree.NumericExpression, end: int) -> tree.NumericExpression:
         """`previous(x)` or `rate(x)`."""
         if self.vocabulary.control_dt is None:
             raise self.source.fault(name.start, f"{name.text}, which only tasks have", "values of one instant")
-        if value.kind != ROW:
+        if value.kind != tree.ROW:
             raise self.source.fault(value.start, f"{name.text} of what never changes", "a column in it")
-        previous = PreviousValue(name.start, end, ROW, value)
+        previous = tree.PreviousValue(name.start, end, tree.ROW, value)
         if name.text == "previous":
             return previous
-        step = NumberLiteral(end, end, FIXED, self.vocabulary.control_dt)
-        return FunctionCall(name.start, end, ROW, (ARITHMETIC["-"], ARITHMETIC["/"]), (value, previous, step))
+        step = tree.NumberLiteral(end, end, tree.FIXED, self.vocabulary.control_dt)
+        change_per_time = tree.ARITHMETIC["-"], tree.ARITHMETIC["/"]
+        return tree.FunctionCall(name.start, end, tree.ROW, change_per_time, (value, previous, step))
 
-    def _aggregate(self, name: Token, arguments: list[Node], end: int) -> NumericExpression:
+    def _aggregate(self, name: Token, arguments: list[tree.Node], end: int) -> tree.NumericExpression:
         """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
         if not self.aggregates:
-            meant = f"{name.text} of several, or of a vector" if name.text in FOLDED else "values of one instant"
+            meant = f"{name.text} of several, or of a vector" if name.text in tree.FOLDED else "values of one instant"
             raise self.source.fault(name.start, f"{name.text} over all instants", meant)
         first, *others = arguments
         if name.text == "share":
             first = self.truth(first)
-        if isinstance(first, BooleanExpression) and name.text in OF_CONDITIONS:
-            first, others = NumberLiteral(first.start, first.start, ROW, 1.0), [first, *others]
+        if isinstance(first, tree.BooleanExpression) and name.text in tree.OF_CONDITIONS:
+            first, others = tree.NumberLiteral(first.start, first.start, tree.ROW, 1.0), [first, *others]
         value = self.scalar(first)
         fraction = self._fraction(name, others) if name.text == "quantile" else 0.5
 
         condition = self._row_condition(name, others.pop(0)) if others else None
         if others:
             raise self.source.fault(others[0].start, "one value more", f"the end of {name.text}(…)")
-        if value.kind == FIXED:
+        if value.kind == tree.FIXED:
             raise self.source.fault(value.start, f"{name.text} of what is the same on all rows", "a column in it")
-        if value.kind != ROW:
+        if value.kind != tree.ROW:
             raise self.source.fault(value.start, f"an aggregate within {name.text}", "values per row in it")
 
-        kind = START if name.text == "first" and condition is None else TABLE
-        return AggregateCall(name.start, end, kind, name.text, value, condition, fraction)
+        kind = tree.START if name.text == "first" and condition is None else tree.TABLE
+        return tree.AggregateCall(name.start, end, kind, name.text, value, condition, fraction)
 
-    def _fraction(self, name: Token, arguments: list[Node]) -> float:
+    def _fraction(self, name: Token, arguments: list[tree.Node]) -> float:
         """Takes the second argument of `quantile`."""
         if not arguments:
             raise self.source.fault(name.start, "quantile of one value", "quantile(x, 0.9)")
         node = arguments.pop(0)
-        if not isinstance(node, NumberLiteral) or not 0 <= node.value <= 1:
+        if not isinstance(node, tree.NumberLiteral) or not 0 <= node.value <= 1:
             raise self.source.fault(node.start, "no fraction of the values", "a number from 0 to 1")
         return node.value
 
-    def _row_condition(self, name: Token, node: Node) -> BooleanExpression:
+    def _row_condition(self, name: Token, node: tree.Node) -> tree.BooleanExpression:
         """`node` as what chooses among the rows."""
         condition = self.truth(node)
-        if not is_row(condition) or is_mixed(condition):
+        if not tree.is_row(condition) or tree.is_mixed(condition):
             raise self.source.fault(node.start, f"an aggregate as the condition of {name.text}", "values per row")
         return condition
 
-    def _expect(self, name: Token, arguments: Sequence[Node], count: int, meant: str) -> None:
+    def _expect(self, name: Token, arguments: Sequence[tree.Node], count: int, meant: str) -> None:
         if len(arguments) != count:
             written = "one value" if len(arguments) == 1 else f"{len(arguments)} values"
             raise self.source.fault(name.start, f"{name.text} of {written}", meant)
 
-    def _check_widths(self, values: Sequence[NumericExpression]) -> None:
+    def _check_widths(self, values: Sequence[tree.NumericExpression]) -> None:
         """Vectors that are combined have one width."""
         vectors = [value for value in values if value.width]
         for other in vectors[1:]:
@@ -201,14 +176,14 @@ class NodeBuilder:
                 shown = f"a vector of {counted(other.width, 'number')} next to one of {vectors[0].width}"
                 raise self.source.fault(other.start, shown, "vectors of the same length")
 
-    def _kind(self, values: Sequence[NumericExpression]) -> str:
+    def _kind(self, values: Sequence[tree.NumericExpression]) -> str:
         """By what a combination of `values` is known."""
         kinds = {value.kind for value in values}
-        if kinds >= {ROW, TABLE}:
-            late = next(value for value in values if value.kind == TABLE)
+        if kinds >= {tree.ROW, tree.TABLE}:
+            late = next(value for value in values if value.kind == tree.TABLE)
             raise self.source.fault(
                 late.start,
                 "an aggregate next to values per row, and it is known after the last row only",
                 "aggregates only, values per row only, or first(…) among them",
             )
-        return next(kind for kind in (TABLE, ROW, START, FIXED) if kind in kinds)
+        return next(kind for kind in (tree.TABLE, tree.ROW, tree.START, tree.FIXED) if kind in kinds)

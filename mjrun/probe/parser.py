@@ -7,35 +7,7 @@ from operator import neg, pos
 import numpy as np
 
 from mjrun.errors import UsageError, clean, quoted
-from mjrun.probe.expression import (
-    AGGREGATES,
-    ARITHMETIC,
-    COMPARISON,
-    ELEMENTWISE,
-    FIXED,
-    FOLDED,
-    LEVELS,
-    MEANT,
-    NOT,
-    OTHERS,
-    ROW,
-    SIGN,
-    START,
-    SUCCESSIVE,
-    AggregateCall,
-    AllRows,
-    BooleanExpression,
-    BooleanOperation,
-    ColumnReference,
-    ColumnVector,
-    Node,
-    NumberLiteral,
-    NumericExpression,
-    is_mixed,
-    is_row,
-    negated,
-    walk,
-)
+from mjrun.probe import expression as tree
 from mjrun.probe.node_builder import NodeBuilder
 from mjrun.probe.scanner import SHOWN, Scanner, SourceText, Token, Vocabulary, is_bare, is_name, is_word, spelled
 
@@ -60,33 +32,33 @@ class Parser:
         self.scanner, self.depth = Scanner(self.source, self.vocabulary), 0
         self.token, self.end = self.scanner.token(0), 0
 
-    def assertion(self) -> BooleanExpression:
+    def assertion(self) -> tree.BooleanExpression:
         """The whole text as one truth of a table, in which `AllRows` marks what is checked row by row."""
         return self._planned(self.nodes.truth(self._to_end()))
 
-    def condition(self) -> BooleanExpression:
+    def condition(self) -> tree.BooleanExpression:
         """The whole text as one truth per row, without aggregates."""
         self.nodes.aggregates = False
         return self.nodes.truth(self._to_end())
 
-    def row_value(self) -> NumericExpression:
+    def row_value(self) -> tree.NumericExpression:
         """The whole text as one number per row."""
         value = self.nodes.scalar(self._to_end())
-        for node in walk(value):
-            if isinstance(node, AggregateCall) and node.kind != START:
+        for node in tree.walk(value):
+            if isinstance(node, tree.AggregateCall) and node.kind != tree.START:
                 raise self.source.fault(node.start, f"{node.name} over all rows", "values per row, or first(…)")
         return value
 
-    def table_value(self) -> NumericExpression:
+    def table_value(self) -> tree.NumericExpression:
         """The whole text as one number of the table."""
         value = self.nodes.scalar(self._to_end())
-        if value.kind == ROW:
+        if value.kind == tree.ROW:
             raise self.source.fault(value.start, "values per row", f"one number, such as max({self.text.strip()})")
-        if value.kind == FIXED:
+        if value.kind == tree.FIXED:
             raise self.source.fault(value.start, "what no simulation changes", "a column in it")
         return value
 
-    def _to_end(self) -> Node:
+    def _to_end(self) -> tree.Node:
         node = self._expression(0)
         if self.token.kind != "end":
             raise self._unexpected("an operator or the end")
@@ -100,78 +72,79 @@ class Parser:
     def _is(self, *operators: str) -> bool:
         return self.token.kind == "operator" and self.token.text in operators
 
-    def _expression(self, floor: int) -> Node:
+    def _expression(self, floor: int) -> tree.Node:
         self.depth += 1
         if self.depth > DEEPEST:
             raise self._unexpected(f"at most {DEEPEST} expressions within each other")
         start, left = self.token.start, self._operand(floor)
-        while self.token.kind == "operator" and (level := LEVELS.get(self.token.text, 0)) > floor:
+        while self.token.kind == "operator" and (level := tree.LEVELS.get(self.token.text, 0)) > floor:
             left = self._chain(start, left, level)
         self.depth -= 1
         return left
 
-    def _chain(self, start: int, first: Node, level: int) -> Node:
+    def _chain(self, start: int, first: tree.Node, level: int) -> tree.Node:
         """Operands joined by operators of one level; `^` takes what is right of it first."""
         operators: list[Token] = []
         operands = [first]
-        while self.token.kind == "operator" and LEVELS.get(self.token.text) == level:
+        while self.token.kind == "operator" and tree.LEVELS.get(self.token.text) == level:
             operators.append(self._take())
-            operands.append(self._expression(min(level, SIGN)))
-        if level < NOT:
+            operands.append(self._expression(min(level, tree.SIGN)))
+        if level < tree.NOT:
             truths = tuple(self.nodes.truth(node) for node in operands)
-            return BooleanOperation(start, self.end, operators[0].text == "and", truths)
-        if level == COMPARISON:
+            return tree.BooleanOperation(start, self.end, operators[0].text == "and", truths)
+        if level == tree.COMPARISON:
             return self.nodes.compared(start, self.end, operators, tuple(self.nodes.scalar(node) for node in operands))
         values = [self.nodes.value(node) for node in operands]
-        functions = [ARITHMETIC[token.text] for token in operators]
-        if level == LEVELS["^"]:  # an exponent that varies takes one way for every number, be it 2 or not
+        functions = [tree.ARITHMETIC[token.text] for token in operators]
+        if level == tree.LEVELS["^"]:  # an exponent that varies takes one way for every number, be it 2 or not
             kinds = [value.kind for value in values[1:]]
-            functions = [np.power if kind == ROW else each for each, kind in zip(functions, kinds, strict=True)]
+            functions = [np.power if kind == tree.ROW else each for each, kind in zip(functions, kinds, strict=True)]
         return self.nodes.elementwise(start, self.end, functions, values)
 
-    def _operand(self, floor: int) -> Node:
+    def _operand(self, floor: int) -> tree.Node:
         token = self.token
         match token.kind, token.text:
             case "number", _:
                 return self._number(self._take())
             case "column", _:
                 self._take()
-                return ColumnReference(token.start, token.end, ROW, token.text)
+                return tree.ColumnReference(token.start, token.end, tree.ROW, token.text)
             case "wildcard", _:
                 self._take()
-                return ColumnVector(token.start, token.end, ROW, self.vocabulary.matching(token.text))
+                return tree.ColumnVector(token.start, token.end, tree.ROW, self.vocabulary.matching(token.text))
             case "word", _:
                 return self._named(self._take())
             case "operator", "(":
                 return self._group()
             case "operator", ("-" | "+"):
                 return self._signed(self._take())
-            case "operator", "not" if floor <= NOT:
+            case "operator", "not" if floor <= tree.NOT:
                 self._take()
-                return negated(self.nodes.truth(self._expression(NOT)))
+                return tree.negated(self.nodes.truth(self._expression(tree.NOT)))
             case "unknown", text if is_name(text):
                 raise self._unknown(token)
-        raise self._unexpected("a number, a column, a function" + (", '(' or 'not'" if floor <= NOT else " or '('"))
+        others = ", '(' or 'not'" if floor <= tree.NOT else " or '('"
+        raise self._unexpected(f"a number, a column, a function{others}")
 
-    def _number(self, token: Token) -> NumericExpression:
+    def _number(self, token: Token) -> tree.NumericExpression:
         value = float(token.text)
         if math.isinf(value):
             raise self.source.fault(token.start, f"a number beyond all floats ({token.text[:SHOWN]})", "less, or inf")
-        return NumberLiteral(token.start, token.end, FIXED, value)
+        return tree.NumberLiteral(token.start, token.end, tree.FIXED, value)
 
-    def _named(self, token: Token) -> Node:
+    def _named(self, token: Token) -> tree.Node:
         if token.text in self.vocabulary.constants:
-            return NumberLiteral(token.start, token.end, FIXED, self.vocabulary.constants[token.text])
+            return tree.NumberLiteral(token.start, token.end, tree.FIXED, self.vocabulary.constants[token.text])
         if not self._is("("):
             raise self._unexpected(f"'(' after {token.text}")
-        arguments: list[Node] = []
+        arguments: list[tree.Node] = []
         while not arguments or self._is(","):
             self._take()
-            arguments.append(self._expression(0 if token.text in (*AGGREGATES, "where") else COMPARISON))
+            arguments.append(self._expression(0 if token.text in (*tree.AGGREGATES, "where") else tree.COMPARISON))
         self._close("+ - * / ^, ',' or ')'")
         return self.nodes.call(token, arguments, self.end)
 
-    def _group(self) -> Node:
+    def _group(self) -> tree.Node:
         self._take()
         node = self._expression(0)
         self._close("an operator or ')'")
@@ -182,33 +155,34 @@ class Parser:
             raise self._unexpected(expected)
         self._take()
 
-    def _signed(self, sign: Token) -> NumericExpression:
-        value = self.nodes.value(self._expression(SIGN))
+    def _signed(self, sign: Token) -> tree.NumericExpression:
+        value = self.nodes.value(self._expression(tree.SIGN))
         function = neg if sign.text == "-" else pos
         return self.nodes.elementwise(sign.start, self.end, [function], [value])
 
-    def _planned(self, truth: BooleanExpression) -> BooleanExpression:
+    def _planned(self, truth: tree.BooleanExpression) -> tree.BooleanExpression:
         """`truth` with what is checked row by row marked; all aggregates are outside of the marks."""
-        if not isinstance(truth, BooleanOperation):
-            return AllRows(truth.start, truth.end, truth) if is_row(truth) else truth
+        if not isinstance(truth, tree.BooleanOperation):
+            return tree.AllRows(truth.start, truth.end, truth) if tree.is_row(truth) else truth
         if truth.every:
-            return BooleanOperation(truth.start, truth.end, True, tuple(map(self._planned, truth.parts)))
+            return tree.BooleanOperation(truth.start, truth.end, True, tuple(map(self._planned, truth.parts)))
         parts = list(self._alternatives(truth))
-        rows = [part for part in parts if is_row(part) and not is_mixed(part)]
+        rows = [part for part in parts if tree.is_row(part) and not tree.is_mixed(part)]
         rest = [self._planned(part) for part in parts if part not in rows]
-        if bool(rows) + sum(map(is_mixed, rest)) > 1:
+        if bool(rows) + sum(map(tree.is_mixed, rest)) > 1:
             raise self.source.fault(
                 truth.start,
                 "an 'or' whose sides hold values per row, and an 'and' with aggregates among them",
                 "two assertions, or aggregates only",
             )
         if not rows:
-            return BooleanOperation(truth.start, truth.end, False, tuple(rest))
-        row = AllRows(rows[0].start, rows[-1].end, BooleanOperation(truth.start, truth.end, False, tuple(rows)))
-        return BooleanOperation(truth.start, truth.end, False, (row, *rest)) if rest else row
+            return tree.BooleanOperation(truth.start, truth.end, False, tuple(rest))
+        either = tree.BooleanOperation(truth.start, truth.end, False, tuple(rows))
+        row = tree.AllRows(rows[0].start, rows[-1].end, either)
+        return tree.BooleanOperation(truth.start, truth.end, False, (row, *rest)) if rest else row
 
-    def _alternatives(self, truth: BooleanExpression) -> Iterator[BooleanExpression]:
-        if isinstance(truth, BooleanOperation) and not truth.every:
+    def _alternatives(self, truth: tree.BooleanExpression) -> Iterator[tree.BooleanExpression]:
+        if isinstance(truth, tree.BooleanOperation) and not truth.every:
             for part in truth.parts:
                 yield from self._alternatives(part)
         else:
@@ -220,8 +194,8 @@ class Parser:
         return self._unquoted() or self.vocabulary.missing(token.text, token.start, self.source)
 
     def _no_function(self, name: Token) -> UsageError:
-        valid = [*ELEMENTWISE, *OTHERS, *(AGGREGATES if self.nodes.aggregates else FOLDED)]
-        valid += SUCCESSIVE if self.vocabulary.control_dt is not None else ()
+        valid = [*tree.ELEMENTWISE, *tree.OTHERS, *(tree.AGGREGATES if self.nodes.aggregates else tree.FOLDED)]
+        valid += tree.SUCCESSIVE if self.vocabulary.control_dt is not None else ()
         groups = sorted(self.vocabulary.groups)
         if not groups:
             return self.source.unknown(name.start, "function", name.text, valid)
@@ -231,7 +205,7 @@ class Parser:
 
     def _unexpected(self, expected: str) -> UsageError:
         token = self.token
-        meant = MEANT.get(token.text) if token.kind == "unknown" else None
+        meant = tree.MEANT.get(token.text) if token.kind == "unknown" else None
         shown = quoted(token.text if len(token.text) <= SHOWN else token.text[:SHOWN] + "…")
         hint = f" (did you mean {meant}?)" if meant else ""
         shown = "the end" if token.kind == "end" else shown + hint
