@@ -16,7 +16,7 @@ import numpy as np
 from mjrun.confinement.sandbox import confined_load
 from mjrun.errors import UsageError, clean
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
-from mjrun.model.xml_source import Element, XmlSource, read_xml
+from mjrun.model.xml_source import START_TAG, Element, XmlSource, read_xml
 
 # Attributes whose name is not that of the field of MjSpec, by kind of element or for all.
 NAMES = {"solref_limit": "solreflimit", "solimp_limit": "solimplimit"}
@@ -35,7 +35,6 @@ SHORTCUTS = {
     ("damper", "gainprm", 2): "kv",
     ("adhesion", "gainprm", 0): "gain",
 }
-_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
 def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
     """The text of one file with its attributes changed."""
     for each in sorted(made, key=lambda change: -change.element.offset):
-        tag = _TAG.match(xml, each.element.offset)
+        tag = START_TAG.match(xml, each.element.offset)
         assert tag, "an element begins where its parser said"
         xml = xml[: tag.start()] + _with_attribute(tag[0], each.attribute, each.value) + xml[tag.end() :]
     return xml

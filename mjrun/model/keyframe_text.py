@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from mjrun.errors import clean
+from mjrun.model.xml_source import START_TAG, Element, XmlParser
 
 BOM = b"\xef\xbb\xbf"
 INDENT = b"  "  # where the file shows none of its own
@@ -22,21 +23,6 @@ ATTRIBUTES = {
     "mpos": "mocap_pos",
     "mquat": "mocap_quat",
 }
-_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
-
-
-@dataclass
-class _Element:
-    """Where an element is in the text: its start tag from `start` to `inner`, its end tag from `closing` to `end`."""
-
-    tag: str
-    name: str
-    start: int
-    inner: int
-    is_empty: bool
-    closing: int = 0
-    end: int = 0
-    children: "list[_Element]" = field(default_factory=list["_Element"])
 
 
 def with_key(xml: bytes, name: str, fields: Mapping[str, np.ndarray]) -> bytes:
@@ -48,25 +34,28 @@ def with_key(xml: bytes, name: str, fields: Mapping[str, np.ndarray]) -> bytes:
     Raises:
       ValueError: it is not an MJCF model, or not well-formed; the message says what it is instead.
     """
+    if xml.startswith(BOM):
+        return BOM + with_key(xml.removeprefix(BOM), name, fields)
     root = _parse(xml)
     newline = b"\r\n" if b"\r\n" in xml else b"\n"
-    unit = (_indent(xml, root.children[0].start) if root.children else b"") or INDENT
+    unit = (_indent(xml, root.children[0].offset) if root.children else b"") or INDENT
     sections = [element for element in root.children if element.tag == "keyframe"]
-    keys = [key for section in sections for key in section.children if key.tag == "key"]
+    keys = _keys(root)
 
     def lines(indent: bytes) -> bytes:
         return (newline + indent + unit).join(_lines(name, fields))
 
-    if same := [key for key in keys if key.name == name]:
-        return _replaced(xml, same[-1].start, same[-1].end, lines(_indent(xml, same[-1].start)))
+    if same := [key for key in keys if _name(key) == name]:
+        start = same[-1].offset
+        return _replaced(xml, start, _end(xml, same[-1]), lines(_indent(xml, start)))
     if keys:
-        indent, end = _indent(xml, keys[-1].start), keys[-1].end
+        indent, end = _indent(xml, keys[-1].offset), _end(xml, keys[-1])
         return _replaced(xml, end, end, newline + indent + lines(indent))
     if sections:
-        indent = _indent(xml, sections[-1].start)
+        indent = _indent(xml, sections[-1].offset)
         return _with_child(xml, sections[-1], lines(indent + unit), indent, unit, newline)
     section = (newline + unit).join([b"<keyframe>", unit + lines(2 * unit), b"</keyframe>"])
-    return _with_child(xml, root, section, _indent(xml, root.start), unit, newline)
+    return _with_child(xml, root, section, _indent(xml, root.offset), unit, newline)
 
 
 def key_names(xml: bytes) -> list[str]:
@@ -75,17 +64,43 @@ def key_names(xml: bytes) -> list[str]:
     Raises:
       ValueError: it is not an MJCF model, or not well-formed.
     """
-    sections = [element for element in _parse(xml).children if element.tag == "keyframe"]
-    return [key.name for section in sections for key in section.children if key.tag == "key"]
+    return [_name(key) for key in _keys(_parse(xml.removeprefix(BOM)))]
 
 
-def _with_child(xml: bytes, parent: _Element, child: bytes, indent: bytes, unit: bytes, newline: bytes) -> bytes:
+def _keys(root: Element) -> list[Element]:
+    sections = [element for element in root.children if element.tag == "keyframe"]
+    return [key for section in sections for key in section.children if key.tag == "key"]
+
+
+def _name(key: Element) -> str:
+    """The name of a key, in UTF-8 as MuJoCo reads it."""
+    return key.attributes.get("name", "").encode("latin-1").decode("utf-8", "replace")
+
+
+def _inner(xml: bytes, element: Element) -> int:
+    """Where the start tag of an element ends."""
+    tag = START_TAG.match(xml, element.offset)
+    assert tag, "an element begins where its parser said"
+    return tag.end()
+
+
+def _is_empty(xml: bytes, element: Element) -> bool:
+    return xml[: _inner(xml, element)].endswith(b"/>")
+
+
+def _end(xml: bytes, element: Element) -> int:
+    """Where an element ends."""
+    return _inner(xml, element) if _is_empty(xml, element) else xml.index(b">", element.closing) + 1
+
+
+def _with_child(xml: bytes, parent: Element, child: bytes, indent: bytes, unit: bytes, newline: bytes) -> bytes:
     """`xml` with a `child` at the end of `parent`, which is indented by `indent`."""
     inserted = newline + indent + unit + child
-    if parent.is_empty:
-        opened = re.sub(rb"\s*/>\Z", b">", xml[parent.start : parent.inner])
+    if _is_empty(xml, parent):
+        end = _inner(xml, parent)
+        opened = re.sub(rb"\s*/>\Z", b">", xml[parent.offset : end])
         closing = newline + indent + f"</{parent.tag}>".encode()
-        return _replaced(xml, parent.start, parent.end, opened + inserted + closing)
+        return _replaced(xml, parent.offset, end, opened + inserted + closing)
     end = len(xml[: parent.closing].rstrip(b" \t\r\n"))  # behind the last thing in it
     rest = xml[end : parent.closing]
     return _replaced(xml, end, end, inserted + (b"" if b"\n" in rest else newline + indent))
@@ -117,34 +132,16 @@ def _indent(xml: bytes, start: int) -> bytes:
     return b"" if before.strip(b" \t") else before
 
 
-def _parse(xml: bytes) -> _Element:
+def _parse(xml: bytes) -> Element:
     """The root of `xml`, with all elements below it."""
-    skipped = len(BOM) if xml.startswith(BOM) else 0
     # MuJoCo takes a file for UTF-8, whatever it declares, and reads past bytes that are not. As Latin-1 every byte is a
     # character, so that positions are those of bytes.
-    parser = expat.ParserCreate("iso-8859-1")
-    roots: list[_Element] = []
-    open_elements: list[_Element] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        at = parser.CurrentByteIndex + skipped
-        match = _TAG.match(xml, at)
-        inner = match.end() if match else at
-        name = attributes.get("name", "").encode("latin-1").decode("utf-8", "replace")
-        element = _Element(tag, name, at, inner, xml[inner - 2 : inner] == b"/>")
-        (open_elements[-1].children if open_elements else roots).append(element)
-        open_elements.append(element)
-
-    def end(_: str) -> None:
-        element = open_elements.pop()
-        element.closing = element.inner if element.is_empty else parser.CurrentByteIndex + skipped
-        element.end = element.inner if element.is_empty else xml.index(b">", element.closing) + 1
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser = XmlParser(Path(), "iso-8859-1")
     try:
-        parser.Parse(xml[skipped:], True)
+        parser.expat.Parse(xml, True)
     except expat.ExpatError as error:
         raise ValueError(f"it is not well-formed XML: {error}") from None
-    if roots[0].tag != "mujoco":
-        raise ValueError(f"it is not MJCF: its root element is <{clean(roots[0].tag)}>")
-    return roots[0]
+    assert parser.root
+    if parser.root.tag != "mujoco":
+        raise ValueError(f"it is not MJCF: its root element is <{clean(parser.root.tag)}>")
+    return parser.root

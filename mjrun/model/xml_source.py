@@ -16,6 +16,7 @@ from mjrun.suffixes import XML
 
 MAX_DEPTH = 50  # of includes inside includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
+START_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
 LFS_REMEDY = "fetch the file itself: git lfs pull"
 
@@ -24,7 +25,7 @@ LFS_REMEDY = "fetch the file itself: git lfs pull"
 class Element:
     """One element, with the place of its start tag; `text` is its own text, stripped, which begins at `text_line`.
 
-    `offset` is the byte of its file at which the start tag begins.
+    `offset` is the byte of its file at which the start tag begins, `closing` that at which the end tag does.
     """
 
     tag: str
@@ -36,6 +37,7 @@ class Element:
     text: str = ""
     text_line: int = 0
     offset: int = 0
+    closing: int = 0
 
     def walk(self) -> "Iterator[Element]":
         """This element and all elements below it, in the order of the file."""
@@ -178,7 +180,7 @@ def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
         text = path.read_bytes()
     except OSError:
         return None
-    parser = _Parser(path)
+    parser = XmlParser(path)
     try:
         parser.expat.Parse(text, True)
     except expat.ExpatError as error:
@@ -188,14 +190,14 @@ def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
     return parser.root
 
 
-class _Parser:
-    """Builds the elements of one file."""
+class XmlParser:
+    """Builds the elements of one file, in the encoding that it declares or in another."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, encoding: str | None = None) -> None:
         self.path = path
         self.root: Element | None = None
         self.open: list[Element] = []
-        self.expat = expat.ParserCreate()
+        self.expat = expat.ParserCreate(encoding)
         self.expat.buffer_text = True
         self.expat.StartElementHandler = self._start
         self.expat.EndElementHandler = self._end
@@ -211,7 +213,7 @@ class _Parser:
         self.open.append(element)
 
     def _end(self, tag: str) -> None:
-        self.open.pop()
+        self.open.pop().closing = self.expat.CurrentByteIndex
 
     def _text(self, text: str) -> None:
         if not (self.open and text.strip()):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -13,23 +12,25 @@ OBSERVATION, ACTION, REWARD, RETURN = EPISODE_GROUPS = ("obs", "action", "reward
 TOTAL = f"{REWARD}/total"
 
 
-class EpisodeValues(Protocol):
-    """What holds from one control instant until the next; see `mjrun.task.episode.ControlInstant`."""
+@dataclass(frozen=True)
+class EpisodeValues:
+    """What holds from a control instant until the next; arrays are not written to.
 
-    @property
-    def observation(self) -> np.ndarray: ...
+    Attributes:
+      observation: `(nobs,)`, as the policy saw it.
+      action: `(nact,)`, what the policy answered, before scale and clip; it is in force until the next instant. Where
+        the episode has ended nobody was asked: the action that led here.
+      reward: for the control period that ended here; 0 at the start.
+      reward_terms: `(nterms,)`, weighted; zeros at the start. Their sum is the reward, except where an environment of
+        others does not tell all.
+      total: of all rewards so far, which is the return once the episode has ended.
+    """
 
-    @property
-    def action(self) -> np.ndarray: ...
-
-    @property
-    def reward(self) -> float: ...
-
-    @property
-    def reward_terms(self) -> np.ndarray: ...
-
-    @property
-    def total(self) -> float: ...
+    observation: np.ndarray
+    action: np.ndarray
+    reward: float
+    reward_terms: np.ndarray
+    total: float
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mjrun.physics.replay import RecordedStates, ReplayStepper
 from mjrun.physics.stepper import Stepper
+from mjrun.probe.episode import EpisodeValues
 
 Actor = Callable[[np.ndarray], np.ndarray]  # a policy in one episode: the action `(nact,)` on an observation `(nobs,)`
 EndingKind = Literal["success", "failure", "timeout"]
@@ -79,25 +80,9 @@ class EpisodeNames:
 
 
 @dataclass(frozen=True)
-class ControlInstant:
-    """What holds from a control instant until the next; arrays are not written to.
+class ControlInstant(EpisodeValues):
+    """What holds from a control instant until the next, and how the episode ended here, if it did."""
 
-    Attributes:
-      observation: `(nobs,)`, as the policy saw it.
-      action: `(nact,)`, what the policy answered, before scale and clip; it is in force until the next instant. Where
-        the episode has ended nobody was asked: the action that led here.
-      reward: for the control period that ended here; 0 at the start.
-      reward_terms: `(nterms,)`, weighted; zeros at the start. Their sum is the reward, except where an environment of
-        others does not tell all.
-      total: of all rewards so far, which is the return once the episode has ended.
-      ending: how the episode ended here, if it did.
-    """
-
-    observation: np.ndarray
-    action: np.ndarray
-    reward: float
-    reward_terms: np.ndarray
-    total: float
     ending: Ending | None = None
 
 

@@ -1,7 +1,5 @@
 """Columns of an episode, selected as those of a model are."""
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +7,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.assertion import parse
 from mjrun.probe.available import AvailableProbes, SelectedProbes
-from mjrun.probe.episode import EpisodeColumns, EpisodeProbe
+from mjrun.probe.episode import EpisodeColumns, EpisodeProbe, EpisodeValues
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.select import available_columns, select
 
@@ -19,16 +17,7 @@ MODEL = mujoco.MjModel.from_xml_string(
 EPISODE = EpisodeColumns({"position/x": "m", "position/y": "m", "last/hip": ""}, ["hip", "knee"], ["alive", "effort"])
 
 
-@dataclass
-class Values:
-    observation: np.ndarray
-    action: np.ndarray
-    reward: float
-    reward_terms: np.ndarray
-    total: float
-
-
-VALUES = Values(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), 13.0, np.array([6.0, 7.0]), 20.0)
+VALUES = EpisodeValues(np.array([1.0, 2.0, 3.0]), np.array([4.0, 5.0]), 13.0, np.array([6.0, 7.0]), 20.0)
 
 
 @pytest.mark.parametrize(
