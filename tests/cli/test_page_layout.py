@@ -1,5 +1,7 @@
 """Theorems about pages of tables and lines."""
 
+import re
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -41,7 +43,8 @@ def test_no_line_is_wider_than_the_terminal_and_no_character_of_the_first_column
 def test_in_a_pipe_every_row_is_one_line_without_spaces_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
     written = page(monkeypatch, None)
     written.table("title", [Column("name", ["a" * 300, "b"]), Column("value", ["1", ""], right=True)], 2)
-    assert written.text() == f"title  2\n  name{' ' * 298}value\n  {'a' * 300}      1\n  b"
+    gaps = r" {298,300}", r" {6,8}"  # rich before 14.3 takes two spaces more for the last column
+    assert re.fullmatch(rf"title  2\n  name{gaps[0]}value\n  a{{300}}{gaps[1]}1\n  b", written.text())
 
 
 @pytest.mark.parametrize("width", [50, 80, None])
