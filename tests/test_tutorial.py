@@ -5,10 +5,8 @@ contacts, sensors, accelerations) still at its start. So the tutorial's state nu
 derived value number i is row i. With RK4 the derived values are of an intermediate stage, and no row's.
 """
 
-import os
 import re
-import subprocess
-import sys
+import shlex
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -23,6 +21,7 @@ from numpy.typing import NDArray
 from mjrun.errors import UnstableError
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
+from tests.conftest import Command
 from tests.documentation import PAGES, ROOT, commands
 
 Vector = NDArray[np.float64]
@@ -293,33 +292,29 @@ def test_the_pinata_s_accelerometer_reads_as_in_the_tutorial_s_loop_and_feels_ea
     assert np.median(felt) < 2 * GRAVITY
 
 
-@pytest.fixture
-def shell(tmp_path: Path) -> dict[str, str]:
-    """A shell that has `mjrun`, in a folder that has the scenes."""
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
-    program = tmp_path / "bin/mjrun"
-    program.write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
-    program.chmod(0o755)
-    return {**os.environ, "PATH": f"{program.parent}:{os.environ['PATH']}"}
+def calls(command: str) -> list[list[str]]:
+    """The arguments of each call of mjrun in a line of shell, which may be a loop."""
+    loop = re.fullmatch(r"for (?P<name>\w+) in (?P<values>.*?); do (?P<body>.*); done", command)
+    bodies = [command]
+    if loop:
+        bodies = [loop["body"].replace(f"${loop['name']}", value) for value in loop["values"].split()]
+    return [shlex.split(body.partition("||")[0])[1:] for body in bodies]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_of_the_readme_s_section_does_all_that_it_says(
-    command: str, shell: dict[str, str], tmp_path: Path
-) -> None:
-    done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+def test_a_command_of_the_page_does_all_that_it_says(command: str, mjrun_here: Command) -> None:
+    (mjrun_here.folder / "scenes").symlink_to(ROOT / "scenes")
+    done = [mjrun_here(*arguments) for arguments in calls(command)]
     if "||" in command:
-        assert done.stdout == "exit code 4\n"
-        step, time, joint = re.findall(r"step (\d+), time ([\d.]+) s: the acceleration of joint '(\w+)'", done.stderr)[
-            0
-        ]
+        assert [each.returncode for each in done] == [4]
+        ((step, time, joint),) = re.findall(
+            r"step (\d+), time ([\d.]+) s: the acceleration of joint '(\w+)'", done[0].stderr.decode()
+        )
         assert f"step {step}, {time} s, in the acceleration of `{joint}`, with exit code 4" in " ".join(PAGE.split())
-        assert not list(tmp_path.glob("*.csv"))
+        assert not list(mjrun_here.folder.glob("*.csv"))
     else:
-        assert done.stderr == ""
-        assert len(list(tmp_path.glob("*.csv"))) == (8 if "$seed" in command else 4 if "$dt" in command else 1)
+        assert [(each.returncode, each.stderr) for each in done] == [(0, b"")] * len(done)
+        assert len(list(mjrun_here.folder.glob("*.csv"))) == len(done)
 
 
 def test_the_readme_s_section_has_a_command_for_every_scene_of_the_tutorial_s_plots() -> None:

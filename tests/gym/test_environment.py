@@ -93,21 +93,16 @@ def test_copies_go_on_within_an_episode_with_the_same_numbers(tmp_path: Path, co
                 np.testing.assert_array_equal(other.reset()[0], env.reset()[0])
 
 
-def test_pickled_environments_go_on_in_other_processes(tmp_path: Path) -> None:
-    environments = [mjrun.gym.TaskEnv(write_cart(tmp_path)) for _ in range(2)]
-    for seed, env in enumerate(environments):
-        env.reset(seed=seed)
-    workers = AsyncVectorEnv([partial(copy.copy, env) for env in environments], context="spawn")
+def test_a_pickled_environment_goes_on_in_another_process(tmp_path: Path) -> None:
+    env = mjrun.gym.TaskEnv(write_cart(tmp_path))
+    env.reset(seed=3)
+    worker = AsyncVectorEnv([partial(copy.copy, env)], context="spawn")
     try:
-        workers.reset(seed=5)
-        first = [env.reset(seed=5 + i)[0] for i, env in enumerate(environments)]
-        actions = np.array([env.action_space.sample() for env in environments])
-        observations = workers.step(actions)[0]
-        expected = [env.step(action)[0] for env, action in zip(environments, actions, strict=True)]
-        np.testing.assert_array_equal(observations, expected)
-        assert (np.array(first) != observations).any()
+        np.testing.assert_array_equal(worker.reset(seed=5)[0], [env.reset(seed=5)[0]])
+        action = env.action_space.sample()
+        np.testing.assert_array_equal(worker.step(np.array([action]))[0], [env.step(action)[0]])
     finally:
-        workers.close()
+        worker.close()
 
 
 def test_a_document_and_a_model_that_are_edited_change_nothing_of_what_runs(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from tests.task.test_worlds import MODEL
 
 NAMES = [*(f"action/{i}" for i in range(20)), "command/goal/0", "command/goal/1", "qpos/slide", "qpos/hinge"]
 COLUMNS = TaskColumns(MODEL, NAMES[:22], 0.05)
-SCALES = 10.0 ** np.random.default_rng(5).integers(-9, 9, (6, 40, len(NAMES)))
+SCALES = 10.0 ** np.random.default_rng(5).integers(-9, 9, (4, 12, len(NAMES)))
 SERIES = np.random.default_rng(4).normal(size=SCALES.shape) * SCALES  # instants, worlds, columns
 SERIES[:, 1] = np.where(SERIES[:, 1] > 0, 0.0, -0.0)
 SERIES[:, 2] = np.inf
