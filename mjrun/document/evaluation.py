@@ -29,7 +29,7 @@ from mjrun.document.task import read_task
 from mjrun.document.tree import Path as Place
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
-from mjrun.evaluation.points import Rewritten
+from mjrun.evaluation.prepared import Rewritten
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions

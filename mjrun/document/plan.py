@@ -21,7 +21,7 @@ from mjrun.formats.input_file import is_file, opened
 from mjrun.options.simulation import CodeOptions
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.plan import SCHEMA, StudyPlan
-from mjrun.study.simulate import StudyPoint
+from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 
 LARGEST = 2**26  # bytes of a line

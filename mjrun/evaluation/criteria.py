@@ -2,17 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
-from mjrun.evaluation.comparison import Comparison
+from mjrun.evaluation.episode import OUTCOMES
+from mjrun.evaluation.result import Comparison, EpisodeSummary
 from mjrun.evaluation.statistics import NumberSummary
-from mjrun.evaluation.summary import EpisodeSummary
-from mjrun.evaluation.table import OUTCOMES
-from mjrun.model.column import Column
+from mjrun.experiment.results_table import Requirements, ResultsTable
 from mjrun.options.evaluation import EvaluationOptions
-from mjrun.probe.assertion import parse
-from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.verdict import Verdict
 
 LOW = "_low"  # after a name: the lower end of its interval
@@ -41,13 +36,8 @@ class Criteria:
         can_succeed: bool,
         compared: bool,
     ) -> None:
-        flags = [name for name in dict.fromkeys([*OUTCOMES, *endings]) if name not in numbers]
-        names = EpisodeNames(numbers, flags)
-        self._flags, self._numbers = flags, [*numbers]
-        self._assertions = []
-        for index, text in enumerate(options.require):
-            with concerning("require", index):
-                self._assertions.append(parse(text, names, "require"))
+        self._flags = [name for name in dict.fromkeys([*OUTCOMES, *endings]) if name not in numbers]
+        self._requirements = Requirements(options.require, numbers, self._flags)
 
         self._thresholds = {name: least for name, (least,) in options.fail_below.items()}
         means = [RETURN, LENGTH, *(name for name, _ in options.metric), *([SUCCESS] if can_succeed else [])]
@@ -61,48 +51,19 @@ class Criteria:
                     raise UnknownNameError("number", name, valid, where=option("fail_below"))
 
     def verdicts(
-        self,
-        columns: Sequence[Column],
-        rows: np.ndarray,
-        summary: EpisodeSummary,
-        comparison: Comparison | None,
+        self, table: ResultsTable, count: int, summary: EpisodeSummary, comparison: Comparison | None
     ) -> list[Verdict]:
-        """Whether each requirement holds.
+        """Returns whether each requirement holds.
 
         Args:
-          columns, rows: the table of the policy's own episodes.
+          table: of the episodes, of which the first `count` are those of the policy itself.
         """
-        table = self._table(columns, rows)
-        verdicts: list[Verdict] = []
-        for assertion in self._assertions:
-            checker = assertion.checker()
-            checker.feed(table, 0)
-            verdicts.append(checker.verdict())
+        endings = [flag for flag in self._flags if flag not in OUTCOMES]
+        outcomes = [flag for flag in self._flags if flag in OUTCOMES]
+        columns = {**table.flags("ending", endings), **table.flags("outcome", outcomes), **table.numbers}
+        verdicts = self._requirements.verdicts({name: values[:count] for name, values in columns.items()})
         known = _numbers(summary, comparison)
-        thresholds = [_threshold(name, least, known.get(name), len(rows)) for name, least in self._thresholds.items()]
-        return [*verdicts, *thresholds]
-
-    def _table(self, columns: Sequence[Column], rows: np.ndarray) -> np.ndarray:
-        """The numbers, and a column of ones and zeros for each way in which an episode can end."""
-        place = {column.name: index for index, column in enumerate(columns)}
-        parts = [rows[:, place[name]] for name in self._numbers]
-        for flag in self._flags:
-            column = "outcome" if flag in OUTCOMES else "ending"
-            labels = columns[place[column]].labels
-            is_so = rows[:, place[column]] == labels.index(flag) if flag in labels else np.zeros(len(rows))
-            parts.append(is_so.astype(float))
-        return np.stack(parts, axis=1)
-
-
-class EpisodeNames(Vocabulary):
-    """The columns of the table of episodes, and each ending as what is so or is not: `share(fallen) < 0.1`."""
-
-    def __init__(self, numbers: Sequence[str], flags: Sequence[str]) -> None:
-        super().__init__([*numbers, *flags])
-        self._flags = {*flags}
-
-    def is_count(self, column: str) -> bool:
-        return column in self._flags
+        return verdicts + [_threshold(name, least, known.get(name), count) for name, least in self._thresholds.items()]
 
 
 def _numbers(summary: EpisodeSummary, comparison: Comparison | None) -> dict[str, float | None]:

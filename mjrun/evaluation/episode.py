@@ -4,11 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from mjrun.model.source import Source
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
 from mjrun.python_code import ModuleSource
 from mjrun.simulation.input_snapshot import InputSnapshot
+
+OUTCOMES = ("success", "failure", "timeout")
 
 
 @dataclass(frozen=True)
@@ -90,3 +94,28 @@ class Episode:
     def rewards(self) -> Mapping[str, float]:
         """The sum of each term of the reward, by name."""
         return dict(zip(self.terms, self.sums, strict=True))
+
+
+@dataclass(frozen=True)
+class PlayedEpisodes:
+    """The episodes of one policy at one point.
+
+    Attributes:
+      policy: its name.
+      point: the number of the point.
+      episodes: in the order of their seeds.
+    """
+
+    policy: str
+    point: int
+    episodes: Sequence[Episode]
+
+    @property
+    def returns(self) -> np.ndarray:
+        """`(n,)`."""
+        return np.array([episode.total for episode in self.episodes])
+
+    @property
+    def successes(self) -> np.ndarray:
+        """Bool `(n,)`."""
+        return np.array([episode.outcome == OUTCOMES[0] for episode in self.episodes])

@@ -9,23 +9,32 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import FailedAssertionError, MjrunError, PartlyDoneError, clean, counted, listing
-from mjrun.evaluation.film_maker import Failures, FilmMaker
-from mjrun.evaluation.findings import Findings, findings, map_columns
-from mjrun.evaluation.folder import ResultsFolder
-from mjrun.evaluation.points import Rewritten
-from mjrun.evaluation.prepared import PreparedEvaluation
-from mjrun.evaluation.result import EvaluationResult, Film
+from mjrun.errors import (
+    FailedAssertionError,
+    FileError,
+    MjrunError,
+    PartlyDoneError,
+    clean,
+    counted,
+    listing,
+    option,
+)
+from mjrun.evaluation.episode import PlayedEpisodes
+from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
+from mjrun.evaluation.result import EpisodeSummary, EpisodeVideo, EvaluationResult
 from mjrun.evaluation.schedule import play_all
-from mjrun.evaluation.summary import EpisodeSummary
-from mjrun.evaluation.table import FILES, PlayedEpisodes, episode_columns
+from mjrun.evaluation.summaries import Summaries, summaries
+from mjrun.evaluation.table import FILES, episode_table, point_table
+from mjrun.evaluation.videos import Failures, VideoMaker, remove_old_videos
+from mjrun.experiment.results_table import manifest_writer
 from mjrun.formats.atomic_output import OutputWriter, publish_together
+from mjrun.formats.destinations import StagedFile
+from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.model.source import Source
 from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.option import options
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.study.results import open_results
 from mjrun.version import __version__
 
 
@@ -47,7 +56,7 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
 
         Raises:
           FailedAssertionError: what is required of the episodes does not hold; everything is written all the same.
-          PartlyDoneError: films could not be made; the tables are written all the same.
+          PartlyDoneError: videos could not be made; the tables are written all the same.
           SimulationError: a policy answered what is not a number; nothing is written.
           MjrunError: nothing could be played.
         """
@@ -61,27 +70,30 @@ class _Run:
         self.evaluation, self.reporter = evaluation, reporter
         self.start = time.perf_counter()
         self.prepared = PreparedEvaluation(evaluation, evaluation.task, evaluation.rewritten)
-        self.maker = FilmMaker(evaluation, self.prepared, evaluation.seed)
-        self.folder = ResultsFolder(Path(evaluation.output))
+        self.maker = VideoMaker(evaluation, self.prepared, evaluation.seed)
+        self.folder = Path(evaluation.output)
+        _require_ours(self.folder)
+        StagedFile(self.folder / MANIFEST).discard()  # which proves that it can be written
         self.facts = {"command": evaluation.command, "mjrun": __version__, "mujoco": mujoco.mj_versionString()}
 
     def all(self) -> EvaluationResult:
         groups = self._played()
         count = len(self.prepared.points.points)
         policies = [groups[first : first + count] for first in range(0, len(groups), count)]
-        summaries = findings(self.prepared, policies, self.evaluation.confidence)
-        _warn_of_returns(summaries.policies, self.reporter)
+        outcome = summaries(self.prepared, policies, self.evaluation.confidence)
+        _warn_of_returns(outcome.policies, self.reporter)
 
         with ExitStack() as stack:
-            writers, verdicts = self._tables(groups, summaries, stack)
-            films, failures = self.maker.make(policies[0], self.folder, self.reporter)
-            paths = [film.path for film in films]
-            files = [*(str(each.destination.shown) for each in writers), *paths, str(self.folder.path / MANIFEST)]
+            writers, verdicts = self._tables(groups, outcome, stack)
+            videos, failures = self.maker.make(policies[0], self.folder, self.reporter)
+            paths = [video.path for video in videos]
+            files = [*(str(each.destination.shown) for each in writers), *paths, str(self.folder / MANIFEST)]
             steps = sum(episode.steps for group in groups for episode in group.episodes)
-            result = self._result(summaries, films, verdicts, files, steps)
-            writers.append(self.folder.write_manifest(stack, {**self.facts, **dataclasses.asdict(result)}))
+            result = self._result(outcome, videos, verdicts, files, steps)
+            manifest = manifest_writer(self.folder / MANIFEST, {**self.facts, **dataclasses.asdict(result)})
+            writers.append(stack.enter_context(manifest))
             _publish(writers, self.folder, paths)
-        self.folder.remove_old_films([Path(path).name for path in paths])
+        remove_old_videos(self.folder, [Path(path).name for path in paths])
         _raise_failures(result, failures)
         return result
 
@@ -92,27 +104,27 @@ class _Run:
         return play_all(self.prepared.groups, seeds, evaluation.jobs, self.reporter)
 
     def _tables(
-        self, groups: Sequence[PlayedEpisodes], summaries: Findings, stack: ExitStack
+        self, groups: Sequence[PlayedEpisodes], outcome: Summaries, stack: ExitStack
     ) -> tuple[list[OutputWriter], list[Verdict]]:
         """The tables, written and still to be published, and what was required of them."""
-        prepared, path = self.prepared, self.folder.path
-        columns, rows = episode_columns(
-            groups,
-            prepared.points,
-            prepared.player.rewards,
-            prepared.metrics,
-            compared=summaries.comparison is not None,
-        )
-        own = rows[: self.evaluation.episodes * len(prepared.points.points)]
-        verdicts = prepared.criteria.verdicts(columns, own, summaries.policies[0], summaries.comparison)
-        writers: list[OutputWriter] = [*open_results(stack, path, columns, rows, self.facts, FILES)]
-        if summaries.points:
-            columns, rows, metrics = map_columns(prepared.points, summaries.points)
-            writers += open_results(stack, path, columns, rows, {**self.facts, "metrics": metrics})
+        prepared = self.prepared
+        is_compared = outcome.comparison is not None
+        table = episode_table(groups, prepared.points, prepared.player.rewards, prepared.metrics, compared=is_compared)
+        own = self.evaluation.episodes * len(prepared.points.points)
+        verdicts = prepared.criteria.verdicts(table, own, outcome.policies[0], outcome.comparison)
+        writers: list[OutputWriter] = [*table.open(stack, self.folder, self.facts, FILES)]
+        if outcome.points:
+            points, metrics = point_table(prepared.points, outcome.points)
+            writers += points.open(stack, self.folder, {**self.facts, "metrics": metrics})
         return writers, verdicts
 
     def _result(
-        self, summaries: Findings, films: Sequence[Film], verdicts: Sequence[Verdict], files: list[str], steps: int
+        self,
+        outcome: Summaries,
+        videos: Sequence[EpisodeVideo],
+        verdicts: Sequence[Verdict],
+        files: list[str],
+        steps: int,
     ) -> EvaluationResult:
         evaluation = self.evaluation
         return EvaluationResult(
@@ -121,11 +133,11 @@ class _Run:
             episodes=evaluation.episodes,
             seed=evaluation.seed,
             confidence=evaluation.confidence,
-            policies=summaries.policies,
-            comparison=summaries.comparison,
+            policies=outcome.policies,
+            comparison=outcome.comparison,
             names=self.prepared.points.names,
-            points=summaries.points,
-            films=films,
+            points=outcome.points,
+            films=videos,
             assertions=verdicts,
             files=files,
             steps=steps,
@@ -133,18 +145,18 @@ class _Run:
         )
 
 
-def _publish(writers: Sequence[OutputWriter], folder: ResultsFolder, films: Sequence[str]) -> None:
-    """Publishes the results of which `films` are made already.
+def _publish(writers: Sequence[OutputWriter], folder: Path, videos: Sequence[str]) -> None:
+    """Publishes the results of which `videos` are made already.
 
     Raises:
-      PartlyDoneError: they cannot be published, and there are films.
+      PartlyDoneError: they cannot be published, and there are videos.
       MjrunError: they cannot be published.
     """
     try:
         publish_together(writers)
     except MjrunError as error:
-        if films and not isinstance(error, PartlyDoneError):
-            raise PartlyDoneError(films, [(str(folder.path), error)]) from None
+        if videos and not isinstance(error, PartlyDoneError):
+            raise PartlyDoneError(videos, [(str(folder), error)]) from None
         raise
 
 
@@ -171,3 +183,14 @@ def _raise_failures(result: EvaluationResult, failures: Failures) -> None:
     if error:
         error.results = [result]
         raise error
+
+
+def _require_ours(path: Path) -> None:
+    """Refuses a folder that holds something else than an evaluation, of which alone anything is replaced."""
+    if not exists(path):
+        return
+    if not is_folder(path):
+        raise FileError(path, "is no folder", f"{option('output')} names the folder of the results")
+    if any(path.iterdir()) and not is_file(path / MANIFEST):
+        hint = f"{option('output')} names a folder that is new, empty, or of an evaluation before"
+        raise FileError(path, f"holds other things than an evaluation: it has no {clean(MANIFEST)}", hint)

@@ -4,23 +4,32 @@ import math
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import cast
 
+import mujoco
 import numpy as np
 
-from mjrun.errors import InvalidActionError, MjrunError
+from mjrun.errors import InvalidActionError, MjrunError, SimulationError, concerning, option
 from mjrun.evaluation.episode import Episode, EpisodeSpec
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.source import Source
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
+from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
 from mjrun.simulation.episode import UNLIMITED
-from mjrun.task.episode import Ending
+from mjrun.simulation.simulation import Simulation
+from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.task.gymnasium import Environment
 from mjrun.task.task import Task
 from mjrun.task.terms import TIMED_OUT
 from mjrun.task.worlds import TaskWorlds
+from mjrun.timeline import Timeline, rational
 
 TERMINATED = "terminated"  # which is all that environments of others say
 SIDE_BY_SIDE = 32  # worlds, at most, unless fewer take `BYTES` of memory
@@ -62,8 +71,6 @@ def player_of(spec: EpisodeSpec) -> EpisodePlayer:
     player = _plain_player(spec.task, policy)
     if not spec.metrics:
         return player
-    from mjrun.evaluation.measurement import MeasuringPlayer
-
     return MeasuringPlayer(player, spec, policy)
 
 
@@ -77,19 +84,16 @@ def _plain_player(task: Source, policy: Policy) -> EpisodePlayer:
     return TaskPlayer(inferred_task(policy, task), policy)
 
 
-class _Running:
-    """An episode that is being played.
+class _Tally:
+    """What has come of an episode so far.
 
     Attributes:
-      place: among those that are played in one go.
-      steps: control periods so far.
-      action: the last answer of the policy.
+      seed: of the episode.
+      steps: control periods.
     """
 
-    action: np.ndarray
-
-    def __init__(self, place: int, seed: int, actor: Actor, terms: int) -> None:
-        self.place, self.seed, self.actor, self.steps = place, seed, actor, 0
+    def __init__(self, seed: int, terms: int) -> None:
+        self.seed, self.steps = seed, 0
         self._total, self._terms = 0.0, np.zeros(terms)
 
     def add(self, reward: float, terms: np.ndarray) -> None:
@@ -102,6 +106,21 @@ class _Running:
         """The episode, which has ended."""
         length, sums = self.steps * control_dt, tuple(self._terms.tolist())
         return Episode(self.seed, self._total, self.steps, length, ending.name, ending.kind, names, sums)
+
+
+class _Running(_Tally):
+    """An episode that is being played.
+
+    Attributes:
+      place: among those that are played in one go.
+      action: the last answer of the policy.
+    """
+
+    action: np.ndarray
+
+    def __init__(self, place: int, seed: int, actor: Actor, terms: int) -> None:
+        super().__init__(seed, terms)
+        self.place, self.actor = place, actor
 
 
 class _FirstFailure:
@@ -253,6 +272,73 @@ class EnvironmentPlayer(EpisodePlayer):
             if ending:
                 return episode.ended(ending, self.rewards, control_dt)
             observation = result.observation
+
+
+class MeasuringPlayer(EpisodePlayer):
+    """Plays episodes one after the other, step by step, and measures them: as `player` plays them, bit for bit.
+
+    Raises:
+      UsageError: a metric is not well formed, or names nothing.
+    """
+
+    def __init__(self, player: EpisodePlayer, spec: EpisodeSpec, policy: Policy) -> None:
+        self._player, self._spec, self._policy = player, spec, policy
+        self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
+        simulation = Simulation(spec.task, policy=policy)
+        assert simulation.episode
+        self._metrics = self._parsed(simulation.load(), simulation.episode.columns)
+        names = dict.fromkeys(name for metric in self._metrics for name in metric.columns if name != "time")
+        self._columns = [*names]
+
+    def play(self, seeds: Sequence[int]) -> list[Episode]:
+        return [self._played(seed) for seed in seeds]
+
+    def _parsed(self, model: mujoco.MjModel, columns: EpisodeColumns) -> list[Metric]:
+        available = AvailableProbes(model, columns.names)
+        metrics: list[Metric] = []
+        for name, text in self._spec.metrics:
+            with concerning("metric", name):
+                metrics.append(parse_metric(text, available, f"{option('metric')} {name}"))
+        return metrics
+
+    def _played(self, seed: int) -> Episode:
+        """An episode with its metrics over the rows at all control instants, the end among them."""
+        simulation = Simulation(self._spec.task, policy=self._policy, seed=seed)
+        assert simulation.episode
+        model, longest = simulation.load(), simulation.episode.longest
+        timestep = rational(model.opt.timestep)
+        sampler = ProbeSampler(model, self._columns, Timeline.of_steps(timestep, longest), simulation.episode.columns)
+        evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
+        tally, ending = _Tally(seed, len(self.rewards)), None
+        try:
+            with collected_warnings():  # which plain episodes do not tell of either
+                stepper = simulation.stepper(model)
+                assert isinstance(stepper, EpisodeStepper)
+                period = stepper.control_steps
+                evaluation.feed(_row(sampler, stepper))
+                while ending is None:
+                    stepper.advance(stepper.step + period)
+                    now = stepper.now()
+                    tally.add(now.reward, self._terms(stepper))
+                    evaluation.feed(_row(sampler, stepper))
+                    ending = now.ending or (TIMED_OUT if stepper.step >= longest else None)
+        except MjrunError as error:
+            # An unstable simulation has no last instant, and an error is that of the plain episode, if it has one.
+            (episode,) = self._player.play([seed])
+            if not isinstance(error, SimulationError):
+                raise
+        else:
+            episode = tally.ended(ending, self.rewards, float(period * timestep))
+        return replace(episode, metrics=evaluation.values())
+
+    def _terms(self, stepper: EpisodeStepper) -> np.ndarray:
+        """The terms of the reward of the last control period, in the order of `rewards`."""
+        terms = dict(zip(stepper.names.rewards, stepper.now().reward_terms, strict=True))
+        return np.array([terms.get(name, np.nan) for name in self.rewards])
+
+
+def _row(sampler: ProbeSampler, stepper: EpisodeStepper) -> np.ndarray:
+    return sampler.stack([stepper.step], [sampler.read(stepper)]).values
 
 
 def _invalid(policy: Policy, actions: ActionSpace, action: np.ndarray, step: int, time: float) -> InvalidActionError:

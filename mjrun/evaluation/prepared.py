@@ -1,26 +1,33 @@
 """An evaluation that can run: every policy loaded, every name found and every number checked; nothing is written."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mjrun.errors import UsageError, concerning, option
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.criteria import Criteria
-from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
+from mjrun.evaluation.episode import OUTCOMES, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.points import POLICY, Rewritten, points_of, policy_at, task_at
-from mjrun.evaluation.table import OUTCOMES, OWN, REWARD
-from mjrun.model.override import overrides_of
+from mjrun.evaluation.table import OWN, REWARD
+from mjrun.experiment.design import Design, design, numbers
+from mjrun.experiment.results_table import check_metric_names
+from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
 from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given
 from mjrun.options.policy import is_code
 from mjrun.packages import require_all
+from mjrun.physics.parameter_grid import SHORT
 from mjrun.python_code import module_sources
 from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
-from mjrun.study.design import Design, numbers
 from mjrun.task.task import Task
+
+POLICY, SEED = "policy", "seed"
+TIMES = ("control_dt", "duration")  # of a task, which are values of their own
+
+# The task with values of its document by their paths, such as `observations[0].noise`.
+Rewritten = Callable[[Mapping[str, str]], Source]
 
 
 @dataclass(frozen=True)
@@ -88,11 +95,11 @@ class PreparedEvaluation:
             self.groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
         self.metrics = [name for name, _ in options.metric]
         self.player = self._checked_players()
-        self._check_metrics()
+        check_metric_names(options.metric, (*OWN, *OUTCOMES, *self.player.endings, *self.points.names))
         varying = [
             name
             for index, name in enumerate(self.points.names)
-            if numbers(name, [values[index] for values in self.points.points]) is not None
+            if numbers([values[index] for values in self.points.points]) is not None
         ]
         rewards = [f"{REWARD}{name}" for name in self.player.rewards]
         columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]
@@ -118,16 +125,6 @@ class PreparedEvaluation:
                 with concerning("compare" if group.policy else "policy"):
                     player_of(group.spec)
         return first
-
-    def _check_metrics(self) -> None:
-        taken = {*OWN, *OUTCOMES, *self.player.endings, *self.points.names}
-        for name in self.metrics:
-            with concerning("metric", name):
-                if not name.isidentifier() or name in taken:
-                    reason = "it takes letters, digits and _, and no other column may have it"
-                    raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
-                if self.metrics.count(name) > 1:
-                    raise UsageError(f"{option('metric')}: {name} is given twice")
 
 
 def _files(tasks: Sequence[Source], policies: Sequence[PolicyChoice]) -> Iterator[Path]:
@@ -158,3 +155,68 @@ def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, Pol
     if own.name != other.name:
         return [(own.name, own), (other.name, other)]
     return [(f"{own.name} (1)", own), (f"{other.name} (2)", other)]
+
+
+def points_of(options: EvaluationOptions, task: Source) -> Design:
+    """The points that `options` describe; one without values where nothing varies.
+
+    Raises:
+      UsageError: what cannot vary, or values that cannot be.
+    """
+    if options.repeats != 1:
+        raise UsageError(f"{option('repeats')}: episodes repeat each point; {option('episodes')} says how often")
+    if not options.vary and options.points is None:
+        return Design((), [()])
+    if any(path == SEED for path, _ in options.vary):
+        with concerning("vary", SEED):
+            message = f"{option('vary')} {SEED}: each episode has a seed of its own; see {option('episodes')}"
+            raise UsageError(message)
+    return design(options, task.load(), options.seed)
+
+
+def task_at(task: Source, values: Mapping[str, str], rewritten: Rewritten | None) -> Source:
+    """The task of the point at which names have `values`.
+
+    Args:
+      rewritten: makes the task of other values of its document; None where it comes from none.
+
+    Raises:
+      UsageError: a name that nothing has, or a value that cannot be.
+    """
+    overrides = list[Override]()
+    changes = dict[str, str]()
+    for name, text in values.items():
+        if name == POLICY:
+            continue
+        if name in SHORT or _is_of_model(name):
+            overrides.append(Override(SHORT.get(name, name), text))
+        else:
+            changes[name] = text
+    if changes:
+        task = replace(rewritten(changes), overrides=task.overrides) if rewritten else _with_times(task, changes)
+    return replace(task, overrides=(*task.overrides, *overrides)) if overrides else task
+
+
+def policy_at(chosen: PolicyChoice, values: Mapping[str, str]) -> PolicyChoice:
+    """Who plays at the point at which names have `values`."""
+    return replace(chosen, policy=values[POLICY]) if POLICY in values else chosen
+
+
+def _is_of_model(name: str) -> bool:
+    """Whether it is a path of the model, `geom/floor.friction` or `opt.gravity`, and not one of the document."""
+    path = name.removeprefix("scale:").removeprefix("add:")
+    return path.partition(".")[0] in ROOTS or path.partition("/")[0] in ELEMENTS
+
+
+def _with_times(task: Source, changes: Mapping[str, str]) -> Source:
+    for name in changes:
+        if not isinstance(task, Task) or name not in TIMES:
+            valid = [POLICY, *SHORT, *(TIMES if isinstance(task, Task) else ()), "opt.FIELD", "KIND/NAME.FIELD"]
+            with concerning("vary", name):
+                raise UnknownNameError("parameter", name, valid, where=option("vary"))
+    try:
+        return replace(task, **changes)
+    except BadValueError as error:
+        name = str(error.path[0])
+        with concerning("vary", name):
+            raise UsageError(f"{option('vary')} {clean(name)}: {error}") from None

@@ -10,10 +10,9 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 
 from mjrun.errors import LostEpisodesError, MjrunError
-from mjrun.evaluation.episode import Episode, EpisodeSpec
+from mjrun.evaluation.episode import Episode, EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.prepared import EpisodeGroup
-from mjrun.evaluation.table import PlayedEpisodes
 from mjrun.options.kinds import AUTO
 from mjrun.platform.cores import available_cores
 from mjrun.python_code import import_from

@@ -1,92 +1,106 @@
-"""The table of episodes: a row for each, in the order of policies, points and seeds, whatever played them."""
+"""The tables of an evaluation: a row for each episode, and a row for each point where something varies."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from mjrun.evaluation.episode import Episode
+from mjrun.evaluation.episode import Episode, PlayedEpisodes
+from mjrun.evaluation.result import PointSummary
+from mjrun.evaluation.statistics import Interval
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_table import POINT, ResultsTable
 from mjrun.model.column import Column
-from mjrun.study.design import Design, numbers
 
-OUTCOMES = ("success", "failure", "timeout")
 FILES = ("episodes.parquet", "episodes.csv")
 REWARD = "reward/"  # before the name of each term
 OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome")
 
 
-@dataclass(frozen=True)
-class PlayedEpisodes:
-    """The episodes of one policy at one point.
-
-    Attributes:
-      policy: its name.
-      point: the number of the point.
-      episodes: in the order of their seeds.
-    """
-
-    policy: str
-    point: int
-    episodes: Sequence[Episode]
-
-    @property
-    def returns(self) -> np.ndarray:
-        """`(n,)`."""
-        return np.array([episode.total for episode in self.episodes])
-
-    @property
-    def successes(self) -> np.ndarray:
-        """Bool `(n,)`."""
-        return np.array([episode.outcome == OUTCOMES[0] for episode in self.episodes])
-
-
-def episode_columns(
+def episode_table(
     groups: Sequence[PlayedEpisodes], points: Design, rewards: Sequence[str], metrics: Sequence[str], *, compared: bool
-) -> tuple[list[Column], np.ndarray]:
-    """The columns of the table, and its rows `(n, columns)`; texts are indices into the labels of their columns.
+) -> ResultsTable:
+    """Returns the table of episodes, in the order of policies, points and seeds.
 
     Args:
       points: what varies; of one point without values where nothing does.
       rewards, metrics: their names.
       compared: whether there are several policies to be told apart.
     """
-    columns, values = list[Column](), list[np.ndarray]()
-    all_episodes = [episode for group in groups for episode in group.episodes]
+    table = ResultsTable()
+    episodes = [episode for group in groups for episode in group.episodes]
     where = [group.point for group in groups for _ in group.episodes]
 
-    def add(name: str, cells: Sequence[float], meaning: str, unit: str = "", *, integer: bool = False) -> None:
-        columns.append(Column(name, unit, meaning, integer=integer))
-        values.append(np.array(cells, float))
-
-    def add_texts(name: str, texts: Sequence[str], meaning: str) -> None:
-        labels = tuple(dict.fromkeys(texts))
-        columns.append(Column(name, meaning=meaning, labels=labels))
-        values.append(np.array([labels.index(text) for text in texts], float))
+    def add(column: Column, value: Callable[[Episode], float]) -> None:
+        table.add(column, [value(episode) for episode in episodes])
 
     if compared:
-        add_texts("policy", [group.policy for group in groups for _ in group.episodes], "who played")
+        table.add_texts("policy", [group.policy for group in groups for _ in group.episodes], "who played")
     if points.names:
-        add("point", where, "number of the point", integer=True)
-    for index, name in enumerate(points.names):
-        texts = [points.points[point][index] for point in where]
-        as_numbers = numbers(name, texts)
-        if as_numbers is None:
-            add_texts(name, texts, "what varies")
-        else:
-            add(name, as_numbers.tolist(), "what varies")
-
+        table.add(POINT, where)
+    table.add_parameters(points, where, text_meaning="what varies")
     order = [index for group in groups for index in range(len(group.episodes))]
-    add("episode", order, "number of the episode", integer=True)
-    add("seed", [episode.seed for episode in all_episodes], "of all that is random in it", integer=True)
-    add("return", [episode.total for episode in all_episodes], "sum of all rewards")
-    add("length", [episode.length for episode in all_episodes], "simulated time", "s")
-    add("steps", [episode.steps for episode in all_episodes], "control periods", integer=True)
-    add_texts("ending", [episode.ending for episode in all_episodes], "how it ended")
-    add_texts("outcome", [episode.outcome for episode in all_episodes], "what that means")
+    table.add(Column("episode", meaning="number of the episode", integer=True), order)
+    add(Column("seed", meaning="of all that is random in it", integer=True), lambda episode: episode.seed)
+    add(Column("return", meaning="sum of all rewards"), lambda episode: episode.total)
+    add(Column("length", "s", "simulated time"), lambda episode: episode.length)
+    add(Column("steps", meaning="control periods", integer=True), lambda episode: episode.steps)
+    table.add_texts("ending", [episode.ending for episode in episodes], "how it ended")
+    table.add_texts("outcome", [episode.outcome for episode in episodes], "what that means")
     for name in rewards:
-        sums = [episode.rewards.get(name, math.nan) for episode in all_episodes]
-        add(f"{REWARD}{name}", sums, "sum of a term of the reward")
+        sums = [episode.rewards.get(name, math.nan) for episode in episodes]
+        table.add(Column(f"{REWARD}{name}", meaning="sum of a term of the reward"), sums)
     for index, name in enumerate(metrics):
-        add(name, [episode.metrics[index] for episode in all_episodes], "metric")
-    return columns, np.stack(values, axis=1)
+        table.add(Column(name, meaning="metric"), [episode.metrics[index] for episode in episodes])
+    return table
+
+
+def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[ResultsTable, dict[str, str]]:
+    """Returns the table of points as that of a study, which `mjrun plot` knows, and the meaning of each metric in it.
+
+    The ends of intervals come last, so that they are no metrics of their own.
+    """
+    measured = [_measures(point) for point in points]
+    meanings = {name: measure.meaning for name, measure in measured[0].items()}
+    table = ResultsTable()
+    table.add(POINT, range(len(points)))
+    table.add_parameters(design, range(len(points)))
+    for name in meanings:
+        table.add(Column(name, meaning="metric"), [_number(measures[name].value) for measures in measured])
+    table.add_texts("status", ["ok"] * len(points))
+    for name in meanings:
+        intervals = [measures[name].interval for measures in measured]
+        ends = (("low", [each.low for each in intervals]), ("high", [each.high for each in intervals]))
+        for end, values in ends:
+            meaning = f"{end} end of the interval of {name}"
+            table.add(Column(f"{name}_{end}", meaning=meaning), [*map(_number, values)])
+    return table, meanings
+
+
+@dataclass(frozen=True)
+class _Measure:
+    """A number of a point, with its interval."""
+
+    value: float | None
+    meaning: str
+    interval: Interval
+
+
+def _measures(point: PointSummary) -> dict[str, _Measure]:
+    """The numbers of a point by name."""
+    own = point.policies[0]
+    measures: dict[str, _Measure] = {}
+    if own.success:
+        measures["success"] = _Measure(own.success.share, "share of episodes", own.success.interval)
+    means = {"return": own.returns, "length": own.lengths, **own.metrics}
+    for name, each in means.items():
+        measures[name] = _Measure(each.mean, "mean over the episodes", each.mean_interval)
+    if point.comparison:
+        for name, each in (("return", point.comparison.returns), ("success", point.comparison.success)):
+            if each:
+                meaning = "to the other policy, paired"
+                measures[f"{name}_difference"] = _Measure(each.difference, meaning, each.interval)
+    return measures
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

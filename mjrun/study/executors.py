@@ -1,4 +1,7 @@
-"""Where chunks of points run: this machine, or an existing engine for many. All are `concurrent.futures.Executor`s."""
+"""Where chunks of points run, and how large they are.
+
+They run on this machine, or by an existing engine for many; all are `concurrent.futures.Executor`s.
+"""
 
 import threading
 from collections import deque
@@ -10,6 +13,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
 from mjrun.options.kinds import AUTO
@@ -17,14 +22,56 @@ from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
-from mjrun.study.isolation import Chunk, ChunkResult, run_chunk
+from mjrun.study.isolation import run_chunk
+from mjrun.study.spec import Chunk, ChunkResult
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"
 PATIENCE = 20  # [s] for a scheduler to answer
 POLL = 0.2  # [s] between two looks at jobs of slurm
 REFUSALS = 5  # of a chunk's results, after which its points have failed
+SECONDS = 3.0  # that a chunk takes, which are lost when it is killed
+LEAST_SECONDS = 0.2  # of the last chunks, which are smaller so that all workers end together
+GROWTH = 4  # from the largest measured chunk to the next: few points tell little of many
+MOST = 4096  # points in a chunk
 QUEUED = 3  # chunks that wait for each process, beside the one that runs
+
+
+class ChunkSizes:
+    """The sizes of the chunks of a study, each decided when it is handed out.
+
+    A point is expected to take the mean time of points, or the mean time of its steps where that is more.
+
+    Args:
+      size: of all chunks; measured when None.
+      ahead: chunks in flight, a multiple of the workers.
+      seconds: that a chunk should take [s].
+      first: points of a chunk before anything is measured.
+    """
+
+    def __init__(self, size: int | None, ahead: int, seconds: float = SECONDS, first: int = 1) -> None:
+        self._size, self._ahead, self._target, self._largest = size, ahead, seconds, first
+        self._points = self._steps = self._seconds = 0.0
+
+    def next(self, steps: np.ndarray) -> int:
+        """How many points the next chunk takes of those that are left, which have so many steps `(n,)`, n > 0."""
+        left = len(steps)
+        if self._size:
+            return min(self._size, left)
+        share = -(-left // self._ahead)
+        if not self._points:
+            return min(self._largest, share)
+        of_step = self._seconds / self._steps if self._steps else 0.0
+        ends = np.cumsum(np.maximum(self._seconds / self._points, of_step * steps[:MOST]))
+        fair = max(share, int(np.searchsorted(ends, LEAST_SECONDS, "right")))
+        return max(1, min(fair, int(np.searchsorted(ends, self._target, "right")), GROWTH * self._largest))
+
+    def add(self, points: int, steps: int, seconds: float) -> None:
+        """Takes the measurement of a chunk: its wall time [s] in the worker. Earlier ones count half with each."""
+        self._points = self._points / 2 + points
+        self._steps = self._steps / 2 + steps
+        self._seconds = self._seconds / 2 + seconds
+        self._largest = max(self._largest, points)
 
 
 def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
@@ -37,19 +84,36 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
       UsageError: there is no such engine.
       MissingExtraError: its library is not installed.
     """
+    check_engine(engine)
     count = _count(jobs) if engine != WARP else 1  # which has all of a GPU
-    if engine == WARP:
-        require_library()
     if engine in ("local", WARP):
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED
-    require_unconfined(f"{option('engine')} {clean(engine)} works in processes of others")
     if engine == "dask" or engine.startswith("dask://"):
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
     if engine == SLURM:
         return _slurm(count, folder, stack)
     return stack.enter_context(_made_by(engine, *_factory(engine))), count * QUEUED
+
+
+def check_engine(engine: str) -> None:
+    """Refuses an engine that cannot be used, before anything is written.
+
+    Raises:
+      UsageError: there is no such engine.
+      MissingExtraError: its library is not installed.
+    """
+    if engine not in ("local", WARP):
+        require_unconfined(f"{option('engine')} {clean(engine)} works in processes of others")
+    if engine == WARP:
+        require_library()
+    elif engine == "dask" or engine.startswith("dask://"):
+        require_extra("dask")
+    elif engine == SLURM:
+        require_extra("slurm")
+    elif engine != "local":
+        _factory(engine)
 
 
 def process_count(engine: str, jobs: int | str) -> int | None:
@@ -110,7 +174,6 @@ def _result(future: Future[ChunkResult], chunk: Chunk) -> ChunkResult:
 
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     """A cluster that listens at `address`, or one of this machine's cores."""
-    require_extra("dask")
     import distributed  # whose functions say that they may return coroutines
 
     client_class: Any = distributed.Client
@@ -130,7 +193,6 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
 
 def _slurm(count: int, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
     """Jobs of Slurm; where there is none, processes of this machine that submitit starts in the same way."""
-    require_extra("slurm")
     import submitit
 
     made = submitit.AutoExecutor(folder=folder / "slurm")

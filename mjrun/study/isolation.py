@@ -3,85 +3,18 @@
 import math
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mjrun.errors import MjrunError
-from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.point_server import new_worker
-from mjrun.study.proof import Proof
-from mjrun.study.simulate import PointResult, Status, StudyPoint, StudySpec
+from mjrun.study.spec import Chunk, ChunkResult, PointResult, Proof, ShippedStudy, Status, StudyPoint
 from mjrun.worker import Worker, WorkerEndedError
 
 TIMEOUT_CODE = 124  # as timeout(1) has it
 SIGNALLED = 128  # plus the number of the signal, as shells have it
 START = 120.0  # [s] that a process may take to start
-
-
-@dataclass(frozen=True)
-class ShippedStudy:
-    """All that a process needs of a study, on whatever machine: a picklable value.
-
-    Attributes:
-      spec: with the user's code in it.
-      metrics: their number.
-      snapshot: copies of all files that its points read.
-    """
-
-    spec: Sealed
-    metrics: int
-    snapshot: InputSnapshot
-
-    @classmethod
-    def of(cls, spec: StudySpec) -> "ShippedStudy":
-        """Returns a study that can be sent away; one that has no copies of its files yet gets them."""
-        spec = replace(spec, base=spec.base.with_snapshot())
-        assert spec.base.snapshot
-        return cls(Sealed.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
-
-
-@dataclass(frozen=True)
-class Chunk:
-    """Points that are simulated in one go: a picklable value, and all that a machine needs to know.
-
-    Attributes:
-      time_limit: wall time of a point [s].
-      contents: of the study's files, for a machine that has no copies of them; None for one that should have.
-      refusals: how often its results were refused.
-    """
-
-    study: ShippedStudy
-    points: tuple[StudyPoint, ...]
-    time_limit: float = math.inf
-    contents: Mapping[str, bytes] | None = None
-    refusals: int = 0
-
-    def with_contents(self) -> "Chunk":
-        """Returns the same chunk with the contents of all files."""
-        return replace(self, contents=self.study.snapshot.contents())
-
-    def failed(self, message: str) -> "ChunkResult":
-        """Returns the results of points that failed with this message, outside of their processes."""
-        nothing = (math.nan,) * self.study.metrics
-        return ChunkResult([PointResult(point.index, "failed", nothing, 0, 70, message) for point in self.points])
-
-
-@dataclass(frozen=True)
-class ChunkResult:
-    """The results of the points of a chunk, in their order.
-
-    Attributes:
-      proofs: what they were simulated with; nothing where no process came to its end.
-      lacks_files: whether nothing was simulated, since this machine has no copies of the study's files.
-      is_refused: whether what was simulated belongs to something else than the study.
-    """
-
-    results: Sequence[PointResult]
-    proofs: tuple[Proof, ...] = ()
-    lacks_files: bool = False
-    is_refused: bool = False
 
 
 _processes = threading.local()

@@ -8,12 +8,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mjrun.errors import UsageError, clean
+from mjrun.experiment.design import Design
 from mjrun.reporter import Reporter
-from mjrun.study.design import Design
-from mjrun.study.failures import FailureNotes
+from mjrun.study.executors import check_engine
 from mjrun.study.keep import PointKeeper
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.simulate import StudyPoint
+from mjrun.study.results import FailureNotes
+from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 
 SCHEMA = "mjrun-plan-1"
@@ -89,6 +90,7 @@ def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> Task
     statuses = Counter[str]()
     if points:
         prepared = _prepared(plan, [point.values for point in points])
+        check_engine(study.engine)
         prepared.files.create()
         prepared.warn_of_damaged(reporter)
         missing = prepared.missing(study.retry_failed)

@@ -13,8 +13,7 @@ from mjrun.worker import Worker
 
 if TYPE_CHECKING:
     from mjrun.python_code import Sealed
-    from mjrun.study.proof import Proof
-    from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
+    from mjrun.study.spec import PointResult, Proof, StudyPoint, StudySpec
 
 _waiting = deque[tuple[Path, Worker]]()  # for a study, and the folder from which they see relative paths
 
@@ -34,7 +33,7 @@ class PointServer:
 
     def simulate(self, points: "Sequence[StudyPoint]") -> "Iterator[PointResult | Proof]":
         """Yields the result of each point, not in their order, and then what they were simulated with."""
-        from mjrun.study.proof import Proof
+        from mjrun.study.spec import Proof
 
         yield from self._simulator.run(points)
         yield Proof.here(self._spec.models(point.values for point in points))

@@ -12,24 +12,21 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError, UsageError, clean, concerning, option
+from mjrun.experiment.design import Design, design
+from mjrun.experiment.results_table import Requirements, check_metric_names
 from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
-from mjrun.probe.assertion import parse
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.metric import parse_metric
-from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME
 from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_sizes import ChunkSizes
-from mjrun.study.design import Design, design
-from mjrun.study.executors import SLURM, completed, open_executor, require_extra
-from mjrun.study.isolation import Chunk, ChunkResult, ShippedStudy
-from mjrun.study.parameters import FILES, MODEL, require_values, simulation_at
-from mjrun.study.parts import PartFiles, point_keys, study_identity
-from mjrun.study.proof import Proof
+from mjrun.study.chunk_files import ChunkFiles, point_keys, study_identity
+from mjrun.study.executors import SLURM, ChunkSizes, completed, open_executor, require_extra
+from mjrun.study.point_simulation import FILES, MODEL, require_values, simulation_at
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, with_flags
-from mjrun.study.simulate import WORLD_BYTES, PointResult, StudyPoint, StudySpec
+from mjrun.study.simulate import WORLD_BYTES
+from mjrun.study.spec import Chunk, ChunkResult, PointResult, Proof, ShippedStudy, StudyPoint, StudySpec
 
 LENGTH = ("timestep", "duration", "steps")  # decide how many steps a simulation takes
 CHUNK_STEPS = 50_000  # steps in a chunk that is not measured: seconds, as a rule
@@ -63,7 +60,7 @@ class PreparedStudy:
         self.shipped = ShippedStudy.of(spec)
         self.columns = self._check(options.require)
         self.folder = Path(options.output)
-        self.files = PartFiles(self.folder, [name for name, _ in spec.metrics])
+        self.files = ChunkFiles(self.folder, [name for name, _ in spec.metrics])
         self.known = self.files.read()
 
     @classmethod
@@ -198,20 +195,15 @@ class PreparedStudy:
         episode = self.first.episode
         others = episode.columns.names if episode else ()
         available = AvailableProbes(self.model, others) if self.spec.metrics else None
-        names, columns = [name for name, _ in self.spec.metrics], dict[str, None]()
+        columns = dict[str, None]()
+        check_metric_names(self.spec.metrics, (*self.points.names, *STATUSES, *TABLE_COLUMNS))
         for name, text in self.spec.metrics:
             with concerning("metric", name):
-                if not name.isidentifier() or name in (*self.points.names, *STATUSES, *TABLE_COLUMNS):
-                    reason = "it takes letters, digits and _, and no other column may have it"
-                    raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
-                if names.count(name) > 1:
-                    raise UsageError(f"{option('metric')}: {name} is given twice")
                 assert available
                 metric = parse_metric(text, available, f"{option('metric')} {name}")
                 columns |= dict.fromkeys(column for column in metric.columns if column != TIME)
-        for index, text in enumerate(requirements):
-            with concerning("require", index):
-                parse(with_flags(text), RequirementNames([*self.points.names, *names]), "require")
+        metrics = [name for name, _ in self.spec.metrics]
+        Requirements(requirements, [*self.points.names, *metrics], STATUSES, with_flags)
         try:
             model = self.first.load()
             self.first.timeline(model)
@@ -250,13 +242,3 @@ def _varied_files(base: Simulation, points: Design) -> Iterator[Path]:
             for text in dict.fromkeys(values[index] for values in points.points):
                 with suppress(MjrunError):
                     yield from (path for _, path in simulation_at(base, (name,), (text,)).inputs)
-
-
-class RequirementNames(Vocabulary):
-    """The columns of the table of a study, and each status as what holds or does not: `share(ok) > 0.95`."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        super().__init__([*names, *STATUSES])
-
-    def is_count(self, column: str) -> bool:
-        return column in STATUSES

@@ -9,13 +9,12 @@ import numpy as np
 
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.platform.cores import available_cores
-from mjrun.study.chunk_sizes import ChunkSizes
-from mjrun.study.executors import QUEUED, process_count
+from mjrun.study.chunk_files import part_bytes
+from mjrun.study.executors import QUEUED, ChunkSizes, process_count
 from mjrun.study.isolation import IsolatedSimulator
-from mjrun.study.parts import part_bytes
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import table_bytes
-from mjrun.study.simulate import PointResult
+from mjrun.study.spec import PointResult
 
 SHOWN = 3  # points at each end of the study
 PATIENCE = 60.0  # [s] for the point that is measured

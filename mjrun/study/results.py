@@ -1,55 +1,37 @@
-"""The table of a study: a row for each point, in the order of the points, the same whatever simulated them."""
+"""The results of a study: their table, and why points fail."""
 
 import re
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
-import numpy as np
-
-from mjrun.formats.atomic_output import publish_together
-from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import output_format
+from mjrun.errors import clean
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_table import POINT, ResultsTable
 from mjrun.model.column import Column
-from mjrun.study.design import Design, numbers
-from mjrun.study.parameters import is_whole
-from mjrun.study.simulate import PointResult
+from mjrun.reporter import Reporter
+from mjrun.study.spec import PointResult
 
-FILES = ("results.parquet", "results.csv")
 STATUSES = ("ok", "unstable", "failed", "timeout", "crashed", "missing")
 FRAME = 8_000  # bytes of a table without rows
-BLOCK = 2**12  # rows that are written at a time
-_COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # besides what varies and the metrics
+TOLD = 10  # reasons, as they come
+FEW = 4  # values of a point that are told
+_COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 
 
-def result_columns(
-    design: Design, metrics: Sequence[str], results: Sequence[PointResult]
-) -> tuple[list[Column], np.ndarray]:
-    """The columns of the table, and its rows `(n, columns)`; texts are indices into the labels of their columns."""
-    columns = [Column("point", meaning="number of the point", integer=True)]
-    values = [np.arange(len(results), dtype=float)]
-
-    def add(column: Column, numbers: np.ndarray) -> None:
-        columns.append(column)
-        values.append(numbers)
-
-    for index, name in enumerate(design.names):
-        texts = [point[index] for point in design.points]
-        as_numbers = numbers(name, texts)
-        if as_numbers is None:
-            add(*_labelled(name, texts))
-        else:
-            add(Column(name, meaning="what varies", integer=is_whole(name)), as_numbers)
+def study_table(design: Design, metrics: Sequence[str], results: Sequence[PointResult]) -> ResultsTable:
+    """Returns the table of a study: a row for each point, in the order of the points."""
+    table = ResultsTable()
+    table.add(POINT, range(len(results)))
+    table.add_parameters(design, range(len(design.points)))
     for index, name in enumerate(metrics):
-        add(Column(name, meaning="metric"), np.array([result.metrics[index] for result in results], float))
-
-    add(*_labelled("status", [result.status for result in results]))
-    add(Column("steps", meaning="steps taken", integer=True), np.array([result.steps for result in results], float))
-    codes = np.array([result.exit_code for result in results], float)
-    add(Column("exit_code", meaning="of this point alone", integer=True), codes)
-    add(*_labelled("message", [result.message for result in results]))
-    return columns, np.stack(values, axis=1)
+        table.add(Column(name, meaning="metric"), [result.metrics[index] for result in results])
+    table.add_texts("status", [result.status for result in results])
+    table.add(Column("steps", meaning="steps taken", integer=True), [result.steps for result in results])
+    codes = [result.exit_code for result in results]
+    table.add(Column("exit_code", meaning="of this point alone", integer=True), codes)
+    table.add_texts("message", [result.message for result in results])
+    return table
 
 
 def with_flags(text: str) -> str:
@@ -67,40 +49,6 @@ def with_flags(text: str) -> str:
     return _COMPARED.sub(flag, text)
 
 
-def write_results(
-    folder: Path,
-    columns: Sequence[Column],
-    rows: np.ndarray,
-    manifest: Mapping[str, object],
-    files: Sequence[str] = FILES,
-) -> list[Path]:
-    """Writes the table to `files` of the folder, each in the format of its suffix, and returns them.
-
-    Raises:
-      FileError: it cannot be written.
-    """
-    with ExitStack() as stack:
-        return publish_together(open_results(stack, folder, columns, rows, manifest, files))
-
-
-def open_results(
-    stack: ExitStack,
-    folder: Path,
-    columns: Sequence[Column],
-    rows: np.ndarray,
-    manifest: Mapping[str, object],
-    files: Sequence[str] = FILES,
-) -> list[TableWriter]:
-    """As `write_results`, but they still have to be published; `stack` discards them otherwise."""
-    writers = list[TableWriter]()
-    for name in files:
-        path = str(folder / name)
-        writers.append(stack.enter_context(TableWriter(path, output_format(path).name, columns, manifest)))
-        for start in range(0, len(rows), BLOCK):
-            writers[-1].write(rows[start : start + BLOCK])
-    return writers
-
-
 def table_bytes(design: Design, metrics: int) -> int:
     """About how large the tables of a study are [bytes]: numbers have 8 bytes in one, and their digits in the other."""
     count = len(design.points)
@@ -108,8 +56,67 @@ def table_bytes(design: Design, metrics: int) -> int:
     return FRAME + count * 8 * (len(design.names) + metrics) + digits + count * (20 * metrics + 20)
 
 
-def _labelled(name: str, texts: Sequence[str]) -> tuple[Column, np.ndarray]:
-    """A column of texts; an empty one is none."""
-    labels = tuple(dict.fromkeys(text for text in texts if text)) or ("",)
-    place = {label: index for index, label in enumerate(labels)}
-    return Column(name, labels=labels), np.array([place.get(text, -1) if text else -1 for text in texts], float)
+@dataclass(frozen=True)
+class PointFailure:
+    """Why points failed.
+
+    Attributes:
+      status: how they ended.
+      message: the first line that MuJoCo or mjrun has to say.
+      count: how many.
+      point: the first of them.
+      values: its values.
+    """
+
+    status: str
+    message: str
+    count: int
+    point: int
+    values: Mapping[str, str]
+
+
+def point_failures(points: Design, results: Sequence[PointResult]) -> list[PointFailure]:
+    """The reasons of failures, the most frequent first."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for index, result in enumerate(results):
+        if result.status != "ok":
+            groups.setdefault(_reason(result), []).append(index)
+    ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
+    return [
+        PointFailure(status, results[failed[0]].message, len(failed), failed[0], points.values(failed[0]))
+        for (status, _), failed in ordered
+    ]
+
+
+class FailureNotes:
+    """Tells of the first point that fails for each reason, when it does.
+
+    Args:
+      points: of the study, or of a part of it.
+      numbers: of these points in the study; they are all of it when None.
+    """
+
+    def __init__(self, points: Design, reporter: Reporter, numbers: Sequence[int] | None = None) -> None:
+        self._points, self._reporter = points, reporter
+        self._numbers = range(len(points.points)) if numbers is None else numbers
+        self._told: set[tuple[str, str]] = set()
+
+    def add(self, results: Iterable[PointResult]) -> None:
+        """Takes results as they come; the index of each is that of its point in `points`."""
+        for result in results:
+            if result.status == "ok" or _reason(result) in self._told:
+                continue
+            self._told.add(_reason(result))
+            if len(self._told) <= TOLD:
+                values = [f"{name}={text}" for name, text in self._points.values(result.index).items()]
+                shown = ", ".join([*values[:FEW], *(["…"] if len(values) > FEW else [])])
+                line = result.message.partition("\n")[0]
+                where = f" ({clean(shown)})" if shown else ""
+                self._reporter.note(f"point {self._numbers[result.index]}{where}: {clean(line)}")
+            elif len(self._told) == TOLD + 1:
+                self._reporter.note("points fail for more reasons; the table has all")
+
+
+def _reason(result: PointResult) -> tuple[str, str]:
+    """What failures have in common that have one reason: when a simulation becomes unstable is none."""
+    return result.status, "" if result.status == "unstable" else result.message.partition("\n")[0]

@@ -6,10 +6,7 @@ alone.
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal
+from collections.abc import Iterator, Sequence
 from weakref import WeakKeyDictionary
 
 import mujoco
@@ -18,8 +15,6 @@ import numpy as np
 from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, concerning, flag, option
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.source import Source
-from mjrun.model.sources import source_of
 from mjrun.model.variants import BYTES, Compilation, ModelVariant, ModelVariants
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
 from mjrun.physics.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
@@ -34,10 +29,8 @@ from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
 from mjrun.simulation.episode import Episode
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.parameters import MODEL, simulation_at
+from mjrun.study.spec import PointResult, Status, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
-
-Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
 
 WORLDS = 8192  # the same of Warp
 WORLD_BYTES = 2**31  # of their models
@@ -48,82 +41,6 @@ NOT_IN_WARP = (
 ENOUGH = 512  # rows that are worth measuring at once
 SIDE_BY_SIDE = 64  # simulations of a batch, at most: more only take memory
 BUG = 70
-
-
-@dataclass(frozen=True)
-class StudySpec:
-    """What all points of a study have in common: a picklable value.
-
-    Attributes:
-      base: the simulation that points vary.
-      names: what varies.
-      metrics: the name and the text of each.
-      every: steps from one row that metrics look at to the next.
-      engine: what steps: `c`, or `warp`, in single precision.
-      controllers: where the controller varies, what each of its values stands for.
-    """
-
-    base: Simulation
-    names: tuple[str, ...]
-    metrics: tuple[tuple[str, str], ...]
-    every: int = 1
-    engine: Literal["c", "warp"] = "c"
-    controllers: tuple[tuple[str, Callable[..., object]], ...] = ()
-
-    def varying(self, names: tuple[str, ...]) -> "StudySpec":
-        """The same, with what varies."""
-        return replace(self, names=names)
-
-    def simulation(self, values: tuple[str, ...]) -> Simulation:
-        """The simulation of the point with these values."""
-        return simulation_at(self.base, self.names, values, dict(self.controllers))
-
-    def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
-        """Returns the model of the base simulation, and those that the values of points name in its place."""
-        place = self.names.index(MODEL) if MODEL in self.names else None
-        texts = {} if place is None else dict.fromkeys(values[place] for values in points)
-        return [source_of(self.base.model), *map(source_of, texts)]
-
-    def with_files_in(self, root: Path) -> "StudySpec":
-        """Returns the same, which reads its files in the folder `root`."""
-        snapshot = self.base.snapshot and replace(self.base.snapshot, root=root)
-        return replace(self, base=replace(self.base, snapshot=snapshot))
-
-    @property
-    def code(self) -> list[object]:
-        """What the user has written in it."""
-        return [*self.base.code, *(controller for _, controller in self.controllers)]
-
-
-@dataclass(frozen=True)
-class StudyPoint:
-    """A point: its place in the study, and its values."""
-
-    index: int
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)  # as there may be a million of them
-class PointResult:
-    """What has come of a point.
-
-    Attributes:
-      index: the point's place in the study.
-      status: how it ended.
-      metrics: in order; NaN where the simulation did not reach its end.
-      steps: taken.
-      exit_code: what `mjrun trace` of this point alone would exit with; 4, too, where that would go on with a warning.
-      message: why it failed; empty if it did not.
-      wall: wall time [s], that of its compilation included; of points that ran side by side, its share.
-    """
-
-    index: int
-    status: Status
-    metrics: tuple[float, ...]
-    steps: int
-    exit_code: int = 0
-    message: str = ""
-    wall: float = 0.0
 
 
 class PointSimulator:

@@ -12,21 +12,20 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FailedAssertionError, FailedPointsError, FileError, LostFilesError, clean
-from mjrun.formats.atomic_output import OutputWriter, written_file
-from mjrun.model.column import Column
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_table import Requirements, manifest_writer
+from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
-from mjrun.probe.assertion import Verdict, parse
+from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
-from mjrun.study.design import Design
-from mjrun.study.executors import WARP
-from mjrun.study.failures import FailureNotes, PointFailure, point_failures
+from mjrun.study.executors import WARP, check_engine
 from mjrun.study.keep import KeptFiles, PointKeeper
-from mjrun.study.prepared import PreparedStudy, RequirementNames
+from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview, preview
-from mjrun.study.results import STATUSES, result_columns, with_flags, write_results
-from mjrun.study.simulate import PointResult, StudySpec
+from mjrun.study.results import STATUSES, FailureNotes, PointFailure, point_failures, study_table, with_flags
+from mjrun.study.spec import StudySpec
 from mjrun.version import __version__
 
 SCHEMA = "mjrun-sweep-1"
@@ -80,7 +79,7 @@ class Study(StudyOptions, ExecutionOptions):
     def manifest_writer(self, facts: Mapping[str, object]) -> OutputWriter:
         """The manifest, written and still to be published."""
         document = {"command": self.command, **({"study": self.document} if self.document else {}), **facts}
-        return written_file(Path(self.output) / MANIFEST, f"{json.dumps(document, indent=2, default=str)}\n".encode())
+        return manifest_writer(Path(self.output) / MANIFEST, document)
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
         """Writes the table of all points from the results that are there, and simulates nothing.
@@ -170,6 +169,7 @@ class _Run:
         study = self.study
         prepared = PreparedStudy.of(study, study.spec)
         keeper = PointKeeper(study, prepared)
+        check_engine(study.engine)
         prepared.files.create()
         prepared.warn_of_damaged(self.reporter)
         self._tell_what_changed()
@@ -208,14 +208,17 @@ class _Run:
     def _conclude(self, prepared: PreparedStudy, keeper: PointKeeper, simulated: int) -> StudyResult:
         study, points, results = self.study, prepared.points, prepared.results()
         names = [name for name, _ in study.metric]
-        columns, rows = result_columns(points, names, results)
+        table = study_table(points, names, results)
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(study.metric), "columns": prepared.columns}
-        files = write_results(self.folder, columns, rows, facts)  # the same for all runs, unlike the manifest
+        files = table.write(self.folder, facts)  # the same for all runs, unlike the manifest
 
         complete = all(result.status != "missing" for result in results)
-        verdicts = [_judge(text, columns, rows, results) for text in study.require] if complete else []
-        numbers = {column.name: rows[:, i] for i, column in enumerate(columns) if not column.labels}
+        numbers = table.numbers
+        verdicts = list[Verdict]()
+        if complete:
+            requirements = Requirements(study.require, [*numbers], STATUSES, with_flags)
+            verdicts = requirements.verdicts(numbers | table.flags("status", STATUSES))
         kept = keeper.keep(numbers, results, study.jobs, self.reporter) if complete else KeptFiles()
         statuses = {status: sum(r.status == status for r in results) for status in STATUSES}
         result = StudyResult(
@@ -242,17 +245,6 @@ class _Run:
             error.results = [result]
             raise error
         return result
-
-
-def _judge(text: str, columns: Sequence[Column], rows: np.ndarray, results: Sequence[PointResult]) -> Verdict:
-    """Whether a requirement holds over all points."""
-    usable = [(column.name, rows[:, i]) for i, column in enumerate(columns) if not column.labels]
-    flags = [(status, np.array([r.status == status for r in results], float)) for status in STATUSES]
-    table = dict([*usable, *flags])
-    assertion = parse(with_flags(text), RequirementNames([name for name, _ in usable]), "require")
-    checker = dataclasses.replace(assertion, text=text).checker()  # messages show it as it was written
-    checker.feed(np.stack(list(table.values()), axis=1), 0)
-    return checker.verdict()
 
 
 def _summary(points: Design, values: Sequence[float]) -> MetricSummary:

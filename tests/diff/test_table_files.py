@@ -20,14 +20,14 @@ from mjrun.diff.result import CellDifference, TableDifference, UnmatchedRows
 from mjrun.diff.sentences import table_sentences
 from mjrun.diff.table_files import ResultTable, compare_tables, is_results, result_manifest, table_path
 from mjrun.errors import CellError, FileError, UnknownNameError, UsageError
+from mjrun.experiment.design import Design
 from mjrun.formats import text_columns
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import csv as csv_format
 from mjrun.model.column import Column
 from mjrun.options.diff import TableDiffOptions
-from mjrun.study.design import Design
-from mjrun.study.results import result_columns, write_results
-from mjrun.study.simulate import PointResult
+from mjrun.study.results import study_table
+from mjrun.study.spec import PointResult
 from tests.formats.table_files import write
 
 INTEGER_FORMATS = ["csv", "jsonl", "parquet", "feather", "npz", "mat", "h5"]
@@ -344,8 +344,7 @@ def study(folder: Path, order: list[int], drift: float = 0.0) -> str:
     folder.mkdir()
     design = Design(("mass", "integrator"), [DESIGN[index] for index in order])
     results = [PointResult(i, ENDS[k][1], (ENDS[k][0] + drift,), 9, 0, ENDS[k][2]) for i, k in enumerate(order)]  # type: ignore[arg-type]
-    columns, rows = result_columns(design, ["end"], results)
-    write_results(folder, columns, rows, {"metrics": {"end": "last(x)"}})
+    study_table(design, ["end"], results).write(folder, {"metrics": {"end": "last(x)"}})
     return str(folder)
 
 

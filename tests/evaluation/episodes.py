@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjrun.evaluation.episode import Episode
-from mjrun.evaluation.table import PlayedEpisodes
+from mjrun.evaluation.episode import Episode, PlayedEpisodes
 
 ENDINGS = (("arrived", "success"), ("fallen", "failure"), ("timeout", "timeout"))
 

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.evaluation.comparison import compared
 from mjrun.evaluation.criteria import Criteria
-from mjrun.evaluation.episode import Episode
-from mjrun.evaluation.summary import summary_of
-from mjrun.evaluation.table import PlayedEpisodes, episode_columns
-from mjrun.model.column import Column
+from mjrun.evaluation.episode import Episode, PlayedEpisodes
+from mjrun.evaluation.summaries import compared, summary_of
+from mjrun.evaluation.table import episode_table
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_table import ResultsTable
 from mjrun.options.evaluation import EvaluationOptions
-from mjrun.study.design import Design
 from tests.evaluation.episodes import ENDINGS, episodes, played
 
 NUMBERS = ["seed", "return", "length", "steps", "reward/near", "reward/cost", "m"]
@@ -27,15 +26,14 @@ def criteria(*, can_succeed: bool = True, is_compared: bool = False, **options: 
     return Criteria(made, NUMBERS, NAMES, can_succeed=can_succeed, compared=is_compared)
 
 
-def table_of(some: Sequence[Episode]) -> tuple[list[Column], np.ndarray]:
+def table_of(some: Sequence[Episode]) -> tuple[ResultsTable, int]:
     group = PlayedEpisodes("p", 0, some)
-    return episode_columns([group], Design((), [()]), ["near", "cost"], ["m"], compared=False)
+    return episode_table([group], Design((), [()]), ["near", "cost"], ["m"], compared=False), len(some)
 
 
 def verdicts(**options: Any) -> Sequence[bool]:
-    columns, rows = table_of(SOME)
     summary = summary_of("p", SOME, ["near", "cost"], ["m"], 0.95, can_succeed=True)
-    return [each.passed for each in criteria(**options).verdicts(columns, rows, summary, None)]
+    return [each.passed for each in criteria(**options).verdicts(*table_of(SOME), summary, None)]
 
 
 def test_a_requirement_is_about_the_table_and_the_endings_in_it() -> None:

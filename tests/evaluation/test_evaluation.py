@@ -1,7 +1,7 @@
 """An evaluation in Python: the same table every time, and what is there when something fails."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,14 @@ import pandas as pd
 import pytest
 
 import mjrun
+from mjrun.document.report_schema import report_schema
 from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
 from mjrun.evaluation.evaluation import Evaluation
+from mjrun.evaluation.result import SCHEMA, EvaluationResult
 from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.table import FILES
 from mjrun.task.terms import Reward
+from tests.document.schema_oracle import fits
 from tests.evaluation.tasks import XML, cart_task, play_here, write_policies
 from tests.policy.networks import linear
 
@@ -88,9 +91,16 @@ def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> Non
     assert (tmp_path / "out" / FILES[0]).is_file()
 
 
-def test_a_folder_of_something_else_is_left_alone(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="holds other things"):
-        evaluation(tmp_path, ".").run()
+@pytest.mark.parametrize(
+    ("out", "match"),
+    [(".", "holds other things than an evaluation"), ("cart.xml", "is no folder"), ("cart.xml/a", "is not a folder")],
+)
+def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: str, match: str) -> None:
+    some = evaluation(tmp_path, out)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(FileError, match=match):
+        some.run()
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:
@@ -138,3 +148,19 @@ def test_a_policy_is_read_with_its_weights_before_the_first_episode(
     shown = (tmp_path / "edited_in_processes" / "evaluation.json").read_text()
     assert str(tmp_path / "p.onnx") in shown
     assert "/files/" not in shown
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"compare": "random", "vary": {"control_dt": "0.02,0.04"}, "fail_below": {"length": 0}}]
+)
+def test_a_report_is_what_its_schema_says(
+    tmp_path: Path, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    play_here(monkeypatch)
+    task, schema = cart_task(tmp_path, duration=0.2), report_schema("eval", "mjrun eval", EvaluationResult)
+    result = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=2, jobs=1, **options).run()  # type: ignore[arg-type]
+    report = json.loads(json.dumps(asdict(result)))
+    assert report["schema"] == SCHEMA
+    assert fits(report, schema, schema)
+    for key in report:
+        assert not fits({name: value for name, value in report.items() if name != key}, schema, schema)

@@ -8,11 +8,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import InvalidActionError, UsageError
+from mjrun.errors import InvalidActionError, MjrunError, UnknownNameError, UsageError
 from mjrun.evaluation import player
 from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import player_of
+from mjrun.formats.table_reader import read_table
+from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
+from mjrun.outputs.trace import Trace
+from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 from mjrun.task.terms import Reset, Termination
 from mjrun.task.worlds import TaskWorlds
@@ -158,3 +162,70 @@ def test_returns_are_those_of_the_environment_of_gymnasium_to_the_bit(tmp_path: 
             total, periods, over = total + float(reward), periods + 1, terminated or truncated
         assert (each.total, each.steps) == (total, periods)
     environment.close()
+
+
+METRICS = {
+    "far": "max(abs(qpos/slider))",
+    "effort": "mean(abs(ctrl/push))",
+    "seen": "last(obs/v)",
+    "done": "mean(abs(action/push))",
+    "total": "last(return)",
+    "end": "last(time)",
+    "never": "first(time, qpos/slider > 50)",
+}
+
+
+def test_metrics_are_those_of_the_trace_at_control_instants(tmp_path: Path) -> None:
+    task, policy = cart_task(tmp_path), f"{write_policies(tmp_path)}:act"
+    plain = player_of(EpisodeSpec(task, PolicyChoice(policy))).play([3, 8])
+    found = player_of(EpisodeSpec(task, PolicyChoice(policy), tuple(METRICS.items()))).play([3, 8])
+    for episode, other in zip(found, plain, strict=True):
+        path = tmp_path / f"{episode.seed}.csv"
+        simulation = Simulation(task, policy=policy, seed=episode.seed)
+        Trace(simulation, str(path), probe=["qpos", "ctrl", "obs", "action", "return"], every=2).run()
+        table = read_table(path).columns
+        expected = {
+            "far": np.abs(table["qpos/slider"]).max(),
+            "effort": np.abs(table["ctrl/push"]).mean(),
+            "seen": table["obs/v"][-1],
+            "done": np.abs(table["action/push"]).mean(),
+            "total": episode.total,
+            "end": episode.length,
+            "never": np.nan,
+        }
+        assert episode.metrics == pytest.approx([*expected.values()], rel=1e-12, nan_ok=True)
+        assert table["return"][-1] == episode.total
+        assert (episode.total, episode.steps, episode.ending) == (other.total, other.steps, other.ending)
+
+
+def test_an_environment_is_measured_too() -> None:
+    spec = EpisodeSpec(parse_source("gym:InvertedPendulum-v5"), PolicyChoice("zero"), (("last", "last(return)"),))
+    (episode,) = player_of(spec).play([2])
+    assert episode.metrics == (episode.total,)
+
+
+def test_a_metric_of_nothing_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="qpos/knee") as found:
+        player_of(EpisodeSpec(cart_task(tmp_path), PolicyChoice("zero"), (("m", "max(qpos/knee)"),)))
+    assert found.value.path == ("metric", "m")
+
+
+def test_an_episode_that_becomes_unstable_is_measured_as_far_as_it_goes(tmp_path: Path) -> None:
+    task = replace(cart_task(tmp_path), overrides=(Override("opt.gravity", "1e11,0,0"),))
+    plain = player_of(EpisodeSpec(task, PolicyChoice("zero"))).play([1])
+    (episode,) = player_of(EpisodeSpec(task, PolicyChoice("zero"), (("rows", "count(time)"),))).play([1])
+    assert episode.ending == "unstable"
+    assert [replace(episode, metrics=())] == plain
+    assert episode.metrics == (float(episode.steps),)  # the start, and all instants but the last
+
+
+@pytest.mark.parametrize("name", ["NotNumber", "Late"])
+def test_what_fails_fails_in_the_same_way_when_it_is_measured(tmp_path: Path, name: str) -> None:
+    endless = replace(spec(tmp_path, name), task=replace(cart_task(tmp_path), terminations={}))
+    messages = set[str]()
+    for metrics in ((), (("m", "max(time)"),)):
+        with pytest.raises(MjrunError) as caught:
+            player_of(replace(endless, metrics=metrics)).play([6, 8, 7])
+        messages.add(caught.value.spelled(str))
+    (message,) = messages
+    assert "in the episode of seed 8" in message

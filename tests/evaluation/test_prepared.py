@@ -1,13 +1,90 @@
-"""What is checked before the first episode."""
+"""What varies between episodes, and what is checked before the first."""
 
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
-from mjrun.errors import UsageError
-from mjrun.evaluation.prepared import PreparedEvaluation
+from mjrun.document.task import read_task
+from mjrun.errors import UnknownNameError, UsageError
+from mjrun.evaluation.episode import PolicyChoice
+from mjrun.evaluation.prepared import PreparedEvaluation, points_of, policy_at, task_at
+from mjrun.experiment.design import Design
+from mjrun.model.override import Override
 from mjrun.options.evaluation import EvaluationOptions
+from mjrun.task.task import Task
 from tests.evaluation.tasks import cart_task, write_policies
+
+DOCUMENT = """
+model: cart.xml
+control_dt: 0.02
+duration: 1
+observations: [{name: x, joints: [slider]}]
+actions: [{actuators: [push]}]
+"""
+
+
+def options(**given: object) -> EvaluationOptions:
+    return EvaluationOptions(None, "out", **given)  # type: ignore[arg-type]
+
+
+def test_nothing_varies_as_a_rule(tmp_path: Path) -> None:
+    assert points_of(options(), cart_task(tmp_path)) == Design((), [()])
+
+
+def test_points_are_those_of_a_study(tmp_path: Path) -> None:
+    some = points_of(options(vary={"body/cart.mass": "1,2", "control_dt": "0.02,0.04"}), cart_task(tmp_path))
+    assert some.names == ("body/cart.mass", "control_dt")
+    assert some.points == [("1", "0.02"), ("1", "0.04"), ("2", "0.02"), ("2", "0.04")]
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [({"vary": {"seed": "1,2"}}, "a seed of its own"), ({"repeats": 2}, "episodes repeat each point")],
+)
+def test_seeds_are_those_of_episodes(tmp_path: Path, given: dict[str, object], match: str) -> None:
+    with pytest.raises(UsageError, match=match):
+        points_of(options(**given), cart_task(tmp_path))
+
+
+def test_paths_of_the_model_are_overrides_and_times_are_the_tasks_own(tmp_path: Path) -> None:
+    task = replace(cart_task(tmp_path), overrides=(Override("opt.gravity", "0,0,0"),))
+    values = {"scale:geom/box.mass": "2", "timestep": "0.005", "control_dt": "0.04", "policy": "zero"}
+    other = task_at(task, values, None)
+    assert isinstance(other, Task)
+    assert other.control_dt == Fraction(1, 25)
+    assert other.overrides == (*task.overrides, Override("scale:geom/box.mass", "2"), Override("opt.timestep", "0.005"))
+    assert other.load().opt.timestep == 0.005
+    assert other.load().body_mass[1] == pytest.approx(2 * task.load().body_mass[1])
+
+
+def test_whatever_a_document_says_can_vary(tmp_path: Path) -> None:
+    cart_task(tmp_path)
+    (tmp_path / "task.yaml").write_text(DOCUMENT)
+
+    def rewritten(changes: dict[str, str]) -> Task:
+        return read_task(tmp_path / "task.yaml", [f"{name}={text}" for name, text in changes.items()])
+
+    overridden = replace(rewritten({}), overrides=(Override("opt.gravity", "0,0,-1"),))
+    other = task_at(overridden, {"observations[0].delay": "3", "opt.timestep": "0.01"}, rewritten)  # type: ignore[arg-type]
+    assert isinstance(other, Task)
+    assert other.observations[0].delay == 3
+    assert other.overrides == (Override("opt.gravity", "0,0,-1"), Override("opt.timestep", "0.01"))
+
+
+def test_what_no_task_has_is_told_with_what_can_vary(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="control_dt") as found:
+        task_at(cart_task(tmp_path), {"colour": "3"}, None)
+    assert found.value.path == ("vary", "colour")
+    with pytest.raises(UsageError, match="control_dt"):
+        task_at(cart_task(tmp_path), {"control_dt": "soon"}, None)
+
+
+def test_a_policy_may_vary() -> None:
+    chosen = PolicyChoice(None, trust=True)
+    assert policy_at(chosen, {"policy": "a.onnx"}) == PolicyChoice("a.onnx", trust=True)
+    assert policy_at(chosen, {"control_dt": "1"}) == chosen
 
 
 def prepare(folder: Path, **given: object) -> PreparedEvaluation:

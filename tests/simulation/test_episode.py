@@ -30,7 +30,8 @@ from mjrun.outputs.trace import Trace
 from mjrun.policy.load import load_policy
 from mjrun.simulation.episode import episode_of, remembered_policy
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+from mjrun.study.simulate import PointSimulator
+from mjrun.study.spec import StudyPoint, StudySpec
 from tests.policy.networks import linear
 from tests.policy.test_agreement import METADATA, MODEL, MOTORS
 from tests.policy.test_inferred_task import DOCUMENT

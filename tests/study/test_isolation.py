@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.isolation import Chunk, IsolatedSimulator, ShippedStudy, end_process, run_chunk
-from mjrun.study.simulate import PointSimulator, StudyPoint, StudySpec
+from mjrun.study.isolation import IsolatedSimulator, end_process, run_chunk
+from mjrun.study.simulate import PointSimulator
+from mjrun.study.spec import Chunk, ShippedStudy, StudyPoint, StudySpec
 from tests.study.models import BALL, DEADLY
 
 METRICS = (("low", "min(qpos/ball/z)"),)

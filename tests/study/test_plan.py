@@ -13,7 +13,7 @@ from mjrun.errors import FailedPointsError, FileError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.plan import StudyPlan, TaskResult, plan, run_task, task_points
-from mjrun.study.simulate import StudyPoint
+from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 from tests.study.models import BALL
 

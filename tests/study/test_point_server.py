@@ -8,10 +8,8 @@ import pytest
 
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import point_server
-from mjrun.study.isolation import ShippedStudy
 from mjrun.study.point_server import PointServer, new_worker, start_early
-from mjrun.study.proof import Proof
-from mjrun.study.simulate import PointResult, StudyPoint, StudySpec
+from mjrun.study.spec import PointResult, Proof, ShippedStudy, StudyPoint, StudySpec
 from tests.study.models import BALL
 
 

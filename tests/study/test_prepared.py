@@ -8,7 +8,7 @@ import pytest
 from mjrun.errors import FailedPointsError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.chunk_sizes import ChunkSizes
+from mjrun.study.executors import ChunkSizes
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.study import Study
 from tests.study.models import BALL

@@ -1,13 +1,14 @@
-"""The table of a study reads back in pandas, with numbers where there are numbers."""
+"""The table of a study reads back in pandas; failures are reported by their reasons, as they come and at the end."""
 
 import math
 from pathlib import Path
 
 import pandas as pd
 
-from mjrun.study.design import Design
-from mjrun.study.results import BLOCK, result_columns, write_results
-from mjrun.study.simulate import PointResult
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_table import BLOCK
+from mjrun.study.results import TOLD, FailureNotes, point_failures, study_table
+from mjrun.study.spec import PointResult, Status
 
 DESIGN = Design(("opt.timestep", "integrator"), [("1e-3", "rk4"), ("0.1", "euler"), ("2", "rk4")])
 RESULTS = [
@@ -20,15 +21,14 @@ RESULTS = [
 def test_a_long_table_is_whole(tmp_path: Path) -> None:
     count = 2 * BLOCK + 3
     design = Design(("seed",), [(str(k),) for k in range(count)])
-    columns, rows = result_columns(design, ["half"], [PointResult(k, "ok", (k / 2,), 9) for k in range(count)])
-    for file in write_results(tmp_path, columns, rows, {}):
+    made = study_table(design, ["half"], [PointResult(k, "ok", (k / 2,), 9) for k in range(count)])
+    for file in made.write(tmp_path, {}):
         table = pd.read_parquet(file) if file.suffix == ".parquet" else pd.read_csv(file)
         assert table["half"].tolist() == [k / 2 for k in range(count)]
 
 
 def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> None:
-    columns, rows = result_columns(DESIGN, ["drift"], RESULTS)
-    files = write_results(tmp_path, columns, rows, {})
+    files = study_table(DESIGN, ["drift"], RESULTS).write(tmp_path, {})
     assert [file.name for file in files] == ["results.parquet", "results.csv"]
     for table in (pd.read_parquet(files[0]), pd.read_csv(files[1])):
         assert table["point"].tolist() == [0, 1, 2]
@@ -45,6 +45,60 @@ def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> No
 def test_the_same_results_are_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        write_results(tmp_path / name, *result_columns(DESIGN, ["drift"], RESULTS), {})
+        study_table(DESIGN, ["drift"], RESULTS).write(tmp_path / name, {})
     for name in ("results.parquet", "results.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+POINTS = Design(("seed", "geom/a.size"), [(str(i), f"0.{i}") for i in range(30)])
+
+
+class Notes:
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.lines.append(text)
+
+    ask = note
+
+    def warn(self, text: str) -> None:
+        raise AssertionError
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        raise AssertionError
+
+
+def result(index: int, status: Status, message: str = "") -> PointResult:
+    return PointResult(index, status, (math.nan,), 0, 1, message)
+
+
+def test_the_first_of_each_reason_is_told() -> None:
+    notes = Notes()
+    failures = FailureNotes(POINTS, notes)
+    failures.add([result(0, "ok"), result(4, "unstable", "unstable at step 3"), result(1, "failed", "no\nsuch")])
+    failures.add([result(2, "unstable", "unstable at step 9"), result(3, "failed", "no\nother"), result(5, "crashed")])
+    assert notes.lines == [
+        "point 4 (seed=4, geom/a.size=0.4): unstable at step 3",
+        "point 1 (seed=1, geom/a.size=0.1): no",
+        "point 5 (seed=5, geom/a.size=0.5): ",
+    ]
+
+
+def test_many_reasons_are_cut() -> None:
+    notes = Notes()
+    failures = FailureNotes(POINTS, notes, range(100, 130))
+    for index in range(30):
+        failures.add([result(index, "failed", f"reason {index}")])
+    assert len(notes.lines) == TOLD + 1
+    assert notes.lines[0] == "point 100 (seed=0, geom/a.size=0.0): reason 0"
+    assert notes.lines[-1] == "points fail for more reasons; the table has all"
+
+
+def test_failures_are_counted_by_reason_the_most_frequent_first() -> None:
+    results = [result(i, "failed", "one") for i in range(2)] + [result(i, "unstable", f"at {i}") for i in range(2, 5)]
+    found = point_failures(POINTS, results)
+    assert [(each.status, each.message, each.count, each.point) for each in found] == [
+        ("unstable", "at 2", 3, 2), ("failed", "one", 2, 0),
+    ]  # fmt: skip
+    assert found[0].values == {"seed": "2", "geom/a.size": "0.2"}

@@ -20,7 +20,8 @@ from mjrun.physics.engine import RolloutBlock
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import simulate
-from mjrun.study.simulate import PointResult, PointSimulator, StudyPoint, StudySpec
+from mjrun.study.simulate import PointSimulator
+from mjrun.study.spec import PointResult, StudyPoint, StudySpec
 from tests.study.models import BALL, BALL_WITH_MEMORY, PENDULUM
 
 METRICS = (

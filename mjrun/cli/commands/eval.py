@@ -18,11 +18,9 @@ from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecuti
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.evaluation.comparison import Comparison, PairedDifference
     from mjrun.evaluation.evaluation import Evaluation
-    from mjrun.evaluation.result import EvaluationResult, PointSummary
+    from mjrun.evaluation.result import Comparison, EpisodeSummary, EvaluationResult, PairedDifference, PointSummary
     from mjrun.evaluation.statistics import Interval, NumberSummary, Share
-    from mjrun.evaluation.summary import EpisodeSummary
 
     Located = Callable[[], AbstractContextManager[None]]
 

@@ -232,7 +232,7 @@ def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]
 
 def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
     from mjrun.cli.sweep_report import study_report
-    from mjrun.study.results import FILES
+    from mjrun.experiment.results_table import FILES
 
     result = results[0]
     table = Path(result.path, FILES[1])

@@ -11,9 +11,8 @@ import pandas as pd
 import pytest
 
 from mjrun.cli.commands.eval import evaluation_report
-from mjrun.evaluation.comparison import compared
-from mjrun.evaluation.result import EvaluationResult, Film, PointSummary
-from mjrun.evaluation.summary import summary_of
+from mjrun.evaluation.result import EpisodeVideo, EvaluationResult, PointSummary
+from mjrun.evaluation.summaries import compared, summary_of
 from tests.evaluation.episodes import episodes, played
 from tests.evaluation.tasks import XML, play_here, write_policies
 
@@ -201,7 +200,7 @@ def test_a_comparison_names_the_better_one_or_nobody() -> None:
 
 def test_points_films_and_requirements_have_their_lines() -> None:
     point = PointSummary(0, {"mass": "2.5"}, [OWN], None)
-    film = Film("worst", "out/worst_seed9.mp4", 9, None, -1.5, "fallen")
+    film = EpisodeVideo("worst", "out/worst_seed9.mp4", 9, None, -1.5, "fallen")
     text = evaluation_report(result(points=[point], names=["mass"], films=[film]))
     assert "2.5" in text
     assert "out/worst_seed9.mp4: return -1.5, fallen" in text
@@ -210,5 +209,5 @@ def test_points_films_and_requirements_have_their_lines() -> None:
 
 def test_names_cannot_steer_the_terminal() -> None:
     hostile = summary_of("\x1b[31m.onnx", SOME, [], [], 0.9, can_succeed=False)
-    film = Film("best", "\x1b[2J.mp4", 9, None, 1.0, "\x1b")
+    film = EpisodeVideo("best", "\x1b[2J.mp4", 9, None, 1.0, "\x1b")
     assert "\x1b" not in evaluation_report(result(policies=[hostile, OWN], films=[film], path="\x1b"))

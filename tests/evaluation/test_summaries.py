@@ -1,12 +1,76 @@
-"""Two policies on the same episodes, against scipy."""
+"""What episodes come to, by policies and points, against numpy and scipy."""
+
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 import scipy.stats
 
-from mjrun.evaluation.comparison import compared
+from mjrun.evaluation.prepared import PreparedEvaluation
 from mjrun.evaluation.statistics import paired_share_interval
-from tests.evaluation.episodes import played
+from mjrun.evaluation.summaries import compared, summaries, summary_of
+from mjrun.experiment.design import Design
+from tests.evaluation.episodes import episodes, played, totals
+
+POINTS = Design(("mass",), [("1",), ("2",)])
+
+
+def prepared(points: Design, *, can_succeed: bool = True) -> PreparedEvaluation:
+    player = SimpleNamespace(rewards=[], endings=[], can_succeed=can_succeed)
+    fake = SimpleNamespace(
+        player=player,
+        metrics=[],
+        points=points,
+        values=lambda point: dict(zip(points.names, points.points[point], strict=True)),
+    )
+    return cast("PreparedEvaluation", fake)
+
+
+def test_a_policy_is_summed_up_over_all_points_and_at_each() -> None:
+    groups = [played(1, -2, 3), played(5, 6, 7, point=1)]
+    found = summaries(prepared(POINTS), [groups], 0.95)
+    assert found.policies[0].returns.mean == pytest.approx(np.mean(totals(groups)))
+    assert [point.policies[0].returns.mean for point in found.points] == pytest.approx([2 / 3, 6])
+    assert [point.values for point in found.points] == [{"mass": "1"}, {"mass": "2"}]
+    assert found.comparison is None
+
+
+def test_a_success_makes_a_rate_even_if_nobody_said_that_there_may_be_one() -> None:
+    one = [played(1, 2)]
+    assert summaries(prepared(Design((), [()]), can_succeed=False), [one], 0.95).policies[0].success
+    none = [played(-1, -2)]
+    assert summaries(prepared(Design((), [()]), can_succeed=False), [none], 0.95).policies[0].success is None
+
+
+def test_returns_terms_and_metrics_are_those_of_the_episodes() -> None:
+    some = episodes(50, np.random.default_rng(1), metrics=2)
+    found = summary_of("p", some, ["near", "cost"], ["m", "n"], 0.95, can_succeed=True)
+    returns = [each.total for each in some]
+    assert (found.policy, found.episodes) == ("p", 50)
+    assert found.returns.mean == pytest.approx(np.mean(returns))
+    assert found.returns.median == np.median(returns)
+    assert found.rewards["cost"].mean == pytest.approx(np.mean([each.rewards["cost"] for each in some]))
+    assert found.metrics["n"].max == max(each.metrics[1] for each in some)
+    assert found.lengths.min == min(each.length for each in some)
+
+
+def test_endings_are_counted_the_most_frequent_first() -> None:
+    some = episodes(60, np.random.default_rng(2))
+    found = summary_of("p", some, [], [], 0.9, can_succeed=True)
+    counts = [ending.share.count for ending in found.endings]
+    assert counts == sorted(counts, reverse=True)
+    assert sum(counts) == 60
+    arrived = next(each for each in found.endings if each.ending == "arrived")
+    assert arrived.outcome == "success"
+    assert found.success == arrived.share
+    expected = scipy.stats.binomtest(arrived.share.count, 60).proportion_ci(0.9, method="wilson")
+    assert arrived.share.interval.low == pytest.approx(expected.low)
+
+
+def test_without_a_termination_that_is_a_success_there_is_no_rate() -> None:
+    some = episodes(5, np.random.default_rng(2))
+    assert summary_of("p", some, [], [], 0.95, can_succeed=False).success is None
 
 
 def test_the_difference_of_returns_has_the_interval_of_the_paired_t_test() -> None:

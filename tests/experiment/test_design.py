@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, MjrunError, UsageError
+from mjrun.experiment.design import COMBINATIONS, SAMPLERS, Design, _sampled, design
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
 from mjrun.physics.distribution import Distribution
-from mjrun.study.design import COMBINATIONS, SAMPLERS, Design, _sampled, design
 from tests.study.models import BALL
 
 MODEL = mujoco.MjModel.from_xml_string(BALL)

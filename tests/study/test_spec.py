@@ -8,7 +8,7 @@ import mujoco
 import pytest
 
 from mjrun.model.sources import source_of
-from mjrun.study.proof import Proof, code_hash, versions
+from mjrun.study.spec import Proof, code_hash, versions
 
 
 def test_other_versions_are_named() -> None:

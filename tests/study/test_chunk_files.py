@@ -12,8 +12,8 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.parts import PartFiles, point_keys, study_identity
-from mjrun.study.simulate import PointResult, StudySpec
+from mjrun.study.chunk_files import ChunkFiles, point_keys, study_identity
+from mjrun.study.spec import PointResult, StudySpec
 from tests.study.models import BALL
 
 RESULTS = [
@@ -26,18 +26,18 @@ RESULTS = [
 def test_results_read_back(tmp_path: Path, name: str) -> None:
     tmp_path /= name
     tmp_path.mkdir()
-    files = PartFiles(tmp_path, ["a", "b"])
+    files = ChunkFiles(tmp_path, ["a", "b"])
     files.create()
     files.write(["k1", "k2"], RESULTS, "host")
     found = files.read()
     assert set(found) == {"k1", "k2"}
     for result, key in zip(RESULTS, found, strict=True):
         assert str(replace(found[key], index=result.index)) == str(result)
-    assert PartFiles(tmp_path, ["a"]).read() == {}  # of a study with other metrics
+    assert ChunkFiles(tmp_path, ["a"]).read() == {}  # of a study with other metrics
 
 
 def test_a_good_result_wins_over_a_failed_one(tmp_path: Path) -> None:
-    files = PartFiles(tmp_path, ["a", "b"])
+    files = ChunkFiles(tmp_path, ["a", "b"])
     files.create()
     files.write(["k", "x"], [RESULTS[0], RESULTS[0]], "host")
     files.write(["k", "y"], [RESULTS[1], RESULTS[1]], "host")
@@ -46,7 +46,7 @@ def test_a_good_result_wins_over_a_failed_one(tmp_path: Path) -> None:
 
 
 def test_a_damaged_part_is_named_and_other_files_are_passed_over(tmp_path: Path) -> None:
-    files = PartFiles(tmp_path, ["a", "b"])
+    files = ChunkFiles(tmp_path, ["a", "b"])
     files.create()
     pyarrow.parquet.write_table(pyarrow.table({"x": [1]}), tmp_path / "parts" / "mine.parquet")
     assert files.read() == {}
@@ -72,7 +72,7 @@ def test_a_damaged_part_is_named_and_other_files_are_passed_over(tmp_path: Path)
     ],
 )
 def test_rows_that_mjrun_never_writes_are_passed_over(tmp_path: Path, name: str, values: object) -> None:
-    files = PartFiles(tmp_path, ["a", "b"])
+    files = ChunkFiles(tmp_path, ["a", "b"])
     files.create()
     files.write(["k"], RESULTS[:1], "host")
     (path,) = (tmp_path / "parts").iterdir()
@@ -118,7 +118,7 @@ def test_environments_with_one_model_are_told_apart() -> None:
 
 
 def test_a_part_that_would_fill_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    files = PartFiles(tmp_path, ["a", "b"])
+    files = ChunkFiles(tmp_path, ["a", "b"])
     files.create()
     files.write(["k", "x"], [RESULTS[0], RESULTS[0]], "host")
     (part,) = tmp_path.rglob("*.parquet")

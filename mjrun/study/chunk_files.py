@@ -26,9 +26,8 @@ from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.manifest import plain
-from mjrun.study.parameters import FILES, MODEL, simulation_at
-from mjrun.study.proof import code_hash, versions
-from mjrun.study.simulate import PointResult, Status, StudySpec
+from mjrun.study.point_simulation import FILES, MODEL, simulation_at
+from mjrun.study.spec import PointResult, Status, StudySpec, code_hash, versions
 
 if TYPE_CHECKING:
     import pyarrow
@@ -101,7 +100,7 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
     return hashed
 
 
-class PartFiles:
+class ChunkFiles:
     """The parts in the folder of a study.
 
     Args:

@@ -2,16 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import mujoco
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
-from mjrun.options.kinds import AnyKind, ExpectedError, Integer, Numbers, Optional
-from mjrun.options.option import options_of
-from mjrun.options.simulation import SimulationOptions
+from mjrun.options.kinds import ExpectedError, Numbers
 from mjrun.simulation.simulation import Simulation
 
 BY_NAME = ("qpos", "qvel", "ctrl")  # written `qpos/hip`
@@ -91,17 +89,10 @@ def _by_name(base: Simulation) -> dict[str, Mapping[str, Numbers]]:
 def _value(name: str, text: str, of: str) -> object:
     """The value of the option `of` that `text` writes on a command line."""
     try:
-        return _kinds()[of].parse(text)
+        return simulation_kinds()[of].parse(text)
     except ExpectedError as error:
         with concerning("vary", name):
             raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
-
-
-def is_whole(name: str) -> bool:
-    """Whether what varies takes whole numbers, such as `seed`."""
-    kind = _kinds().get(name)
-    kind = kind.each if isinstance(kind, Optional) else kind
-    return isinstance(kind, Integer)
 
 
 def require_values(
@@ -136,8 +127,3 @@ def _telling(texts: Sequence[str]) -> list[str]:
         return distinct[:MANY]
     broken = next((text for number, text in numbers.items() if not number.is_integer()), distinct[0])
     return list(dict.fromkeys([distinct[0], broken, numbers[min(numbers)], numbers[max(numbers)]]))
-
-
-@cache
-def _kinds() -> dict[str, AnyKind]:
-    return {each.name: each.kind for each in options_of(SimulationOptions)}

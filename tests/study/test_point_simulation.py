@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.parameters import simulation_at
+from mjrun.study.point_simulation import simulation_at
 from tests.study.models import PENDULUM
 
 

@@ -1,8 +1,9 @@
-"""The points of a study: which values they have, and in which order."""
+"""The points of an experiment: which values they have, and in which order."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -12,6 +13,9 @@ import numpy as np
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
+from mjrun.options.kinds import AnyKind, Integer, Optional
+from mjrun.options.option import options_of
+from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.physics.distribution import Distribution, parse_distribution
 from mjrun.physics.parameter_grid import scan_values
@@ -26,7 +30,7 @@ Values = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Design:
-    """The points of a study.
+    """The points of a study or an evaluation.
 
     Attributes:
       names: what varies, as it is written: `geom/floor.friction[0]`, `seed`.
@@ -213,7 +217,7 @@ def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
 
 
 def _holds(condition: Condition, whole: Design) -> np.ndarray:
-    columns = {name: numbers(name, [point[i] for point in whole.points]) for i, name in enumerate(whole.names)}
+    columns = {name: numbers([point[i] for point in whole.points]) for i, name in enumerate(whole.names)}
     usable = {name: values for name, values in columns.items() if values is not None}
     try:
         return np.broadcast_to(condition.holds(usable), len(whole.points))
@@ -221,9 +225,22 @@ def _holds(condition: Condition, whole: Design) -> np.ndarray:
         raise UsageError(f"{quoted(str(error.args[0]))} has values that are not numbers") from None
 
 
-def numbers(name: str, texts: Sequence[str]) -> np.ndarray | None:
+def numbers(texts: Sequence[str]) -> np.ndarray | None:
     """The values of something that varies as numbers `(n,)`; None if they are not."""
     try:
         return np.array([float(text) for text in texts])
     except ValueError:
         return None
+
+
+def is_whole(name: str) -> bool:
+    """Whether what varies takes whole numbers, such as `seed`."""
+    kind = simulation_kinds().get(name)
+    kind = kind.each if isinstance(kind, Optional) else kind
+    return isinstance(kind, Integer)
+
+
+@cache
+def simulation_kinds() -> Mapping[str, AnyKind]:
+    """The kinds of the options of a simulation, by name."""
+    return {each.name: each.kind for each in options_of(SimulationOptions)}

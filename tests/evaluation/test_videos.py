@@ -1,0 +1,101 @@
+"""Which episodes are recorded, and their videos."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mjrun.errors import UsageError
+from mjrun.evaluation.evaluation import Evaluation
+from mjrun.evaluation.videos import NAMES, chosen_videos, remove_old_videos
+from mjrun.formats.video_reader import read_video
+from mjrun.outputs.video import Video
+from mjrun.simulation.simulation import Simulation
+from tests.evaluation.episodes import played, totals
+from tests.evaluation.tasks import cart_task, play_here, write_policies
+
+
+def chosen(returns: list[float], count: int) -> list[tuple[str, float]]:
+    groups = [played(*returns)]
+    return [(video.rank, totals(groups)[video.episode]) for video in chosen_videos(groups, count)]
+
+
+def test_three_are_the_worst_the_median_and_the_best() -> None:
+    assert chosen([5, 1, 4, 2, 3], 3) == [("worst", 1), ("median", 3), ("best", 5)]
+
+
+@pytest.mark.parametrize(
+    ("count", "expected"),
+    [
+        (1, [("median", 3)]),
+        (2, [("worst", 1), ("best", 5)]),
+        (4, [("worst", 1), ("rank2", 2), ("median", 3), ("best", 5)]),
+        (9, [("worst", 1), ("rank2", 2), ("median", 3), ("rank4", 4), ("best", 5)]),
+    ],
+)
+def test_any_number_is_spaced_by_rank(count: int, expected: list[tuple[str, float]]) -> None:
+    found = chosen([5, 1, 4, 2, 3], count)
+    assert [value for _, value in found] == sorted(value for _, value in found)
+    if count != 4:
+        assert found == expected
+    assert (found[0], found[-1]) == (expected[0], expected[-1])
+    assert len(found) == min(count, 5)
+
+
+def test_of_an_even_number_the_median_is_the_lower_in_the_middle() -> None:
+    assert chosen([4, 3, 2, 1], 3)[1] == ("median", 2)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_lone_episode_is_recorded_once(count: int) -> None:
+    assert len(chosen([7], count)) == 1
+
+
+def test_equal_returns_are_ranked_by_their_seeds_and_what_is_no_number_is_the_worst() -> None:
+    groups = [played(1, 1, 1)]
+    assert [video.episode for video in chosen_videos(groups, 3)] == [0, 1, 2]
+    assert chosen_videos([played(1, float("nan"), 0)], 2)[0].episode == 1
+
+
+def test_names_tell_rank_point_and_seed_and_are_known_as_videos() -> None:
+    groups = [played(3, 4, seed=10), played(1, 2, point=1, seed=10)]
+    worst, best = chosen_videos(groups, 2)
+    assert worst.name(groups, varies=True) == "worst_point1_seed10.mp4"
+    assert best.name(groups, varies=False) == "best_seed11.mp4"
+    for video in (worst, best):
+        assert NAMES.fullmatch(video.name(groups, varies=True))
+
+
+SMALL = {"size": (64, 48), "fps": 20, "quality": "draft"}
+
+
+@pytest.mark.gl
+def test_a_recorded_episode_is_the_video_of_that_episode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    play_here(monkeypatch)
+    task, policy = cart_task(tmp_path, duration=0.3), f"{write_policies(tmp_path)}:act"
+    out = tmp_path / "out"
+    some = Evaluation(task, str(out), policy=policy, episodes=3, films=2, jobs=1, **SMALL)  # type: ignore[arg-type]
+    result = some.run()
+    assert [film.rank for film in result.films] == ["worst", "best"]
+    assert result.films[0].returned == result.policies[0].returns.min
+    for film in result.films:
+        assert film.path in result.files
+        path = str(tmp_path / "own.mp4")
+        Video(Simulation(task, policy=policy, seed=film.seed), path, **SMALL).run()  # type: ignore[arg-type]
+        ours, own = (np.stack(list(read_video(each))) for each in (film.path, path))
+        assert len(ours) == 6
+        assert np.array_equal(ours, own)
+
+
+def test_a_camera_that_is_not_there_is_told_before_anything_is_played(tmp_path: Path) -> None:
+    some = Evaluation(cart_task(tmp_path), str(tmp_path / "out"), policy="zero", films=1, camera="front")
+    with pytest.raises(UsageError, match="front"):
+        some.run()
+    assert not (tmp_path / "out").exists()
+
+
+def test_videos_of_an_earlier_evaluation_go_and_other_files_stay(tmp_path: Path) -> None:
+    for name in ("worst_seed1.mp4", "rank3_point2_seed7.mp4", "best_seed2.mp4", "mine.mp4", "worst_seed1.mp4.txt"):
+        (tmp_path / name).touch()
+    remove_old_videos(tmp_path, ["best_seed2.mp4"])
+    assert {path.name for path in tmp_path.iterdir()} == {"best_seed2.mp4", "mine.mp4", "worst_seed1.mp4.txt"}
