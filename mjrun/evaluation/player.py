@@ -305,31 +305,38 @@ class MeasuringPlayer(EpisodePlayer):
         """An episode with its metrics over the rows at all control instants, the end among them."""
         simulation = Simulation(self._spec.task, policy=self._policy, seed=seed)
         assert simulation.episode
-        model, longest = simulation.load(), simulation.episode.longest
-        timestep = rational(model.opt.timestep)
-        sampler = ProbeSampler(model, self._columns, Timeline.of_steps(timestep, longest), simulation.episode.columns)
+        model = simulation.load()
+        timeline = Timeline.of_steps(rational(model.opt.timestep), simulation.episode.longest)
+        sampler = ProbeSampler(model, self._columns, timeline, simulation.episode.columns)
         evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
-        tally, ending = _Tally(seed, len(self.rewards)), None
         try:
             with collected_warnings():  # which plain episodes do not tell of either
-                stepper = simulation.stepper(model)
-                assert isinstance(stepper, EpisodeStepper)
-                period = stepper.control_steps
-                evaluation.feed(_row(sampler, stepper))
-                while ending is None:
-                    stepper.advance(stepper.step + period)
-                    now = stepper.now()
-                    tally.add(now.reward, self._terms(stepper))
-                    evaluation.feed(_row(sampler, stepper))
-                    ending = now.ending or (TIMED_OUT if stepper.step >= longest else None)
+                episode = self._stepped(simulation, model, sampler, evaluation)
+            return replace(episode, metrics=evaluation.values())
         except MjrunError as error:
-            # An unstable simulation has no last instant, and an error is that of the plain episode, if it has one.
-            (episode,) = self._player.play([seed])
-            if not isinstance(error, SimulationError):
-                raise
-        else:
-            episode = tally.ended(ending, self.rewards, float(period * timestep))
+            failure = error
+        # An unstable simulation has no last instant. Any other error is that of the plain episode, if it has one.
+        (episode,) = self._player.play([seed])
+        if not isinstance(failure, SimulationError):
+            raise failure
         return replace(episode, metrics=evaluation.values())
+
+    def _stepped(
+        self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluation
+    ) -> Episode:
+        """An episode without its metrics, whose rows `evaluation` gets."""
+        stepper = simulation.stepper(model)
+        assert isinstance(stepper, EpisodeStepper)
+        assert simulation.episode
+        period, longest = stepper.control_steps, simulation.episode.longest
+        tally, ending = _Tally(simulation.seed, len(self.rewards)), None
+        evaluation.feed(_row(sampler, stepper))
+        while ending is None:
+            stepper.advance(stepper.step + period)
+            tally.add(stepper.now().reward, self._terms(stepper))
+            evaluation.feed(_row(sampler, stepper))
+            ending = stepper.now().ending or (TIMED_OUT if stepper.step >= longest else None)
+        return tally.ended(ending, self.rewards, float(period * rational(model.opt.timestep)))
 
     def _terms(self, stepper: EpisodeStepper) -> np.ndarray:
         """The terms of the reward of the last control period, in the order of `rewards`."""

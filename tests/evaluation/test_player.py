@@ -227,5 +227,6 @@ def test_what_fails_fails_in_the_same_way_when_it_is_measured(tmp_path: Path, na
         with pytest.raises(MjrunError) as caught:
             player_of(replace(endless, metrics=metrics)).play([6, 8, 7])
         messages.add(caught.value.spelled(str))
+    assert len(messages) == 1, messages
     (message,) = messages
     assert "in the episode of seed 8" in message

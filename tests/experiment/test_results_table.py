@@ -45,13 +45,13 @@ def verdicts(*texts: str) -> list[tuple[bool, str]]:
 
 
 def test_requirements_hold_over_all_rows_and_flags_count_them() -> None:
-    assert verdicts("seed > 2", "share(bad) < 0.3", "count(ok) == 1", "max(drift, ok) < 1") == [
+    assert verdicts("seed > 2", "share(bad) < 0.3", "count(ok > 0) == 1", "max(drift, ok > 0) < 1") == [
         (True, "seed > 2"),
         (False, "share(bad) < 0.3"),
-        (True, "count(ok) == 1"),
-        (True, "max(drift, ok) < 1"),
+        (True, "count(ok > 0) == 1"),
+        (True, "max(drift, ok > 0) < 1"),
     ]
-    assert verdicts("count(awry) == 1") == [(True, "count(awry) == 1")]  # as it is written, however it is read
+    assert verdicts("count(awry > 0) == 1") == [(True, "count(awry > 0) == 1")]  # as it is written, however it is read
 
 
 def test_a_requirement_on_nothing_is_refused_with_its_place() -> None:

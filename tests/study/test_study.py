@@ -18,6 +18,7 @@ import pytest
 
 from mjrun.cli.simulation_command import load_controller
 from mjrun.errors import FailedAssertionError, FailedPointsError, UnknownNameError, UsageError
+from mjrun.options.sweep import EXTRAS
 from mjrun.outputs.trace import Trace
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
@@ -178,7 +179,6 @@ def test_a_requirement_is_checked_over_all_points(simulation: Simulation, tmp_pa
         ({"vary": {"geom/bal.size": "1,2"}}, UnknownNameError, "ball"),
         ({"vary": {"nonsense": "1,2"}}, UnknownNameError, "nonsense"),
         ({"require": ["max(nothing) > 1"]}, UnknownNameError, "nothing"),
-        ({"engine": "ray", "vary": {"seed": "1"}}, UsageError, "no engine ray"),
     ],
 )
 def test_what_is_wrong_with_all_points_is_told_before_the_first(
@@ -187,6 +187,16 @@ def test_what_is_wrong_with_all_points_is_told_before_the_first(
     with pytest.raises(kind, match=expected):
         study(simulation, tmp_path / "study", **options).run()
     assert not (tmp_path / "study" / "results.csv").exists()
+
+
+@pytest.mark.parametrize("engine", ["dask", "slurm", "ray"])
+def test_an_engine_that_is_not_there_leaves_no_folder(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, engine: str
+) -> None:
+    monkeypatch.setattr("mjrun.study.executors.EXTRAS", {**EXTRAS, engine: (("not_installed",), "mjrun sweep")})
+    with pytest.raises(UsageError):
+        study(simulation, tmp_path / "study", engine=engine, vary={"seed": "1"}).run()
+    assert not (tmp_path / "study").exists()
 
 
 def test_the_manifest_says_what_the_study_is(simulation: Simulation, tmp_path: Path) -> None:
