@@ -62,7 +62,7 @@ _HOMES = {
     "Viewer": "mjrun.viewer.viewer",
     "ViewerResult": "mjrun.viewer.viewer",
     "Visual": "mjrun.rendering.visual",
-    "load": "mjrun.model.load",
+    "load": "mjrun.model.sources",
     "load_policy": "mjrun.policy.load",
     "perform": "mjrun.outputs.perform",
     "read_camera": "mjrun.document.camera",

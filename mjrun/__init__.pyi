@@ -24,8 +24,8 @@ from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video
 from mjrun.model.info import Info as Info
 from mjrun.model.info import InfoResult as InfoResult
-from mjrun.model.load import load as load
 from mjrun.model.source import Source
+from mjrun.model.sources import load as load
 from mjrun.options.push import Push
 from mjrun.outputs.diff import Diff as _Diff
 from mjrun.outputs.image import Image as _Image

@@ -8,7 +8,7 @@ import pytest
 from mjrun.check.compile_error import CompileError
 from mjrun.check.rule import Rule
 from mjrun.errors import BrokenModelError
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from mjrun.model.xml_source import read_xml
 from tests.check.models import PARENT, attached_arm, mjcf, write
 

@@ -14,7 +14,7 @@ from mjrun.check.rule import Rule
 from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped
 from mjrun.check.rules import simulation
 from mjrun.errors import ModelError
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from tests.check.models import ROOT, lint, lint_file, mjcf
 
 

@@ -5,7 +5,7 @@ import mujoco
 from mjrun.diff.model_differences import ModelComparison
 from mjrun.diff.models import compare_models
 from mjrun.diff.tolerances import Tolerance, Tolerances
-from mjrun.model.sources.in_memory import CompiledSource
+from mjrun.model.sources import CompiledSource
 
 CRATE = '<body name="crate" pos="4 0 1"><freejoint name="crate"/><geom name="lid" size=".1"/></body>'
 XML = """

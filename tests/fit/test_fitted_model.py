@@ -56,7 +56,7 @@ def test_it_is_xml_of_a_model_that_has_a_file(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"a fitted model is an \.xml file"):
         FittedModel(tmp_path / "fitted.mjb", source).check(FOUND)
     model = parse_source(str(source.path)).load()
-    from mjrun.model.sources.in_memory import CompiledSource
+    from mjrun.model.sources import CompiledSource
 
     with pytest.raises(UsageError, match=r"has no \.xml file of its own"):
         FittedModel(tmp_path / "fitted.xml", CompiledSource(model)).check(FOUND)

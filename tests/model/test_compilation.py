@@ -8,9 +8,8 @@ import pytest
 
 from mjrun.errors import BadValueError, BrokenModelError, MjrunError, ModelError, clean
 from mjrun.model.compilation import non_finite_number
-from mjrun.model.load import load
 from mjrun.model.override import Override
-from mjrun.model.sources import parse_source
+from mjrun.model.sources import load, parse_source
 from tests.model.model_files import MODEL, write
 
 

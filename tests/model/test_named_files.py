@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import BrokenModelError
-from mjrun.model.load import load
 from mjrun.model.named_files import require_regular_files
+from mjrun.model.sources import load
 
 MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
 NAMING = {

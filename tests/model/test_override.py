@@ -8,9 +8,9 @@ import mujoco
 import pytest
 
 from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, option
-from mjrun.model.load import load
 from mjrun.model.names import enum_members
 from mjrun.model.override import ELEMENTS, Override, apply
+from mjrun.model.sources import load
 from tests.model.model_files import content
 
 MODEL = """<mujoco><compiler angle="radian"/><option/><statistic/><visual><quality/><global/><rgba/></visual>

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from mjrun.options.option import options_of
 from mjrun.options.plot import PlotOptions
 from mjrun.options.trace import PROBES, RecordingOptions, TraceOptions

@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import FileError, ModelError, UnstableError, UsageError
 from mjrun.model import state
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from mjrun.outputs.keyframe import Keyframe, KeyframeResult
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.recording import Recording

@@ -13,7 +13,7 @@ from mjrun.check.rules.keywords import BAD_VALUE
 from mjrun.check.rules.mjcf_schema import REMOVED
 from mjrun.check.rules.process_failures import OUT_OF_MEMORY
 from mjrun.errors import BrokenModelError, ModelError, clean, option, quoted
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from mjrun.model.xml_source import XmlSource, attached_files, read_xml
 
 COMPILE_ERROR = Rule("MJ100", "error", "model that does not load")

@@ -1,7 +1,8 @@
-"""The one place that turns text into a model source. A module in this package is a kind of source."""
+"""The one place that turns text into a model source, and loads it. A module in this package is a kind of source."""
 
 import pkgutil
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from importlib import import_module
 from os import PathLike
@@ -9,16 +10,35 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.errors import BadValueError
+from mjrun.errors import BadValueError, CompiledOverrideError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.file import FileCollectionSource, FileSource
-from mjrun.model.sources.in_memory import CompiledSource
 from mjrun.model.sources.stdin import StdinSource
 from mjrun.suffixes import is_yaml
 
 ModelLike = mujoco.MjModel | Source | str | PathLike[str]
+
+
+@dataclass(frozen=True)
+class CompiledSource(Source):
+    """A compiled model, which is used as it is."""
+
+    model: mujoco.MjModel
+
+    @property
+    def text(self) -> str:
+        return ""
+
+    @property
+    def stem(self) -> str:
+        return "model"
+
+    def compile(self) -> tuple[None, mujoco.MjModel]:
+        if self.overrides:
+            raise CompiledOverrideError("the model", [(s.option, s.option_value) for s in self.overrides])
+        return None, self.model
 
 
 def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Path = "") -> Source:
@@ -83,3 +103,33 @@ def model_collections() -> Mapping[str, type[CollectionSource]]:
 def listed_collection(text: str) -> type[CollectionSource] | None:
     """The collection that `text` names without naming a model in it, as `scene:` does."""
     return model_collections().get(text[:-1]) if text.endswith(":") else None
+
+
+def load(
+    model: ModelLike,
+    *,
+    timestep: float | None = None,
+    integrator: str | None = None,
+    overrides: Mapping[str, str] | Sequence[Override] = (),
+) -> mujoco.MjModel:
+    """Compiles a model.
+
+    Args:
+      model: a file (.xml, .urdf, .mjz, .zip or .mjb), `scene:NAME`, `gym:NAME`, `dm:DOMAIN`, `menagerie:ROBOT/MODEL`,
+        or `-` for standard input.
+      timestep: [s], instead of the model's own.
+      integrator: `euler`, `rk4`, `implicit`, `implicitfast` or `discrete`, instead of the model's own.
+      overrides: values by MuJoCo's own names, `{"opt.gravity": "0,0,10", "geom/floor.friction": ".1,.005,.0001"}`.
+
+    Raises:
+      ModelError: the model is missing, unreadable, or refused by MuJoCo.
+      UsageError: an override names nothing, or its value does not fit.
+    """
+    by_path = isinstance(overrides, Mapping)
+    added = [Override(path, value) for path, value in overrides.items()] if by_path else [*overrides]
+    if integrator is not None:
+        added.append(Override("opt.integrator", integrator, "integrator"))
+    if timestep is not None:
+        added.append(Override("opt.timestep", repr(float(timestep)), "timestep"))
+    source = source_of(model)
+    return replace(source, overrides=(*source.overrides, *added)).load()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import ModelError
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from tests.check.models import FINE, LFS, MESH, Case, lint, lint_file, mjcf
 
 CASES = [

@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import option
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from tests.check.models import Case, lint, mjcf
 
 

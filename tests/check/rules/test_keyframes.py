@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from tests.check.models import Case, arms, attaching, hinged, keyed, lint, mjcf
 
 CASES = [

@@ -16,7 +16,7 @@ from mjrun.errors import (
     ModelNotFoundError,
     clean,
 )
-from mjrun.model.load import load
+from mjrun.model.sources import load
 from mjrun.model.sources.file import FileSource
 from tests.model.model_files import MODEL, compiled, content, write
 from tests.processes import PATIENCE
@@ -121,7 +121,7 @@ def test_a_missing_folder_is_a_missing_file(tmp_path: Path) -> None:
 
 def test_a_pipe_is_refused_at_once_instead_of_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.xml")
-    code = "import sys; from mjrun.model.load import load; load(sys.argv[1])"
+    code = "import sys; from mjrun.model.sources import load; load(sys.argv[1])"
     command = [sys.executable, "-c", code, str(tmp_path / "a.xml")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.stderr.endswith("a.xml: is not a regular file\n")

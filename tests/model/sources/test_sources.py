@@ -1,5 +1,6 @@
 """Theorems about what text and other values mean as a model."""
 
+import dataclasses
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,13 +9,14 @@ import mujoco
 import pytest
 
 import mjrun.model.sources
+from mjrun.errors import CompiledOverrideError, UnknownNameError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource
-from mjrun.model.sources import listed_collection, model_collections, parse_source, source_of
+from mjrun.model.sources import CompiledSource, listed_collection, load, model_collections, parse_source, source_of
 from mjrun.model.sources.bundled_scene import BundledScene
 from mjrun.model.sources.file import FileSource
-from mjrun.model.sources.in_memory import CompiledSource
 from mjrun.model.sources.stdin import StdinSource
+from tests.model.model_files import MODEL, write
 
 NEW = """
 from dataclasses import dataclass
@@ -95,3 +97,49 @@ def module_beside_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_module_is_all_that_a_new_kind_of_source_takes() -> None:
     assert parse_source("empty:world").load().nbody == 1
     assert isinstance(parse_source("scene:car"), BundledScene)
+
+
+COMPILED = mujoco.MjModel.from_xml_string("<mujoco/>")
+
+
+def test_it_loads_as_itself_and_has_no_file() -> None:
+    source = source_of(COMPILED)
+    assert source.load() is COMPILED
+    assert (source.text, source.stem, source.main_file, source.files) == ("", "model", None, ())
+
+
+def test_overrides_come_too_late() -> None:
+    source = dataclasses.replace(source_of(COMPILED), overrides=(Override("opt.cone", "elliptic"),))
+    with pytest.raises(CompiledOverrideError, match=r"^the model is compiled: set opt\.cone=elliptic "):
+        source.load()
+
+
+@pytest.mark.parametrize("name", ["euler", "rk4", "implicit", "implicitfast", "discrete"])
+def test_an_integrator_is_mujocos_of_that_name(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / "a.xml", MODEL)
+    expected = getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}")
+    assert load(path, integrator=name).opt.integrator == expected
+
+
+def test_an_unknown_integrator_lists_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'rk4'") as caught:
+        load(write(tmp_path / "a.xml", MODEL), integrator="rk45")
+    assert caught.value.valid == ("euler", "rk4", "implicit", "implicitfast", "discrete")
+
+
+def test_the_arguments_for_timestep_and_integrator_win_over_overrides(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.xml", MODEL)
+    overrides = [Override("opt.timestep", "0.1"), Override("opt.integrator", "euler")]
+    option = load(path, timestep=0.2, integrator="rk4", overrides=overrides).opt
+    assert (option.timestep, option.integrator) == (0.2, mujoco.mjtIntegrator.mjINT_RK4)
+
+
+@pytest.mark.parametrize("timestep", [0.1, 1 / 3, 1e-7, 0.0020000000000000005])
+def test_the_timestep_in_the_model_is_the_asked_one_to_the_last_bit(tmp_path: Path, timestep: float) -> None:
+    assert load(write(tmp_path / "a.xml", MODEL), timestep=timestep).opt.timestep == timestep
+
+
+def test_a_scene_and_a_compiled_model_load_too() -> None:
+    assert load("scene:pendulum").joint("hinge").id == 0
+    model = mujoco.MjModel.from_xml_string(MODEL)
+    assert load(model) is model
