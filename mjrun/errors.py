@@ -330,7 +330,8 @@ class WrongVersionError(UsageError):
 
     Args:
       specifier: the versions that mjrun needs: `>=4`.
-      requiring: the installed packages that need another version, with their requirements.
+      requiring: what asks for another version, by the installed packages that brought it:
+        `{"robosuite": "mink 0.0.5 (numpy<2.0.0), which robosuite 1.5.2 needs"}`.
 
     Attributes:
       package, version: what is installed.
@@ -343,9 +344,8 @@ class WrongVersionError(UsageError):
         self.remedy = f"pip install '{self.needed}'"
         reason = ""
         if requiring:
-            names = " and ".join(clean(name.partition(" ")[0]) for name in requiring)
-            reasons = [f"{clean(name)} ({clean(requirement)})" for name, requirement in requiring.items()]
-            reason = f", as required by {', '.join(reasons)}"
+            names = " and ".join(map(clean, requiring))
+            reason = f", as required by {', '.join(map(clean, requiring.values()))}"
             self.remedy = (
                 "to use both, install mjrun elsewhere: python -m venv mjrun-env && mjrun-env/bin/pip install mjrun\n"
                 f"to use only the models of {names}: {self.remedy}, although pip warns"

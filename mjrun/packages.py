@@ -123,14 +123,25 @@ def cause_of(error: BaseException) -> MjrunError | None:
 
 
 def _requiring(needed: Requirement) -> dict[str, str]:
-    """The installed packages that do not work with what mjrun needs, with what they need instead."""
+    """What asks for other versions than mjrun needs: by the packages that brought it here, in words."""
     from importlib.metadata import distributions
 
+    installed = [(each.name, each.version, _read(each)) for each in distributions() if each.name != "mjrun"]
     requiring: dict[str, str] = {}
-    for distribution in distributions():
-        others = [each for each in _read(distribution) if each.package == needed.package and "extra" not in each.marker]
-        if others and not any(each.allows(needed.lowest) for each in others):
-            requiring[f"{distribution.name} {distribution.version}"] = f"{needed.package}{others[0].specifier}"
+    for name, version, requirements in installed:
+        others = [each for each in requirements if each.package == needed.package and "extra" not in each.marker]
+        if not others or any(each.allows(needed.lowest) for each in others):
+            continue
+        wish = f"{name} {version} ({needed.package}{others[0].specifier})"
+        package = _normalized(name)
+        users = [
+            (user, user_version)
+            for user, user_version, wishes in installed
+            if any(each.package == package and "extra" not in each.marker for each in wishes)
+        ]
+        if users:
+            wish += f", which {' and '.join(' '.join(user) for user in users)} needs"
+        requiring[" and ".join(user for user, _ in users) or name] = wish
     return requiring
 
 
@@ -150,9 +161,14 @@ def _read(distribution: "Distribution") -> list[Requirement]:
     texts = [line.removeprefix(FIELD) for line in headers.splitlines() if line.startswith(FIELD)]
     matches = [match for match in (re.match(_REQUIREMENT, text) for text in texts) if match]
     return [
-        Requirement(re.sub(r"[-_.]+", "-", name).lower(), specifier.strip(), (marker or "").strip())
+        Requirement(_normalized(name), specifier.strip(), (marker or "").strip())
         for name, specifier, marker in (match.groups() for match in matches)
     ]
+
+
+def _normalized(name: str) -> str:
+    """The name of a package as packages are compared by it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def _version(package: str) -> str:

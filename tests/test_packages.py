@@ -124,6 +124,15 @@ def test_python_raises_the_same_sentence(old_mujoco: Path, code: str) -> None:
     assert "During handling" not in done.stderr
 
 
+def test_what_a_package_brought_is_named_with_it(tmp_path: Path) -> None:
+    planted(tmp_path, "mujoco", "3.11.0", code="__version__ = '3.11.0'")
+    planted(tmp_path, "some_solver", "0.1", "mujoco<4,>=3")
+    planted(tmp_path, "some_suite", "1.5", "some-solver; python_version > '3'")
+    done = run_with(tmp_path, "-m", "mjrun", "info", "scene:swing")
+    assert ", as required by some_solver 0.1 (mujoco<4,>=3), which some_suite 1.5 needs\n" in done.stderr
+    assert "to use only the models of some_suite: pip install 'mujoco>=4'" in done.stderr
+
+
 def test_another_package_is_named_when_it_fails(tmp_path: Path) -> None:
     planted(tmp_path, "pydantic", "2.9.0", code="")
     done = run_with(tmp_path, "-m", "mjrun", "schema", "run")
