@@ -316,6 +316,17 @@ class InvalidJobsError(UsageError):
         super().__init__("\n".join(dict.fromkeys(error.spelled(option) for _, error in faults)))
 
 
+# Packages that share a folder with another one, so that what replaces that one by an older version removes their files.
+SHARING = {"mujoco": ("mujoco-core", "mujoco-studio")}
+
+
+def installation(package: str, specifier: str) -> str:
+    """The command that installs a version of a package over whichever is installed."""
+    sharing = SHARING.get(package, ())
+    packages = " ".join(f"'{each}{specifier}'" for each in (package, *sharing))
+    return f"pip install {'--force-reinstall --no-deps ' if sharing else ''}{packages}"
+
+
 class MissingExtraError(UsageError):
     """What was asked needs a library that only an extra of mjrun installs; or, without an extra, the user alone."""
 
@@ -323,6 +334,14 @@ class MissingExtraError(UsageError):
         self.library = library
         install = f"'mjrun[{extra}]'" if extra else library
         super().__init__(f"{what} needs {library}, which is not installed\npip install {install}")
+
+
+class DamagedPackageError(UsageError):
+    """A package that mjrun needs is installed, and cannot be imported."""
+
+    def __init__(self, package: str, version: str, reason: str) -> None:
+        sentence = clean(reason.strip().partition("\n")[0].partition(". ")[0])
+        super().__init__(f"{package} {clean(version)} is damaged: {sentence}\n{installation(package, f'=={version}')}")
 
 
 class WrongVersionError(UsageError):
@@ -341,7 +360,7 @@ class WrongVersionError(UsageError):
 
     def __init__(self, package: str, specifier: str, version: str, requiring: Mapping[str, str]) -> None:
         self.package, self.version, self.needed = package, version, f"{package}{specifier}"
-        self.remedy = f"pip install '{self.needed}'"
+        self.remedy = installation(package, specifier)
         reason = ""
         if requiring:
             names = " and ".join(map(clean, requiring))

@@ -7,10 +7,11 @@ import importlib.util
 import operator
 import re
 import sys
+import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from mjrun.errors import MissingExtraError, MjrunError, WrongVersionError
+from mjrun.errors import DamagedPackageError, MissingExtraError, MjrunError, WrongVersionError
 
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
@@ -116,9 +117,14 @@ def cause_of(error: BaseException) -> MjrunError | None:
     """What is wrong with the packages here, if anything is, so that an unexpected `error` is no surprise."""
     for wrong in installed_wrong():
         return wrong
+    if not isinstance(error, ImportError):
+        return None
+    place = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)][-1:]
     for each in _requirements():
-        if isinstance(error, ImportError) and not each.marker and importlib.util.find_spec(each.module) is None:
+        if not each.marker and importlib.util.find_spec(each.module) is None:
             return MissingExtraError("mjrun", each.package)
+        if place == [each.module]:  # it raised the error as it was imported
+            return DamagedPackageError(each.package, _version(each.package), str(error))
     return None
 
 

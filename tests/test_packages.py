@@ -96,7 +96,8 @@ def old_mujoco(tmp_path: Path) -> Path:
 
 
 SENTENCE = "mjrun needs mujoco>=4, but mujoco 3.11.0 is installed, as required by some_lab 1.6.0 (mujoco~=3.11.0)"
-REMEDY = "to use only the models of some_lab: pip install 'mujoco>=4', although pip warns"
+INSTALLATION = "pip install --force-reinstall --no-deps 'mujoco>=4' 'mujoco-core>=4' 'mujoco-studio>=4'"
+REMEDY = f"to use only the models of some_lab: {INSTALLATION}, although pip warns"
 
 
 @pytest.mark.parametrize(
@@ -130,7 +131,18 @@ def test_what_a_package_brought_is_named_with_it(tmp_path: Path) -> None:
     planted(tmp_path, "some_suite", "1.5", "some-solver; python_version > '3'")
     done = run_with(tmp_path, "-m", "mjrun", "info", "scene:swing")
     assert ", as required by some_solver 0.1 (mujoco<4,>=3), which some_suite 1.5 needs\n" in done.stderr
-    assert "to use only the models of some_suite: pip install 'mujoco>=4'" in done.stderr
+    assert f"to use only the models of some_suite: {INSTALLATION}, " in done.stderr
+
+
+@pytest.mark.parametrize("line", ["info scene:swing", "doctor", "plot a.csv -o a.png"])
+def test_a_package_that_another_one_has_damaged_is_to_be_installed_again(tmp_path: Path, line: str) -> None:
+    planted(tmp_path, "mujoco", "4.1", code="raise ImportError('core bindings are missing. Help yourself')")
+    done = run_with(tmp_path, "-m", "mjrun", *line.split())
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "mjrun: error: mujoco 4.1 is damaged: core bindings are missing\n"
+        "  pip install --force-reinstall --no-deps 'mujoco==4.1' 'mujoco-core==4.1' 'mujoco-studio==4.1'\n"
+    )
 
 
 def test_another_package_is_named_when_it_fails(tmp_path: Path) -> None:
