@@ -37,8 +37,7 @@ from mjrun.physics import warp_device
 from mjrun.platform.cores import available_cores
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
-from mjrun.rendering.backend_detection import BackendTrialProcess, alternative, repair_advice
-from mjrun.rendering.install_advice import VULKAN, install_advice
+from mjrun.rendering.backend_detection import VULKAN, BackendTrialProcess, alternative, install_advice, repair_advice
 from mjrun.version import __version__
 
 OK, WARNING, MISSING = "ok", "warning", "missing"

@@ -1,17 +1,16 @@
 """What is required of an evaluation, checked for its names before it runs and for its truth after."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES
 from mjrun.evaluation.result import Comparison, EpisodeSummary
-from mjrun.evaluation.statistics import NumberSummary
+from mjrun.evaluation.table import DIFFERENCE, LENGTH, RETURN, SUCCESS, measures
 from mjrun.experiment.results_table import Requirements, ResultsTable
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.probe.verdict import Verdict
 
 LOW = "_low"  # after a name: the lower end of its interval
-SUCCESS, RETURN, LENGTH, DIFFERENCE = "success", "return", "length", "_difference"
 
 
 class Criteria:
@@ -62,22 +61,10 @@ class Criteria:
         outcomes = [flag for flag in self._flags if flag in OUTCOMES]
         columns = {**table.flags("ending", endings), **table.flags("outcome", outcomes), **table.numbers}
         verdicts = self._requirements.verdicts({name: values[:count] for name, values in columns.items()})
-        known = _numbers(summary, comparison)
+        made = measures(summary, comparison)
+        known = {name: each.value for name, each in made.items()}
+        known |= {name + LOW: each.interval.low for name, each in made.items()}
         return verdicts + [_threshold(name, least, known.get(name), count) for name, least in self._thresholds.items()]
-
-
-def _numbers(summary: EpisodeSummary, comparison: Comparison | None) -> dict[str, float | None]:
-    """What thresholds can be set for; None for what has no value."""
-    means: Mapping[str, NumberSummary] = {RETURN: summary.returns, LENGTH: summary.lengths, **summary.metrics}
-    known = {name: each.mean for name, each in means.items()}
-    known |= {name + LOW: each.mean_interval.low for name, each in means.items()}
-    if summary.success:
-        known |= {SUCCESS: summary.success.share, SUCCESS + LOW: summary.success.interval.low}
-    if comparison:
-        for name, each in ((RETURN, comparison.returns), (SUCCESS, comparison.success)):
-            if each:
-                known |= {name + DIFFERENCE: each.difference, name + DIFFERENCE + LOW: each.interval.low}
-    return known
 
 
 def _threshold(name: str, least: float, value: float | None, rows: int) -> Verdict:

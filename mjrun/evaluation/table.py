@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mjrun.evaluation.episode import Episode, PlayedEpisodes
-from mjrun.evaluation.result import PointSummary
+from mjrun.evaluation.result import Comparison, EpisodeSummary, PointSummary
 from mjrun.evaluation.statistics import Interval
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, ResultsTable
@@ -13,6 +13,7 @@ from mjrun.model.column import Column
 
 FILES = ("episodes.parquet", "episodes.csv")
 REWARD = "reward/"  # before the name of each term
+SUCCESS, RETURN, LENGTH, DIFFERENCE = "success", "return", "length", "_difference"
 OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome")
 
 
@@ -59,16 +60,16 @@ def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[Results
 
     The ends of intervals come last, so that they are no metrics of their own.
     """
-    measured = [_measures(point) for point in points]
+    measured = [measures(point.policies[0], point.comparison) for point in points]
     meanings = {name: measure.meaning for name, measure in measured[0].items()}
     table = ResultsTable()
     table.add(POINT, range(len(points)))
     table.add_parameters(design, range(len(points)))
     for name in meanings:
-        table.add(Column(name, meaning="metric"), [_number(measures[name].value) for measures in measured])
+        table.add(Column(name, meaning="metric"), [_number(each[name].value) for each in measured])
     table.add_texts("status", ["ok"] * len(points))
     for name in meanings:
-        intervals = [measures[name].interval for measures in measured]
+        intervals = [each[name].interval for each in measured]
         ends = (("low", [each.low for each in intervals]), ("high", [each.high for each in intervals]))
         for end, values in ends:
             meaning = f"{end} end of the interval of {name}"
@@ -77,29 +78,26 @@ def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[Results
 
 
 @dataclass(frozen=True)
-class _Measure:
-    """A number of a point, with its interval."""
+class Measure:
+    """A number of episodes, with its interval."""
 
     value: float | None
     meaning: str
     interval: Interval
 
 
-def _measures(point: PointSummary) -> dict[str, _Measure]:
-    """The numbers of a point by name."""
-    own = point.policies[0]
-    measures: dict[str, _Measure] = {}
-    if own.success:
-        measures["success"] = _Measure(own.success.share, "share of episodes", own.success.interval)
-    means = {"return": own.returns, "length": own.lengths, **own.metrics}
-    for name, each in means.items():
-        measures[name] = _Measure(each.mean, "mean over the episodes", each.mean_interval)
-    if point.comparison:
-        for name, each in (("return", point.comparison.returns), ("success", point.comparison.success)):
+def measures(summary: EpisodeSummary, comparison: Comparison | None) -> dict[str, Measure]:
+    """Returns the numbers of a policy's episodes by name."""
+    made: dict[str, Measure] = {}
+    if summary.success:
+        made[SUCCESS] = Measure(summary.success.share, "share of episodes", summary.success.interval)
+    for name, each in {RETURN: summary.returns, LENGTH: summary.lengths, **summary.metrics}.items():
+        made[name] = Measure(each.mean, "mean over the episodes", each.mean_interval)
+    if comparison:
+        for name, each in ((RETURN, comparison.returns), (SUCCESS, comparison.success)):
             if each:
-                meaning = "to the other policy, paired"
-                measures[f"{name}_difference"] = _Measure(each.difference, meaning, each.interval)
-    return measures
+                made[name + DIFFERENCE] = Measure(each.difference, "to the other policy, paired", each.interval)
+    return made
 
 
 def _number(value: float | None) -> float:

@@ -194,13 +194,11 @@ def read_points(path: str) -> Design:
 # --- conditions on points ----------------------------------------------------------------------------
 
 
-class ParameterNames(Vocabulary):
-    """What varies, by its path or, where that is clear, by the last part of it: `mass` of `body/box.mass`."""
-
-    def __init__(self, paths: Sequence[str]) -> None:
-        short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
-        own = dict(zip(paths, paths, strict=True))
-        super().__init__({name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own)
+def parameter_names(paths: Sequence[str]) -> dict[str, str]:
+    """Returns what varies by its path or, where that is clear, by the last part of it: `mass` of `body/box.mass`."""
+    short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
+    own = dict(zip(paths, paths, strict=True))
+    return {name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own
 
 
 def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
@@ -210,7 +208,7 @@ def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
     keep = np.ones(len(whole.points), bool)
     for index, text in enumerate(conditions):
         with concerning("where", index):
-            keep &= _holds(parse_condition(text, ParameterNames(whole.names), option("where")), whole)
+            keep &= _holds(parse_condition(text, Vocabulary(parameter_names(whole.names)), option("where")), whole)
     if not keep.any():
         raise UsageError(f"{option('where')}: no point is left of {len(whole.points)}")
     return Design(whole.names, [point for point, kept in zip(whole.points, keep, strict=True) if kept])

@@ -136,10 +136,15 @@ class Requirements:
 
 
 class TableNames(Vocabulary):
-    """The columns of a table; those of flags count rows."""
+    """The columns of a table; those of flags count rows.
 
-    def __init__(self, numbers: Sequence[str], flags: Sequence[str]) -> None:
-        super().__init__([*numbers, *flags])
+    Args:
+      numbers: the names of columns, or the columns that names stand for.
+    """
+
+    def __init__(self, numbers: Sequence[str] | Mapping[str, str], flags: Sequence[str]) -> None:
+        columns = numbers if isinstance(numbers, Mapping) else dict(zip(numbers, numbers, strict=True))
+        super().__init__({**columns, **dict(zip(flags, flags, strict=True))})
         self._flags = {*flags}
 
     def is_count(self, column: str) -> bool:

@@ -10,8 +10,7 @@ from mjrun.physics.replay import StateBuffer
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
-from mjrun.rendering.process_count import estimated_cost, jobs_for
-from mjrun.rendering.workers import PainterProcesses, ParallelPainter
+from mjrun.rendering.workers import PainterProcesses, ParallelPainter, estimated_cost, jobs_for
 from mjrun.reporter import Reporter
 
 DEPTH_SAMPLES = 8  # frames that are looked at to choose the colours of depth

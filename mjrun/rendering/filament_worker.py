@@ -16,9 +16,8 @@ from mjrun.model.state import restore
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
 from mjrun.rendering.filament_scene import NUMBERED, FilamentScene, PixelFormat
-from mjrun.rendering.scene import updated_scene
 from mjrun.rendering.segmentation import NOTHING, Segmentation
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import Visual, updated_scene
 
 GEOMS = 2_000  # room in the scene to begin with; it grows
 DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value

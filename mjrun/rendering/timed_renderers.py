@@ -9,8 +9,7 @@ import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.model.rendered_view import RenderedView
-from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.exact_framebuffer import ExactFramebuffer
+from mjrun.rendering.classic import ClassicRenderer, ExactFramebuffer
 from mjrun.rendering.filament import FilamentRenderer
 
 Clock = Callable[[], float]

@@ -1,14 +1,18 @@
-"""What is drawn and how: visualizer and rendering flags, groups, frames, labels, quality."""
+"""What is drawn and how: visualizer and rendering flags, groups, frames, labels, quality, and the abstract scene."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import mujoco
 
+from mjrun.camera.pose import Pose, user_camera
 from mjrun.errors import BadValueError, UnknownNameError, option
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import enum_members, enum_value
 from mjrun.options.view import QUALITIES
 
+ALL = mujoco.mjtCatBit.mjCAT_ALL.value
 GROUPS = {
     "geom": "geomgroup",
     "site": "sitegroup",
@@ -103,3 +107,34 @@ def frames() -> list[str]:
 def labels() -> list[str]:
     """Every kind of object whose names the option label draws."""
     return [*enum_members(mujoco.mjtLabel)]
+
+
+def updated_scene(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    options: mujoco.MjvOption,
+    pose: Pose,
+    scene: mujoco.MjvScene,
+    room: int = 0,
+) -> mujoco.MjvScene:
+    """`scene` with all that is visible from `pose`, or a larger one with the same flags if it does not fit.
+
+    Args:
+      room: geoms for which there must be room beside.
+    """
+    previous = mujoco.get_mju_user_warning()
+    while True:
+        pose.place(scene)
+        with collected_warnings() as texts:
+            mujoco.mjv_updateScene(model, data, options, None, user_camera(), ALL, scene)
+        if scene.ngeom + room < scene.maxgeom:
+            break
+        larger = mujoco.MjvScene(model, max(2 * scene.maxgeom, scene.ngeom + room + 1))
+        larger.flags[:] = scene.flags
+        scene = larger
+    for text in texts:  # but not that an earlier, smaller scene was full
+        if previous:
+            previous(text)
+        else:
+            warnings.warn(text, stacklevel=2)
+    return scene

@@ -9,13 +9,13 @@ from dataclasses import replace as replaced
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.experiment.design import ParameterNames
+from mjrun.experiment.design import parameter_names
+from mjrun.experiment.results_table import TableNames
 from mjrun.formats.point_manifest import values_in_words
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import AUTO
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
-from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import selected_columns
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.study.point_files import FOLDER, NAMES, PointOutputs, keep_options, make_isolated, up_to
@@ -155,7 +155,7 @@ class PointChoice:
     """
 
     def __init__(self, options: KeepOptions, parameters: Sequence[str], metrics: Sequence[str]) -> None:
-        names = PointNames(parameters, metrics)
+        names = TableNames({**parameter_names(parameters), **dict(zip(metrics, metrics, strict=True))}, STATUSES)
         self._conditions = [self._condition(i, text, names) for i, text in enumerate(options.keep_where)]
         ranked = (("keep_lowest", options.keep_lowest, 1), ("keep_highest", options.keep_highest, -1))
         self._ranked = [
@@ -194,21 +194,9 @@ class PointChoice:
             ranked.update(usable[order[:count]].tolist())
         return sorted(ranked)
 
-    def _condition(self, index: int, text: str, names: "PointNames") -> tuple[str, Condition]:
+    def _condition(self, index: int, text: str, names: TableNames) -> tuple[str, Condition]:
         with concerning("keep_where", index):
             return text, parse_condition(with_flags(text), names, option("keep_where"))
-
-
-class PointNames(Vocabulary):
-    """What varies, as conditions on points name it; metrics; and each status as what holds or does not."""
-
-    def __init__(self, parameters: Sequence[str], metrics: Sequence[str]) -> None:
-        known = ParameterNames(parameters)
-        short = {name: path for name in known.names if (path := known.column(name))}
-        super().__init__({**short, **{name: name for name in (*metrics, *STATUSES)}})
-
-    def is_count(self, column: str) -> bool:
-        return column in STATUSES
 
 
 def _ranked(name: str, index: int, text: str, metrics: Sequence[str]) -> tuple[int, str]:

@@ -1,5 +1,6 @@
 """A live view of a simulation: MuJoCo's own viewer in a window, or MuJoCo Studio in a browser."""
 
+import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
@@ -21,9 +22,7 @@ from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import rational
 from mjrun.viewer import browser_window, native_window
-from mjrun.viewer.live_simulation import LiveSimulation
-from mjrun.viewer.pace import Pace
-from mjrun.viewer.session_recording import SessionRecording
+from mjrun.viewer.live_simulation import LiveSimulation, SessionRecording
 from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
 
 SCHEMA = "mjrun-view-1"
@@ -31,6 +30,8 @@ FRAME = 1 / 60  # [s] of wall time from one image to the next
 PATIENCE = 1 / 15  # [s] of wall time for the steps between two images
 FOREVER = Fraction(10**9)  # [s]
 BREATH = 0.001  # [s] that other threads, which draw, have at least
+LATE = 0.1  # the share of wall time given up from which on a simulation is too slow
+WATCHED = 3.0  # [s] of wall time before that is said
 
 
 @options
@@ -157,6 +158,46 @@ class ViewerResult:
     warnings: Sequence[str]
     episode: EpisodeResult | None = None
     schema: str = SCHEMA
+
+
+class Pace:
+    """Keeps the steps of a simulation in time with the wall clock, as far as they can be.
+
+    Args:
+      timestep: of the simulation [s].
+      speed: simulated seconds per second of wall time.
+
+    Attributes:
+      speed: as given; after a change, `start` begins anew with it.
+    """
+
+    def __init__(self, timestep: Fraction, speed: float) -> None:
+        self.speed = speed
+        self._timestep = float(timestep)
+        self.start(0, 0.0)
+
+    def start(self, step: int, now: float) -> None:
+        """From here on, the step `step` belongs to the wall time `now` [s]."""
+        self._first, self._begin = step, now
+        self._lost = 0.0  # [s] of wall time
+
+    def due(self, now: float) -> int:
+        """The step that should be reached at `now` [s]."""
+        return self._first + math.floor((now - self._begin - self._lost) * self.speed / self._timestep)
+
+    def give_up(self, step: int, now: float) -> None:
+        """Goes on from `step` at `now` [s], which is too early for it; what is missing is never caught up with."""
+        self._lost = now - self._begin - (step - self._first) * self._timestep / self.speed
+
+    def is_too_slow(self, now: float) -> bool:
+        """Whether the simulation cannot keep up: a good share of the wall time until `now` [s] was given up."""
+        ran = now - self._begin
+        return ran > WATCHED and self._lost > LATE * ran
+
+    def achieved(self, step: int, now: float) -> float:
+        """Simulated seconds per second of wall time since the start, when `step` is reached at `now` [s]."""
+        ran = now - self._begin
+        return (step - self._first) * self._timestep / ran if ran > 0 else self.speed
 
 
 class _Session:

@@ -11,7 +11,7 @@ from mjrun.errors import NoRendererError, SoftwareRendererError
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering import backend_detection
 from mjrun.rendering.backend import Backend, candidates
-from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection, install_advice
 
 
 def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
@@ -141,3 +141,23 @@ def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend:
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
     assert BackendDetection(backend.name).result() == backend
+
+
+@pytest.mark.parametrize(
+    ("system", "command"),
+    [
+        ({"ID": "debian"}, "apt-get"),
+        ({"ID": "linuxmint", "ID_LIKE": "ubuntu debian"}, "apt-get"),
+        ({"ID": "fedora"}, "dnf"),
+        ({"ID": "rocky", "ID_LIKE": "rhel centos fedora"}, "dnf"),
+        ({"ID": "arch"}, "pacman"),
+        ({"ID": "nixos"}, "your distribution's packages"),
+        ({}, "your distribution's packages"),
+    ],
+)
+def test_the_remedy_speaks_the_language_of_the_distribution(
+    monkeypatch: pytest.MonkeyPatch, system: dict[str, str], command: str
+) -> None:
+    monkeypatch.setattr(platform, "system", lambda: "Linux")
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: system)
+    assert command in install_advice()

@@ -10,7 +10,7 @@ import pytest
 from mjrun.camera.calibration import lens, metric_depth
 from mjrun.camera.pose import pose_of
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.exact_framebuffer import ExactFramebuffer
+from mjrun.rendering.classic import ExactFramebuffer
 
 SIZE = (64, 48)
 SCENE = """

@@ -70,7 +70,7 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
     folder = Path(spec.base.source.text).parent
     wanted = [StudyPoint(i, (str(folder / "ball.xml"), steps)) for i, steps in enumerate(("5", "2000000000", "6"))]
     simulator = IsolatedSimulator(shipped(endless, wanted))
-    results = {result.index: result for result in simulator.run(wanted, time_limit=3)}
+    results = {result.index: result for result in simulator.run(wanted, time_limit=1)}
     simulator.close()
     assert [results[i].status for i in range(3)] == ["ok", "timeout", "ok"]
     assert results[1].exit_code == 124
