@@ -4,41 +4,20 @@ import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from tests.scoreboard.input_forms import BETWEEN, CANARY, Content, Form
+from tests.scoreboard.data import inputs_of
+from tests.scoreboard.input_forms import BETWEEN, Content, Form
 
 RUN = "model: m.xml\nduration: 0.05\ntraces:\n  - {output: new.csv, probe: qpos}\n"
 STUDY = "model: m.xml\nsteps: 2\nvary: {qpos/hinge: [0.1, 0.2]}\nmetrics: {x: last(qpos/hinge)}\n"
 FIT = "model: m.xml\ndata: [good.csv]\nfree: {joint/hinge.damping: 0.01..1}\nstarts: 1\n"
-TASK = """model: m.xml
-control_dt: 0.02
-duration: 0.1
-observations:
-  - {name: angle, probe: qpos/hinge}
-actions:
-  - {actuators: motor}
-rewards: {upright: cos(qpos/hinge)}
-"""
+INPUTS = inputs_of(__name__)
+TASK = INPUTS["TASK"]
 # Of each kind: a good one, the command that reads d.yaml, and a key of text, of a number, of a list, of a mapping.
-KINDS: Mapping[str, tuple[str, tuple[str, ...]]] = {
-    "run": (RUN, ("run", "d.yaml")),
-    "study": (STUDY, ("sweep", "d.yaml", "--dry-run")),
-    "fit": (FIT, ("fit", "d.yaml", "-o", "new.xml")),
-    "task": (TASK, ("eval", "d.yaml", "--policy", "zero", "--episodes", "1", "--jobs", "1", "-o", "new")),
-    "task, traced": (TASK, ("trace", "d.yaml", "--policy", "zero", "-o", "new.csv")),
-    "task, checked": (TASK, ("check", "d.yaml")),
-}
+KINDS: Mapping[str, tuple[str, tuple[str, ...]]] = INPUTS["KINDS"]
 LAUGHS = "a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]\n" + "".join(
     f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
 )
-TAGS = (
-    f"!!python/object/apply:os.system ['touch {CANARY}']",
-    f"!!python/object/new:subprocess.check_call [[touch, {CANARY}]]",
-    "!!python/name:builtins.open ''",
-    "!!binary aGVsbG8=",
-    "!!timestamp 2001-01-01",
-    "!!set {a, b}",
-    "!<tag:yaml.org,2002:python/module:os> ''",
-)
+TAGS = INPUTS["TAGS"]
 
 
 def texts() -> Iterator[tuple[str, bytes | str]]:
@@ -183,37 +162,8 @@ def _files() -> Iterator[Form]:
 
 
 # Values that no key takes, in place of a good one.
-WRONG = (
-    "[[[]]]",
-    "{a: {b: c}}",
-    "null",
-    "''",
-    "true",
-    "-1e400",
-    ".nan",
-    "999999999999999999999999",
-    '"\\e[31m"',
-    "../../x",
-)
-KEYS = {
-    "run": (
-        "duration",
-        "steps",
-        "seed",
-        "key",
-        "perturb",
-        "qpos",
-        "ctrl",
-        "videos",
-        "images",
-        "traces",
-        "plots",
-        "push",
-    ),
-    "study": ("vary", "samples", "repeats", "metrics", "where", "require", "keep", "every", "design", "points"),
-    "fit": ("data", "free", "starts", "holdout", "map", "loss", "confidence"),
-    "task": ("control_dt", "duration", "observations", "actions", "rewards", "terminations", "reset", "commands"),
-}
+WRONG = INPUTS["WRONG"]
+KEYS = INPUTS["KEYS"]
 
 
 def _values() -> Iterator[Form]:

@@ -17,6 +17,7 @@ import numpy as np
 from mjrun import errors
 from tests.policy.networks import linear
 from tests.scoreboard.command import ROOT, CommandServer
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.document_forms import TASK
 from tests.scoreboard.documents import MODEL
 from tests.scoreboard.input_forms import IMPORTS, Content, write
@@ -123,29 +124,10 @@ CASES = (
     Case("KeyboardInterrupt", 130, (*TRACE, "--controller", "c.py:act"), (), {"c.py": SIGNAL.format("SIGINT")}),
 )
 # Of a user's own code the traceback is shown; what is interrupted says nothing more.
-EXPECTED = {
-    "ControllerError": ("a traceback",),
-    "KeyboardInterrupt": ("failed without a word",),
-    "TerminatedError": ("failed without a word",),
-}
+INPUTS = inputs_of(__name__)
+EXPECTED = INPUTS["EXPECTED"]
 # Classes that no command line of a moment can reach, and who reaches them.
-ELSEWHERE = {
-    "MjrunError": "the base of all",
-    "SimulationError": "the base of those of exit code 4",
-    "RendererError": "the base of those of exit code 5",
-    "EndedFromOutsideError": "the base of what ends a run from outside",
-    "InvalidJobsError": "the command line tells of it as a DocumentError: tests/outputs",
-    "FailedStepError": "MuJoCo must give up within a step: tests/physics/test_stepper.py",
-    "UnimprovedFitError": "needs measurements of another machine than the model: tests/fit",
-    "MissingExtraError": "needs an environment without a library: tests/test_extras.py",
-    "WrongVersionError": "needs an environment with an old library: tests/test_packages.py",
-    "OutOfMemoryError": "needs a limit of memory: tests/model, and the rows of hostile models",
-    "NoWindowError": "a live view opens a window or a browser: tests/viewer",
-    "DrawError": "the renderer must break: tests/rendering",
-    "PartlyDoneError": "an output must fail while another is made: the row of I/O faults",
-    "LostFilesError": "needs files of points that cannot be made: tests/study",
-    "LostEpisodesError": "a process that plays must die: tests/evaluation",
-}
+ELSEWHERE = INPUTS["ELSEWHERE"]
 
 
 def telling(arguments: list[str]) -> int:

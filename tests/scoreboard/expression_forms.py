@@ -2,40 +2,15 @@
 
 from collections.abc import Iterator
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.document_forms import STUDY, TASK
-from tests.scoreboard.input_forms import BETWEEN, CANARY, Form
+from tests.scoreboard.input_forms import Form
 
 # Where a number is taken, and where a condition is; {} is the expression.
-NUMBERS = {
-    "assert": ("trace", "m.xml", "--steps", "5", "--assert", "max({}) < 1e300", "-o", "new.csv"),
-    "curve": ("plot", "good.csv", "--y", "{}", "-o", "new.svg"),
-    "map": ("trace", "m.xml", "--replay", "good.csv", "--map", "qpos/hinge={}", "-o", "new.csv"),
-    "metric": ("sweep", "m.xml", "--steps", "2", "--vary", "seed=1,2", "--metric", "x=max({})", "--dry-run"),
-    "event": ("plot", "good.csv", "--y", "qpos/hinge", "--mark-event", "{} > 0", "-o", "new.svg"),
-    "still": ("image", "m.xml", "--time", "when:{} > 0", "-o", "new.png", "--size", "32x32"),
-}
+INPUTS = inputs_of(__name__)
+NUMBERS = INPUTS["NUMBERS"]
 X = "qpos/hinge"
-CODE = (
-    f"__import__('os').system('touch {CANARY}')",
-    f"open('{CANARY}', 'w')",
-    f'exec(\'open("{CANARY}", "w")\')',
-    "().__class__.__bases__[0].__subclasses__()",
-    f"(lambda: {X})()",
-    f"[x for x in {X}]",
-    f"{X}.__class__",
-    f"{X}.real",
-    f"{X}[0]",
-    f"f'{{{X}}}'",
-    f"getattr({X}, 'x')",
-    f"eval({X})",
-    "globals()",
-    f"{X} if 1 else 0",
-    f"{X}; import os",
-    f"@../{BETWEEN}",
-    "${HOME}",
-    "$(touch x)",
-    "`touch x`",
-)
+CODE = INPUTS["CODE"]
 BAD = (
     "",
     " ",

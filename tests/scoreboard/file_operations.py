@@ -20,16 +20,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-ERRORS = {  # what each operation may fail with, in turn
-    "write": (errno.ENOSPC, errno.EIO),
-    "open": (errno.EACCES, errno.EMFILE, errno.ENOSPC),
-    "fsync": (errno.EIO, errno.ENOSPC),
-    "rename": (errno.EIO, errno.ENOSPC, errno.EACCES),
-    "exchange": (errno.EINVAL, errno.EIO, errno.ENOSPC),
-    "link": (errno.EPERM, errno.EIO),
-    "mkdir": (errno.EACCES, errno.ENOSPC),
-    "truncate": (errno.EIO, errno.ENOSPC),
-}
+from tests.scoreboard.data import inputs_of
+
+INPUTS = inputs_of(__name__)
+ERRORS = INPUTS["ERRORS"]
 REMOVAL = (
     "unlink"  # counted, and where a process may be killed; a file that cannot be removed stays, as nobody can help
 )

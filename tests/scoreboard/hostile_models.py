@@ -10,32 +10,16 @@ from mjrun.errors import clean
 from tests.scoreboard.backend import working_backend
 from tests.scoreboard.bare_mujoco import LOADS, NOT_FINITE
 from tests.scoreboard.command import CommandServer, Ended, modules_of_mjrun
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms import all_forms, quick_forms
 from tests.scoreboard.forms.form import EITHER, LOADED, REFUSED, USAGE, Codes, Form
 from tests.scoreboard.measure import Measure, Tally
 
 LIMIT = 90.0  # [s] far beyond what any form takes on a busy machine
 MEMORY = 4096  # [MiB] of addresses
-QUICK_IMPORTS = (
-    "mjrun.cli.commands.info",
-    "mjrun.cli.commands.trace",
-    "mjrun.outputs.trace",
-    "mjrun.formats.tables.csv",
-)
-SECTIONS = [
-    "bodies",
-    "joints",
-    "geoms",
-    "sites",
-    "actuators",
-    "sensors",
-    "cameras",
-    "lights",
-    "keyframes",
-    "tendons",
-    "equalities",
-    "assets",
-]
+INPUTS = inputs_of(__name__)
+QUICK_IMPORTS = INPUTS["QUICK_IMPORTS"]
+SECTIONS = INPUTS["SECTIONS"]
 # What a terminal acts on: control characters, and those that turn the direction of a text.
 ACTED_ON = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\u2028\u2029]")
 FORGED = re.compile("^mjrun: error: second", re.MULTILINE)  # a second line out of a name

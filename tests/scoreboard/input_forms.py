@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.scoreboard.command import CONTROL, CommandServer, Ended
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Tally
 
 CANARY = "code_has_run"  # a file that code from a hostile file would make
@@ -14,30 +15,8 @@ SECRET = "DISCLOSED-b7f1"  # stands in a file outside the folder, and must be in
 BETWEEN = "between.txt"  # the name of that file
 
 # What most of the commands import as they run.
-IMPORTS = (
-    "matplotlib.backends.backend_agg",
-    "matplotlib.backends.backend_svg",
-    "matplotlib.figure",
-    "pyarrow.feather",
-    "pyarrow.parquet",
-    "h5py",
-    "scipy.io",
-    "scipy.optimize",
-    "scipy.stats",
-    "onnxruntime",
-    "mjrun.document.check",
-    "mjrun.document.fit",
-    "mjrun.document.plan",
-    "mjrun.document.run",
-    "mjrun.document.study",
-    "mjrun.document.task",
-    "mjrun.evaluation.evaluation",
-    "mjrun.fit.fit",
-    "mjrun.plotting.table_plot",
-    "mjrun.policy.load",
-    "mjrun.policy.loaders.onnx",
-    "mjrun.study.study",
-)
+INPUTS = inputs_of(__name__)
+IMPORTS = INPUTS["IMPORTS"]
 
 Content = bytes | str | Callable[[Path], object]
 

@@ -23,23 +23,14 @@ from mjrun.confinement import landlock, seccomp
 from tests.scoreboard import attacks
 from tests.scoreboard.attacks import CHILD, LANDLOCK, LISTEN, LOADER, MAIN, OPERATIONS, SECRET, SIGNALS, Target
 from tests.scoreboard.command import CONTROL, CommandServer, Ended
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.outside_files import LIMIT, MODEL, TASK
 
 ATTACKED = "tests.scoreboard.attacks:attacked"
 TRACE = ("trace", "model.xml", "--steps", "2", "-o", "../out/t.csv")
-SWEEP = (
-    "sweep",
-    "model.xml",
-    "--vary",
-    "opt.timestep=.001,.002",
-    "--metric",
-    "t=max(time)",
-    "--steps",
-    "2",
-    "--jobs",
-    "1",
-)
+INPUTS = inputs_of(__name__)
+SWEEP = INPUTS["SWEEP"]
 # Where the code runs: the place in the process, and the command.
 PLACES: dict[str, tuple[str, tuple[str, ...]]] = {
     "the process": (MAIN, TRACE),

@@ -11,6 +11,7 @@ from pathlib import Path
 import imageio_ffmpeg
 
 from tests.scoreboard.command import CommandServer
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.file_operations import REMOVAL
 from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.trial import Trial, try_commands
@@ -28,30 +29,9 @@ STREAMS: Mapping[str, Mapping[int, str]] = {
     "<&- >&- 2>&-": {0: "", 1: "", 2: ""},
 }
 ENCODED = ("mp4", "gif", "webm", "apng", "mkv")
-ENCODERS = {  # shell in the place of an encoder
-    "dies at once": "exit 1",
-    "dies while it reads": "head -c 1000 > /dev/null; exit 1",
-    "is killed": "kill -9 $$",
-    "writes nothing, and says that all is well": "cat > /dev/null; exit 0",
-    "floods standard error and dies": "yes 'an error' | head -c 3000000 >&2; exit 1",
-}
-PAYLOADS = (
-    "trace model.xml --duration 0.1 --csv",
-    "info model.xml",
-    "info model.xml --json",
-    "check model.xml",
-    "check model.xml --sarif",
-    "image model.xml --size 32x24 -o -",
-    "video model.xml --size 32x24 --duration 0.1 -o -",
-    "plot a.csv -o - --format png",
-    "diff a.csv a.csv --json",
-    "sweep model.xml --vary qpos/hinge=0,1 --metric peak=max(qvel/hinge) --duration 0.1 --jobs 1 -o {out} --csv",
-    "eval task.yaml --policy zero --episodes 1 --jobs 1 -o {out} --csv",
-    "bench model.xml --budget 0.1 --repeats 2 --threads 1 --json",
-    "schema options",
-    "--help",
-    "--version",
-)
+INPUTS = inputs_of(__name__)
+ENCODERS = INPUTS["ENCODERS"]
+PAYLOADS = INPUTS["PAYLOADS"]
 
 
 def run(quick: bool) -> Tally:

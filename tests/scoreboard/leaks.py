@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from tests.scoreboard.command import CommandServer
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.makings import furnish
 from tests.scoreboard.measure import Measure, Tally
 
@@ -25,36 +26,10 @@ SHARED = Path("/dev/shm")
 
 DRAWN = "--size 64x48 --camera side --quality draft"
 # Command lines and the exit codes that they must have, by turns; those that draw or start processes come last.
-LINES: tuple[tuple[str, int], ...] = (
-    ("trace model.xml --duration 0.1 -o out.csv", 0),
-    ("trace model.xml --duration 0.1 -o out.npz --contacts touch.csv", 0),
-    ("trace model.xml --duration 0.1 -o out.parquet --recording states.npz", 0),
-    ("trace wild.xml --duration 1 -o wild.csv", 4),
-    ("trace model.xml --duration 0.1 -o /dev/null/out.csv", 7),
-    ("trace broken.xml --duration 0.1", 3),
-    ("trace model.xml --assert max(qpos/hinge)<-9 --duration 0.1 -o out.csv", 1),
-    ("info model.xml --json", 0),
-    ("trace car_drive.yaml --policy policies/car_drive.onnx --duration 0.2 -o out.csv", 0),
-    ("trace model.xml --nonsense", 2),
-)
-HEAVY: tuple[tuple[str, int], ...] = (
-    (f"image model.xml {DRAWN} -o out.png", 0),
-    (f"video model.xml --duration 0.2 {DRAWN} -o out.mp4", 0),
-    (f"video wild.xml --duration 1 {DRAWN} -o wild.mp4", 4),
-    (f"video model.xml --duration 0.2 {DRAWN} --jobs 2 -o frames/", 0),
-    ("sweep model.xml --duration 0.1 --vary geom/ball.size[0]=0.05,0.1 --metric low=min(qpos/ball/z) -o study", 0),
-    ("eval car_drive.yaml --policy zero --episodes 2 duration=0.1 --jobs 2 -o episodes", 0),
-    ("run run.yaml", 0),
-    ("plot swing.csv -o plot.png", 0),
-)
-WILD = """<mujoco>
-  <option timestep=".1"/>
-  <worldbody>
-    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
-    <body><joint type="slide" stiffness="1e9" ref="1"/><geom size="1"/></body>
-  </worldbody>
-</mujoco>
-"""
+INPUTS = inputs_of(__name__)
+LINES: tuple[tuple[str, int], ...] = INPUTS["LINES"]
+HEAVY: tuple[tuple[str, int], ...] = INPUTS["HEAVY"]
+WILD = INPUTS["WILD"]
 
 
 def run(quick: bool) -> Tally:

@@ -5,36 +5,14 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.scoreboard.data import inputs_of
+
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 FOLDERS = ("policies", "studies", "cameras")
 
-MODEL = """<mujoco>
-  <visual><global offwidth="64" offheight="48"/></visual>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>
-    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
-    <body name="arm" pos="0 0 .6">
-      <joint name="hinge" axis="0 1 0" pos="0 0 .3" damping=".1"/>
-      <geom name="arm" type="box" size=".2 .1 .1" rgba="1 0 0 1"/>
-    </body>
-    <body name="ball" pos=".6 0 .12">
-      <freejoint name="ball"/>
-      <geom name="ball" size=".1" rgba="0 1 0 1"/>
-    </body>
-  </worldbody>
-  <actuator><motor name="motor" joint="hinge"/></actuator>
-  <sensor><jointpos name="angle" joint="hinge"/></sensor>
-</mujoco>
-"""
-RUN = """model: model.xml
-duration: 0.1
-seed: 4
-ctrl_noise: 1
-videos: [{output: run.mkv, size: 64x48, camera: side, quality: draft}]
-images: [{output: run.png, time: 0.05, size: 64x48, camera: side, quality: draft}]
-traces: [{output: run.csv, probe: [qpos, qvel, energy]}]
-"""
+INPUTS = inputs_of(__name__)
+MODEL = INPUTS["MODEL"]
+RUN = INPUTS["RUN"]
 SMALL = "--size 64x48 --camera side --quality draft"
 NOISE = "--ctrl-noise 1 --seed 4"
 LONG = f"{NOISE} --duration 0.2"

@@ -10,54 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.scoreboard.command import ROOT
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Measure, Tally
 
 LIMIT = 3600.0  # seconds, on a machine that does much else
 PAUSE = 0.05  # seconds between two looks
 MOST = 10 * 2**20  # bytes of growth
 MOST_MODELS = 64 * 2**20  # the same where each has a model: what malloc keeps of freed ones varies by a third of it
-MODEL = """<mujoco>
-  <option timestep="1e-3"/>
-  <visual><global offwidth="64" offheight="48"/></visual>
-  <worldbody>
-    <light pos="0 0 3"/>
-    <geom type="plane" size="2 2 .1"/>
-    <camera name="side" pos="0 -2 .8" xyaxes="1 0 0 0 .3 1"/>
-    <body name="ball" pos="0 0 .1"><joint name="up" type="slide" axis="0 0 1"/><geom name="ball" size=".1"/></body>
-  </worldbody>
-</mujoco>
-"""
-TASK = """model: model.xml
-control_dt: 0.001
-duration: 0.002
-observations: [{name: height, probe: qpos}]
-actions: [{actuators: [motor]}]
-rewards: {one: 1}
-"""
+INPUTS = inputs_of(__name__)
+MODEL = INPUTS["MODEL"]
+TASK = INPUTS["TASK"]
 # Half a MiB when compiled, of which every episode has its own: hundreds of them show what is not freed.
-LARGE = """<mujoco>
-  <asset><texture name="wall" type="2d" builtin="flat" width="400" height="400"/></asset>
-  <worldbody>
-    <geom name="floor" type="plane" size="2 2 .1"/>
-    <body pos="0 0 .2">
-      <joint name="up" type="slide" axis="0 0 1"/>
-      <geom size=".1"/>
-      <site name="tip"/>
-    </body>
-  </worldbody>
-  <actuator><motor name="motor" joint="up"/></actuator>
-</mujoco>
-"""
-VARIED = """model: large.xml
-control_dt: 0.002
-duration: 0.004
-observations: [{name: height, probe: qpos}]
-actions: [{actuators: [motor]}]
-rewards: {one: 1}
-reset:
-  set: {qpos/up: "uniform(0, 0.1)"}
-  vary: {"site/tip.pos[2]": "uniform(0, 0.1)", "geom/floor.friction[0]": "uniform(0.5, 1)"}
-"""
+LARGE = INPUTS["LARGE"]
+VARIED = INPUTS["VARIED"]
 DRIVEN = MODEL.replace("</worldbody>", '</worldbody><actuator><motor name="motor" joint="up"/></actuator>')
 # A process of little memory of its own starts the command, as the peak of one that becomes another counts for that.
 START = (

@@ -10,27 +10,13 @@ from pathlib import Path
 
 import yaml
 
+from tests.scoreboard.data import inputs_of
+
 Tree = dict[object, object] | list[object] | str | float | bool | None
 
 NUMBERS = ("0", "1", "-1", "nan", "inf", "1e308", "-1e-320", "1e999", "2147483648", "-0", ".5", "1e-3", "007", "1 ", "")
-WORDS = (
-    "",
-    "x",
-    "true",
-    "false",
-    "auto",
-    "world",
-    "none",
-    "box",
-    "euler",
-    "%s",
-    "../x",
-    "\u202e",
-    "\U0001f600",
-    "a/b",
-    "*",
-    "0",
-)
+INPUTS = inputs_of(__name__)
+WORDS = INPUTS["WORDS"]
 VALUES: tuple[object, ...] = (
     None,
     True,
@@ -86,59 +72,9 @@ VALUES: tuple[object, ...] = (
     "1/0",
     "30000/0",
 )
-COLUMNS = (
-    "time",
-    "qpos/hinge",
-    "qvel/hinge",
-    "energy/total",
-    "ctrl/motor",
-    "contact/ncon",
-    "nobody/x",
-    "qpos/*",
-    "`qpos/hinge`",
-)
-FUNCTIONS = (
-    "max",
-    "min",
-    "mean",
-    "abs",
-    "first",
-    "last",
-    "rms",
-    "sum",
-    "integral",
-    "diff",
-    "quantile",
-    "where",
-    "norm",
-    "count",
-)
-TOKENS = (
-    "+",
-    "-",
-    "*",
-    "/",
-    "**",
-    "^",
-    "(",
-    ")",
-    "<",
-    "<=",
-    "==",
-    "!=",
-    ",",
-    "and",
-    "or",
-    "not",
-    "[",
-    "]",
-    "'",
-    '"',
-    "`",
-    "{",
-    ";",
-    "%",
-)
+COLUMNS = INPUTS["COLUMNS"]
+FUNCTIONS = INPUTS["FUNCTIONS"]
+TOKENS = INPUTS["TOKENS"]
 
 
 def mjcf(seed: int, sources: Sequence[str]) -> str:

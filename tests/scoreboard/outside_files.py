@@ -16,6 +16,7 @@ from PIL import Image
 
 from mjrun.confinement import landlock
 from tests.scoreboard.command import CommandServer, Ended
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Measure, Tally
 from tests.scoreboard.open_watch import OpenWatch
 
@@ -237,30 +238,11 @@ FORMS: tuple[Form, ...] = (
 )
 
 # Commands that load a model, each after its name, with the model in place of MODEL; the simplest first.
-COMMANDS: tuple[tuple[str, ...], ...] = (
-    ("info", "MODEL"),
-    ("trace", "MODEL", "--steps", "2", "-o", "t.csv"),
-    ("diff", "MODEL", "good.xml"),
-    ("check", "MODEL"),
-    ("image", "MODEL", "--size", "16x16", "-o", "i.png"),
-    ("video", "MODEL", "--size", "16x16", "--steps", "2", "-o", "v.mp4"),
-    ("bench", "MODEL", "--steps", "10"),
-    ("sweep", "MODEL", "--vary", "opt.timestep=.001,.002", "--metric", "t=max(time)", "--steps", "2", "-o", "s"),
-    ("fit", "MODEL", "data.csv", "--free", "joint/j.damping=0..1"),
-    ("view", "MODEL"),
-    ("run", "run.yaml"),
-    ("eval", "task.yaml", "--policy", "zero", "--episodes", "1", "-o", "e"),
-    ("info", "task.yaml"),
-)
+INPUTS = inputs_of(__name__)
+COMMANDS: tuple[tuple[str, ...], ...] = INPUTS["COMMANDS"]
 EVERYWHERE = ("include", "mesh, absolute", "link to a file", "archive, include", "attach")  # with every command
 
-TASK = """model: {model}
-control_dt: 0.01
-duration: 0.1
-observations: [{{name: p, probe: qpos}}]
-actions: [{{actuators: [a]}}]
-rewards: {{one: "1"}}
-"""
+TASK = INPUTS["TASK"]
 # Documents beside a harmless model that name files outside, and the command for each.
 DOCUMENTS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("model", "model: OUT/good.xml\ntraces: [{output: t.csv}]\nsimulation: {steps: 2}\n", ("run", "DOC")),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.scoreboard.command import CONTROL, ROOT, CommandServer, Ended
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Measure, Tally
 
 LIMIT = 120.0  # [s]
@@ -83,21 +84,9 @@ NAMES: dict[str, bytes] = {
 }
 QUICK_NAMES = ("newline", "not UTF-8")
 
-LOCALES: dict[str, dict[str, str]] = {
-    "C": {"LC_ALL": "C"},
-    "C without coercion": {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"},
-    "ASCII": {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
-    "POSIX": {"LC_ALL": "POSIX", "LANG": ""},
-    "unknown": {"LC_ALL": "xx_YY.KOI8-R"},
-}
-IN_LOCALES = (
-    "mjrun trace scene.xml --duration 0.1 --csv",
-    "mjrun info scene.xml",
-    "mjrun info scene.xml --json",
-    "mjrun check 'Kübel 模型.xml' --json",
-    "mjrun trace 'Kübel 模型.xml' --duration 0.1 --csv",
-    "mjrun trace scene.xml --probe nothing",
-)
+INPUTS = inputs_of(__name__)
+LOCALES: dict[str, dict[str, str]] = INPUTS["LOCALES"]
+IN_LOCALES = INPUTS["IN_LOCALES"]
 
 
 @dataclass

@@ -6,18 +6,12 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.input_forms import Form
 from tests.scoreboard.table_forms import Bomb, archive, cut, flipped, header, npy
 
-READERS = {
-    "trace": ("trace", "m.xml", "--replay", "r.npz", "-o", "new.csv"),
-    "trace of controls": ("trace", "m.xml", "--replay", "r.npz", "--replay-mode", "controls", "-o", "new.csv"),
-    "video": ("video", "m.xml", "--replay", "r.npz", "-o", "new.mp4", "--size", "32x32"),
-    "image": ("image", "m.xml", "--replay", "r.npz", "-o", "new.png", "--size", "32x32"),
-    "verify": ("trace", "m.xml", "--replay", "r.npz", "--verify"),
-    "diff": ("diff", "r.npz", "r.npz"),
-    "ghost": ("image", "m.xml", "--ghost", "recording=r.npz", "-o", "new.png", "--size", "32x32"),
-}
+INPUTS = inputs_of(__name__)
+READERS = INPUTS["READERS"]
 ROWS = 3
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from tests.scoreboard import mutations
 from tests.scoreboard.command import ROOT, CommandServer, Ended, modules_of_mjrun
 from tests.scoreboard.crashers import CRASHERS
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Measure, Tally
 
 SCENES = ROOT / "scenes"
@@ -27,31 +28,10 @@ LIBRARIES = ("matplotlib.backends.backend_svg", "h5py", "scipy.io", "pyarrow.fea
 FORMATS = ("csv", "jsonl", "npz", "parquet", "feather", "h5", "mat")
 DONE, READ = frozenset({0, 1, 2, 3, 4, 7, 8}), frozenset({0, 3})
 
-PENDULUM = """<mujoco model="pendulum">
-  <worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/>
-    <geom name="rod" type="capsule" size=".02" fromto="0 0 0 0 0 -.3"/>
-    <site name="tip" pos="0 0 -.3"/></body></worldbody>
-  <actuator><motor name="motor" joint="hinge" ctrlrange="-1 1"/></actuator>
-  <sensor><jointpos name="angle" joint="hinge"/></sensor>
-  <keyframe><key name="up" qpos="3"/></keyframe>
-</mujoco>
-"""
-RUN = """model: pendulum.xml
-key: up
-qvel: {hinge: 2}
-ctrl: {motor: 0.1}
-steps: 5
-events: {fall: qpos/hinge < 3}
-traces: [{output: a.csv, probe: [qpos, energy, "sensor[angle]"], assert: ["max(abs(qvel/hinge)) < 9"], every: 2}]
-plots: [{output: a.svg, probe: [energy, qpos]}]
-"""
-FIT = """model: pendulum.xml
-data: [data.csv]
-map: [time=t, qpos/hinge=angle*pi/180, ctrl/motor=torque]
-free: {joint/hinge.damping: "log:1e-3..1"}
-starts: 1
-holdout: 0.2
-"""
+INPUTS = inputs_of(__name__)
+PENDULUM = INPUTS["PENDULUM"]
+RUN = INPUTS["RUN"]
+FIT = INPUTS["FIT"]
 DATA = "t,angle,torque\n" + "".join(f"{i / 50},{i * i / 30},{i % 3 / 10}\n" for i in range(30))
 
 
@@ -197,12 +177,5 @@ KINDS: dict[str, Callable[[Path, int], Iterator[_Case]]] = {
     "table": _tables,
     "expression": _expressions,
 }
-QUICK_IMPORTS = (
-    "mjrun.cli.commands.info",
-    "mjrun.cli.commands.trace",
-    "mjrun.cli.commands.run",
-    "mjrun.document.run",
-    "mjrun.outputs.trace",
-    "yaml",
-)
+QUICK_IMPORTS = INPUTS["QUICK_IMPORTS"]
 MEASURE = Measure("structural fuzz", "0 exceptions that are not ours: no 70, traceback, signal or hang", 2500, run)

@@ -13,22 +13,13 @@ import pyarrow
 import pyarrow.parquet
 
 from tests.scoreboard.command import ROOT
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.document_forms import WRONG
 from tests.scoreboard.input_forms import BETWEEN, Content, Form
 from tests.scoreboard.table_forms import CSV
 
-STUDY = (
-    "sweep",
-    "m.xml",
-    "--steps",
-    "2",
-    "--vary",
-    "qpos/hinge=0.1,0.2",
-    "--metric",
-    "x=last(qpos/hinge)",
-    "-o",
-    "study",
-)
+INPUTS = inputs_of(__name__)
+STUDY = INPUTS["STUDY"]
 TASK = ("sweep", "plan.jsonl", "--task", "1/1")
 COLLECT = ("sweep", "plan.jsonl", "--collect")
 AGAIN = ("sweep", "study")

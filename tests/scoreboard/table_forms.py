@@ -14,6 +14,7 @@ import pyarrow.feather
 import pyarrow.parquet
 import scipy.io
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.input_forms import CANARY, Content, Form
 
 ROWS = 20
@@ -24,18 +25,8 @@ LINES = CSV.splitlines()
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 
 # Who reads tables, with the words of the command line; {} is the table.
-READERS = {
-    "plot": ("plot", "{}", "-o", "new.svg"),
-    "diff": ("diff", "{}", "good.csv"),
-    "diff, second": ("diff", "good.csv", "{}"),
-    "replay": ("trace", "m.xml", "--replay", "{}", "-o", "new.csv"),
-    "video of a replay": ("video", "m.xml", "--replay", "{}", "-o", "new.mp4", "--size", "32x32"),
-    "controls": ("trace", "m.xml", "--steps", "5", "--ctrl-from", "{}", "-o", "new.csv"),
-    "golden": ("trace", "m.xml", "--steps", "5", "--golden", "{}"),
-    "fit": ("fit", "m.xml", "{}", "--free", "joint/hinge.damping=0.01..1", "--starts", "1", "-o", "new.xml"),
-    "points": ("sweep", "m.xml", "--steps", "2", "--points", "{}", "--metric", "x=last(qpos/hinge)", "--dry-run"),
-    "ghost": ("image", "m.xml", "--ghost", "trace={}", "-o", "new.png", "--size", "32x32"),
-}
+INPUTS = inputs_of(__name__)
+READERS = INPUTS["READERS"]
 # Readers for whom such a table is readable, and means what cannot be; 7 for all others.
 EXCEPTIONS = {
     ("words", "points"): (2,),

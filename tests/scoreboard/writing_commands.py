@@ -8,37 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tests.scoreboard.command import CommandServer
+from tests.scoreboard.data import inputs_of
 
-MODEL = """<mujoco model="pendulum">
-  <option timestep="0.01"><flag energy="enable"/></option>
-  <worldbody>
-    <light pos="0 -1 3"/>
-    <geom name="floor" type="plane" size="2 2 .1"/>
-    <camera name="front" pos="0 -3 1" xyaxes="1 0 0 0 0 1"/>
-    <body name="arm" pos="0 0 .5">
-      <joint name="hinge" axis="0 1 0" damping="0.1"/>
-      <geom name="rod" type="capsule" fromto="0 0 0 .45 0 0" size=".05"/>
-    </body>
-    <body name="ball" pos="1 0 .1"><freejoint name="ball"/><geom name="ball" size=".1"/></body>
-  </worldbody>
-  <actuator><motor name="motor" joint="hinge"/></actuator>
-  <sensor><jointpos name="angle" joint="hinge"/></sensor>
-</mujoco>
-"""
-RUN = """model: model.xml
-duration: 0.1
-traces: [{output: x.csv, contacts: contacts.parquet}, {output: y.npz}]
-images: [{output: x.png, size: 32x24}]
-plots: [{output: plot.svg, probe: [qpos]}]
-"""
-TASK = """model: model.xml
-control_dt: 0.05
-duration: 0.2
-reset: {noise: {qvel/hinge: "uniform(-1, 1)"}}
-observations: [{name: angle, value: qpos/hinge}]
-actions: [{actuators: motor}]
-rewards: {upright: cos(qpos/hinge)}
-"""
+INPUTS = inputs_of(__name__)
+MODEL = INPUTS["MODEL"]
+RUN = INPUTS["RUN"]
+TASK = INPUTS["TASK"]
 STUDY = "sweep ../inputs/model.xml --vary qpos/hinge=0..1:4 --metric peak=max(qvel/hinge) --duration 0.1 --chunk 2"
 SWEEP = f"{STUDY} --jobs 1"
 FIT = (

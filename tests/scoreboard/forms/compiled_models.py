@@ -5,21 +5,12 @@ import struct
 from collections.abc import Iterator
 from functools import cache
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.file_contents import png
 from tests.scoreboard.forms.form import EITHER, REFUSED, Form
 
-MODEL = """<mujoco>
-  <asset><texture name="t" type="2d" builtin="checker" width="4" height="4"/><material name="m" texture="t"/>
-    <mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>
-  <worldbody><light pos="0 0 3"/><camera name="c" pos="0 0 2"/><geom type="plane" size="1 1 1" material="m"/>
-    <body name="a" pos="0 0 1"><joint name="j"/><geom name="g" size=".1"/><site name="s"/>
-      <body name="b" pos="0 0 .3"><joint name="k"/><geom type="mesh" mesh="m"/></body></body></worldbody>
-  <tendon><fixed name="t"><joint joint="j" coef="1"/></fixed></tendon>
-  <equality><joint joint1="j" joint2="k"/></equality>
-  <actuator><motor name="m" joint="j"/></actuator>
-  <sensor><jointpos joint="j"/></sensor>
-  <keyframe><key name="k" qpos="1 0"/></keyframe>
-</mujoco>"""
+INPUTS = inputs_of(__name__)
+MODEL = INPUTS["MODEL"]
 FLIPS = 120
 
 

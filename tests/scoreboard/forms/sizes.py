@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.form import EITHER, REFUSED, Form, simple
 
 HINGE = '<worldbody><body name="b"><joint name="j"/><geom name="g" size=".1"/></body></worldbody>'
@@ -40,21 +41,9 @@ ENDLESS = {
     "sensor's dim": HINGE + '<sensor><user name="u" dim="{0}"/></sensor>',
 }
 COUNTS = ("65536", "100000000", "2147483647", "4294967297", "-5")
-DRAWN_SIZES = {
-    "offwidth": '<visual><global offwidth="{0}" offheight="{0}"/></visual>',
-    "shadowsize": '<visual><quality shadowsize="{0}"/></visual>'
-    '<worldbody><light pos="0 0 3"/><geom size="1"/></worldbody>',
-    "offsamples": '<visual><quality offsamples="{0}"/></visual>',
-    "numslices": '<visual><quality numslices="{0}"/></visual><worldbody><geom size="1"/></worldbody>',
-    "numstacks": '<visual><quality numstacks="{0}"/></visual><worldbody><geom size="1"/></worldbody>',
-    "numquads": '<visual><quality numquads="{0}"/></visual><worldbody><geom type="plane" size="1 1 1"/></worldbody>',
-    "line width": '<visual><global linewidth="{0}"/></visual>',
-}
-SDF = (
-    '<extension><plugin plugin="mujoco.sdf.{0}"><instance name="t">{1}</instance></plugin></extension>'
-    '<asset><mesh name="t"><plugin instance="t"/></mesh></asset>'
-    '<worldbody><geom type="sdf" mesh="t"><plugin instance="t"/></geom></worldbody>'
-)
+INPUTS = inputs_of(__name__)
+DRAWN_SIZES = INPUTS["DRAWN_SIZES"]
+SDF = INPUTS["SDF"]
 
 
 def forms() -> Iterator[Form]:

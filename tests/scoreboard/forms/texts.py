@@ -2,28 +2,12 @@
 
 from collections.abc import Iterator
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.form import EITHER, REFUSED, Content, Form, mjcf, simple
 
 MODEL = mjcf('<!-- {0} --><worldbody><body name="{1}"><geom size=".1"/></body></worldbody>', 'model="{2}"')
-ESCAPES = {
-    "clearing the screen": "\x1b[2J",
-    "a title": "\x1b]0;owned\x07",
-    "a link": "\x1b]8;;http://example.org\x1b\\here\x1b]8;;\x1b\\",
-    "a device string": "\x1bPq\x1b\\",
-    "one-byte CSI": "\x9b31m",
-    "one-byte OSC": "\x9d0;owned\x9c",
-    "bell": "\x07",
-    "backspaces": "ok\x08\x08no",
-    "delete": "\x7f",
-    "carriage return": "safe\rfalse",
-    "line feed": "first\nmjrun: error: second",
-    "right to left": "\u202egnp.exe",
-    "isolates": "\u2066a\u2069\u200f",
-    "zero width": "a\u200b\u2060\ufeffb",
-    "line separator": "a\u2028b\u2029c",
-    "tags": "\U000e0041\U000e007f",
-    "vertical tab and form feed": "a\x0bb\x0cc",
-}
+INPUTS = inputs_of(__name__)
+ESCAPES = INPUTS["ESCAPES"]
 HINGE = '<worldbody><body name="b"><joint name="j"/><geom name="g" size=".1"/><site name="s"/></body></worldbody>'
 # Where a name or a text of the user stands in a model that is right but for it.
 PLACES = {
@@ -55,17 +39,7 @@ PLACES = {
     "folder of meshes": '<compiler meshdir="{0}"/><asset><mesh file="missing.stl"/></asset>',
     "twice": HINGE + '<worldbody><body name="{0}"/><body name="{0}"/></worldbody>',
 }
-ENCODINGS = {
-    "Latin-1": "iso-8859-1",
-    "UTF-16": "utf-16",
-    "UTF-16 little-endian": "utf-16-le",
-    "UTF-16 big-endian": "utf-16-be",
-    "UTF-32": "utf-32",
-    "UTF-7": "utf-7",
-    "UTF-8 with a mark": "utf-8-sig",
-    "EBCDIC": "cp037",
-    "Shift JIS": "shift_jis",
-}
+ENCODINGS = INPUTS["ENCODINGS"]
 DECLARED = (
     "latin-1",
     "utf-16",
