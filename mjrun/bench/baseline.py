@@ -14,14 +14,16 @@ a wall time, and the fastest sample escapes it first: what is slower must be so 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mjrun.bench.figure_samples import Document, FigureId, FigureSamples, figures, figures_of_row
 from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
 from mjrun.errors import FileError, UsageError, clean, listing, option
+
+FigureId = tuple[str, str]  # its name, and the device if that is not the processor
+Document = Mapping[str, Any]  # a benchmark as JSON
 
 SCHEMA = "mjrun-bench-1"
 FAILED, SLOWER, INCONCLUSIVE, FASTER, NOT_SLOWER = "failed", "slower", "inconclusive", "faster", "not slower"
@@ -33,6 +35,62 @@ MACHINE = ("system", "cpu", "cores", "available")
 ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
 # How earlier versions of mjrun wrote overrides, and how they are written now.
 EARLIER_SETTINGS = (("--set ", ""), ("--integrator ", "opt.integrator="), ("--timestep ", "opt.timestep="))
+
+
+@dataclass(frozen=True)
+class FigureSamples:
+    """Wall times [s] of one figure, and of the reference workload in the same turns, if it was timed."""
+
+    times: Sequence[float]
+    workload: Sequence[float] | None
+
+    @classmethod
+    def read(cls, statistics: Document, workload: Document | None) -> "FigureSamples":
+        """From `SampleStatistics` as JSON."""
+        times = _positive(statistics["samples"])
+        if workload is None:
+            return cls(times, None)
+        workload_times = _positive(workload["samples"])
+        if len(workload_times) != len(times):
+            raise ValueError("the reference workload needs as many samples as the figure")
+        return cls(times, workload_times)
+
+    @property
+    def median(self) -> float:
+        """Of the wall times [s]."""
+        return median(self.times)
+
+    def quotients(self, workload: Sequence[float]) -> list[float]:
+        """The wall times, each divided by that of the workload in the same turn."""
+        return [time / reference for time, reference in zip(self.times, workload, strict=True)]
+
+
+def figures(document: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
+    """All figures that are compared."""
+    for row in document["rows"]:
+        yield from figures_of_row(row)
+    for frame in document["frames"]:
+        (width, height), renderer = frame["size"], frame["renderer"]
+        name = f"{frame['view']} {width}x{height} {frame['quality']}" + f" {renderer}" * (renderer != "classic")
+        yield (name, frame["device"]), FigureSamples.read(frame["total"], frame.get("reference_workload"))
+
+
+def figures_of_row(row: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
+    """The figures of a point of the grid."""
+    point = "".join(f" {path}={value}" for path, value in row["point"].items())
+    if row["step"] is not None:
+        yield (f"step{point}", ""), FigureSamples.read(row["step"], row.get("reference_workload"))
+    for threads in row["threads"]:
+        if threads["threads"] > 1:
+            name = f"threads {threads['threads']}{point}"
+            yield (name, ""), FigureSamples.read(threads["step"], threads.get("reference_workload"))
+
+
+def _positive(samples: Sequence[Any]) -> list[float]:
+    times = [float(sample) for sample in samples]
+    if not times or min(times) <= 0:
+        raise ValueError("samples must be positive")
+    return times
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,12 @@ import mujoco
 
 from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.frame_timing import FPS, LEAST, FrameTiming, timed_frames
-from mjrun.bench.grid_timing import (
+from mjrun.bench.machine_info import MachineInfo, machine_info
+from mjrun.bench.output_timing import LoadTiming, timed_load, timed_trace, timed_video
+from mjrun.bench.reference_workload import WorkloadInfo
+from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, ModelInfo
+from mjrun.bench.rollout_timing import Clock
+from mjrun.bench.settings_grid import (
     GridPoint,
     MeasurementSettings,
     RolloutStart,
@@ -23,12 +28,6 @@ from mjrun.bench.grid_timing import (
     notes_on,
     timed_grid,
 )
-from mjrun.bench.load_timing import LoadTiming, timed_load
-from mjrun.bench.machine_info import MachineInfo, machine_info
-from mjrun.bench.output_timing import timed_trace, timed_video
-from mjrun.bench.reference_workload import WorkloadInfo
-from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, ModelInfo
-from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
 from mjrun.formats.destinations import StagedFile

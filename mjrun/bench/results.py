@@ -13,12 +13,11 @@ import mujoco
 
 from mjrun.bench.baseline import SCHEMA, BaselineComparison
 from mjrun.bench.frame_timing import FrameTiming
-from mjrun.bench.load_timing import LoadTiming
 from mjrun.bench.machine_info import MachineInfo
-from mjrun.bench.output_timing import OutputTiming
+from mjrun.bench.output_timing import LoadTiming, OutputTiming
 from mjrun.bench.reference_workload import WorkloadInfo
+from mjrun.bench.rollout_timing import Phase
 from mjrun.bench.statistics import SampleStatistics
-from mjrun.bench.step_phases import Phase
 from mjrun.bench.step_timing import ThreadScaling
 from mjrun.bench.warp_timing import WARP, C, WarpOptions
 

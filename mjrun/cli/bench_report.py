@@ -13,11 +13,10 @@ from mjrun.errors import clean
 if TYPE_CHECKING:
     from mjrun.bench.baseline import BaselineComparison
     from mjrun.bench.frame_timing import FrameTiming
-    from mjrun.bench.load_timing import LoadTiming
-    from mjrun.bench.output_timing import OutputTiming
+    from mjrun.bench.output_timing import LoadTiming, OutputTiming
     from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
+    from mjrun.bench.rollout_timing import Phase
     from mjrun.bench.statistics import SampleStatistics
-    from mjrun.bench.step_phases import Phase
 
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.accuracy import distance_from_finer, position_distance, simulate_to
+from mjrun.bench.settings_grid import distance_from_finer, position_distance, simulate_to
 from mjrun.errors import UnstableError
 
 # A mass on a spring: x = cos(10 t).

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.bench.baseline import check_same, compare, read_base, steps_of, verdict, workload_obstacle
-from mjrun.bench.figure_samples import figures
+from mjrun.bench.baseline import check_same, compare, figures, read_base, steps_of, verdict, workload_obstacle
 from mjrun.errors import FileError, UsageError
 
 BASE = [1.00, 1.01, 1.02, 0.99, 1.03, 1.00, 0.98, 1.01]

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from mjrun.bench.figure_samples import FigureSamples, figures
+from mjrun.bench.baseline import FigureSamples, figures
 
 STEP, WORKLOAD = {"samples": [2.0, 4.0, 6.0]}, {"samples": [1.0, 2.0, 1.0]}
 

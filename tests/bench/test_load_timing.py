@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.bench.load_timing import timed_load
+from mjrun.bench.output_timing import timed_load
 from mjrun.errors import ModelError
 from mjrun.model.sources import source_of
 from mjrun.physics.parameter_grid import settings

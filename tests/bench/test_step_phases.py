@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import mujoco
 import pytest
 
-from mjrun.bench.rollout_timing import RolloutInputs
-from mjrun.bench.step_phases import phases
+from mjrun.bench.rollout_timing import RolloutInputs, phases
 from mjrun.bench.testspeed_noise import controls
 
 MODEL = """

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.accuracy import distance_from_finer, simulate_to
 from mjrun.bench.bench import Bench
 from mjrun.bench.rollout_timing import RolloutInputs
+from mjrun.bench.settings_grid import distance_from_finer, simulate_to
 from mjrun.bench.step_timing import StepTimer
 from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import BadValueError, UnstableError
