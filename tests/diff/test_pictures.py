@@ -23,11 +23,16 @@ def video(folder: Path, name: str, frames: np.ndarray, fps: int = 10) -> str:
     return str(folder / name)
 
 
-def test_the_measures_of_a_video_are_those_of_its_decoded_frames(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return video(tmp_path_factory.mktemp("videos"), "a.mp4", FRAMES)
+
+
+def test_the_measures_of_a_video_are_those_of_its_decoded_frames(tmp_path: Path, original: str) -> None:
     changed = FRAMES.copy()
     changed[4:, 10:20, 10:20] ^= 255
     changed[2, 0, 0] ^= 64
-    a, b = video(tmp_path, "a.mp4", FRAMES), video(tmp_path, "b.mkv", changed)
+    a, b = original, video(tmp_path, "b.mkv", changed)
     found, worst = compare_videos(a, b, Tolerance(40))
     decoded = [np.stack(list(read_video(path))).astype(int) for path in (a, b)]
     size = np.abs(decoded[0] - decoded[1])
@@ -53,12 +58,11 @@ def test_the_measures_of_a_video_are_those_of_its_decoded_frames(tmp_path: Path)
     assert np.array_equal(worst.b, decoded[1][square.argmax()])
 
 
-def test_sizes_rates_and_counts_are_told(tmp_path: Path) -> None:
-    a = video(tmp_path, "a.mp4", FRAMES)
-    shorter, _ = compare_videos(a, video(tmp_path, "b.mp4", FRAMES[:4], 20), EXACT)
+def test_sizes_rates_and_counts_are_told(tmp_path: Path, original: str) -> None:
+    shorter, _ = compare_videos(original, video(tmp_path, "b.mp4", FRAMES[:4], 20), EXACT)
     assert (shorter.frames, shorter.frames_a, shorter.frames_b) == (4, 6, 4)
     assert (shorter.fps_a, shorter.fps_b) == (10, 20)
-    smaller, worst = compare_videos(a, video(tmp_path, "c.mp4", FRAMES[:, :32, :48]), EXACT)
+    smaller, worst = compare_videos(original, video(tmp_path, "c.mp4", FRAMES[:, :32, :48]), EXACT)
     assert (smaller.frames, smaller.frames_b, smaller.size_b) == (0, 6, (48, 32))
     assert worst is None
 
