@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from operator import add, eq, ge, gt, le, lt, mul, sub
 from typing import Any
 
@@ -241,6 +242,24 @@ def columns_read(node: Node) -> tuple[str, ...]:
         elif isinstance(part, ColumnVector):
             names |= dict.fromkeys(part.names)
     return tuple(names)
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """An expression that is well formed.
+
+    Attributes:
+      text: as it was written.
+      root: what it consists of.
+    """
+
+    text: str
+    root: Any = field(repr=False)
+
+    @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns that it reads, in the order in which it first mentions them."""
+        return columns_read(self.root)
 
 
 def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:

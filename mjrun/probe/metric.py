@@ -6,29 +6,18 @@ a model offers may be used, as in a condition (`mjrun.probe.row_expression`).
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
 from mjrun.probe.evaluation import evaluate
-from mjrun.probe.expression import NumericExpression, columns_read, walk
+from mjrun.probe.expression import Expression, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 
 
-@dataclass(frozen=True, eq=False)
-class Metric:
-    """A metric that is well formed.
-
-    Attributes:
-      text: as it was written.
-      columns: the names of the columns that it reads, in the order in which it first mentions them.
-    """
-
-    text: str
-    columns: tuple[str, ...]
-    _value: NumericExpression = field(repr=False)
+class Metric(Expression):
+    """One number of a table."""
 
 
 class MetricEvaluation:
@@ -41,7 +30,7 @@ class MetricEvaluation:
     def __init__(self, metrics: Sequence[Metric], table: Sequence[str]) -> None:
         self._metrics = metrics
         self._rows = ChunkBuffer(table, {name for metric in metrics for name in metric.columns})
-        self._aggregates = [Aggregates(walk(metric._value)) for metric in metrics]
+        self._aggregates = [Aggregates(walk(metric.root)) for metric in metrics]
 
     def feed(self, block: np.ndarray) -> None:
         """Takes the next rows `(n, columns)`, one column for each of the table's."""
@@ -54,7 +43,7 @@ class MetricEvaluation:
             return (math.nan,) * len(self._metrics)
         with np.errstate(all="ignore"):
             pairs = zip(self._metrics, self._aggregates, strict=True)
-            return tuple(float(evaluate(metric._value, {}, aggregates.values())) for metric, aggregates in pairs)
+            return tuple(float(evaluate(metric.root, {}, aggregates.values())) for metric, aggregates in pairs)
 
     def _take(self, chunks: Iterable[RowChunk]) -> None:
         with np.errstate(all="ignore"):
@@ -73,5 +62,4 @@ def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> 
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    value = Parser(text, label, columns).table_value()
-    return Metric(text, columns_read(value), value)
+    return Metric(text, Parser(text, label, columns).table_value())

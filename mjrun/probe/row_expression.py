@@ -13,52 +13,31 @@ may stand where a comparison may, and holds above zero: `not contact(ball, floor
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
-from mjrun.probe.expression import START, AggregateCall, BooleanExpression, NumericExpression, columns_read, walk
+from mjrun.probe.expression import START, AggregateCall, Expression, NumericExpression, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 
 
-@dataclass(frozen=True, eq=False)
-class Condition:
-    """A condition that is well formed.
-
-    Attributes:
-      text: as it was written.
-      columns: the names of the columns that it reads, in the order in which it first mentions them.
-    """
-
-    text: str
-    columns: tuple[str, ...]
-    _truth: BooleanExpression = field(repr=False)
+class Condition(Expression):
+    """A condition on each row."""
 
     def holds(self, columns: Mapping[str, Any]) -> np.ndarray:
         """At which of n rows it holds: `(n,)` bool; `columns` are `(n,)` each, by name. No comparison with NaN does."""
         with np.errstate(all="ignore"):
-            return evaluate_truth(self._truth, columns, {})
+            return evaluate_truth(self.root, columns, {})
 
 
-@dataclass(frozen=True, eq=False)
-class RowExpression:
-    """A number per row that is well formed.
-
-    Attributes:
-      text: as it was written.
-      columns: the names of the columns that it reads, in the order in which it first mentions them.
-    """
-
-    text: str
-    columns: tuple[str, ...]
-    _value: NumericExpression = field(repr=False)
+class RowExpression(Expression):
+    """A number per row."""
 
     def evaluator(self) -> "RowEvaluator":
         """A new evaluation, which has seen no row."""
-        return RowEvaluator(self._value)
+        return RowEvaluator(self.root)
 
     def values(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
         """The values `(n,)` float64 on all rows of a table in memory."""
@@ -117,8 +96,7 @@ def parse_condition(text: str, vocabulary: Vocabulary, label: str) -> Condition:
       UnknownNameError: a name is that of no column, object or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    truth = Parser(text, label, vocabulary).condition()
-    return Condition(text, columns_read(truth), truth)
+    return Condition(text, Parser(text, label, vocabulary).condition())
 
 
 def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: str) -> RowExpression:
@@ -131,5 +109,4 @@ def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: 
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    value = Parser(text, label, columns).row_value()
-    return RowExpression(text, columns_read(value), value)
+    return RowExpression(text, Parser(text, label, columns).row_value())

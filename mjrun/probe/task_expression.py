@@ -12,7 +12,6 @@ them changes what another gets, to the last bit.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -22,7 +21,7 @@ from mjrun.errors import UsageError
 from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EPISODE_GROUPS, within_task
 from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
-from mjrun.probe.expression import CONSTANTS, BooleanExpression, NumericExpression, PreviousValue, columns_read, walk
+from mjrun.probe.expression import CONSTANTS, BooleanExpression, Expression, NumericExpression, PreviousValue, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 
@@ -43,22 +42,12 @@ class TaskColumns(AvailableProbes):
         return super().missing(name, position, source)
 
 
-@dataclass(frozen=True, eq=False)
-class TaskExpression:
-    """An expression that is well formed.
-
-    Attributes:
-      text: as it was written.
-      columns: the names of the columns that it reads, in the order in which it first mentions them.
-    """
-
-    text: str
-    columns: tuple[str, ...]
-    _root: NumericExpression | BooleanExpression = field(repr=False)
+class TaskExpression(Expression):
+    """A number, or a condition, per control instant."""
 
     def evaluator(self, count: int) -> "TaskEvaluator":
         """A new evaluation for `count` worlds, none of which has begun."""
-        return TaskEvaluator(self._root, count)
+        return TaskEvaluator(self.root, count)
 
 
 class TaskEvaluator:
@@ -130,11 +119,9 @@ def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpress
       UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
       UsageError: the text is none of the language; the message says where, what was found and what is valid.
     """
-    root = Parser(text, label, columns).row_value()
-    return TaskExpression(text, columns_read(root), root)
+    return TaskExpression(text, Parser(text, label, columns).row_value())
 
 
 def parse_task_condition(text: str, columns: TaskColumns, label: str) -> TaskExpression:
     """The condition at each control instant that `text` is, see `parse_task_value`."""
-    root = Parser(text, label, columns).condition()
-    return TaskExpression(text, columns_read(root), root)
+    return TaskExpression(text, Parser(text, label, columns).condition())
