@@ -87,13 +87,13 @@ def output_files(options: ViewOptions, output: str, manifest: str | None) -> lis
 
 def unused_options(options: ViewOptions, plot: Sequence[str] = ()) -> list[str]:
     """The warning that options for pictures were given where there are only numbers; empty if none were."""
-    given = {
+    pictorial = {
         "text": options.text is not None,
         "captions": options.captions,
         "depth_range": options.depth_range is not None,
         "plot": bool(plot),
     }
-    names = [option(name) for name, is_given in given.items() if is_given]
+    names = [option(name) for name, is_used in pictorial.items() if is_used]
     hint = f"{option('style')} color draws pictures"
     return [f"{', '.join(names)}: numbers have no room for it; {hint}"] if names else []
 

@@ -25,41 +25,41 @@ COMMON = (1, 92)  # percent of the numbers that the scale leaves out below, and 
 MAP, DIFFERENCE_MAP = "turbo", "inferno"
 
 
-def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], found: FrameDifference | None) -> None:
+def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> None:
     """Writes the picture.
 
     Args:
       output: an image of colours.
       names: of A and B, in the labels.
-      found: how the two frames differ; None if they do not.
+      frame: how the two frames differ; None if they do not.
 
     Raises:
       FileError: it cannot be written.
       UnknownNameError, UsageError: the suffix is not that of such an image.
     """
-    picture = worst_frame(frames, names, found)
+    picture = worst_frame(frames, names, frame)
     form = image_format(output, "rgb")
     with ImageWriter(output, "rgb", form, (picture.shape[1], picture.shape[0])) as writer:
         writer.write(picture)
         writer.publish()
 
 
-def worst_frame(frames: WorstFrames, names: Sequence[str], found: FrameDifference | None) -> np.ndarray:
+def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> np.ndarray:
     """The picture, `(height, width, 3)` uint8."""
     shown, difference, scale = (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
     factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
     panels = [_enlarged(panel, factor) for panel in (*shown, difference)]
-    when = "" if found is None or found.time is None else f"frame {found.frame}, {found.time:.6g} s"
-    labels = [("A", Path(names[0]).name, when), ("B", Path(names[1]).name, when), ("difference", scale, _facts(found))]
+    when = "" if frame is None or frame.time is None else f"frame {frame.frame}, {frame.time:.6g} s"
+    labels = [("A", Path(names[0]).name, when), ("B", Path(names[1]).name, when), ("difference", scale, _facts(frame))]
     return _side_by_side(panels, labels)
 
 
-def _facts(found: FrameDifference | None) -> str:
-    if found is None:
+def _facts(frame: FrameDifference | None) -> str:
+    if frame is None:
         return "none"
-    psnr = "" if found.psnr is None else f"{found.psnr:.1f} dB"
-    ssim = "" if found.ssim is None else f"SSIM {found.ssim:.3f}"
-    return ", ".join(filter(None, (psnr, ssim, f"{percent(found.changed)} changed")))
+    psnr = "" if frame.psnr is None else f"{frame.psnr:.1f} dB"
+    ssim = "" if frame.ssim is None else f"SSIM {frame.ssim:.3f}"
+    return ", ".join(filter(None, (psnr, ssim, f"{percent(frame.changed)} changed")))
 
 
 def _colours(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:

@@ -13,7 +13,7 @@ from mjrun.physics.control import require_times
 
 # The fields of MjData that samples may give.
 FIELDS = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")
-UNIT_TOLERANCE = 1e-3  # a quaternion that is farther from unit length is told
+UNIT_TOLERANCE = 1e-3  # a quaternion that is farther from unit length is reported
 EXACT_UNIT = 1e-14  # one that is nearer is left as it is, so that a trace replays bit for bit
 LONG = 1.5  # usual times between samples; what is longer is a gap
 
@@ -36,8 +36,8 @@ class MotionSamples:
 
     def missing(self, field: str) -> list[str]:
         """The columns of a field that the table lacks."""
-        given = self.values.get(field, {})
-        return [name for index, name in enumerate(self.columns[field]) if index not in given]
+        columns = self.values.get(field, {})
+        return [name for index, name in enumerate(self.columns[field]) if index not in columns]
 
 
 @dataclass(frozen=True)
@@ -84,27 +84,29 @@ class CompleteSamples:
         self._lengths: dict[str, float] = {}
 
         initial = {name: np.array(getattr(start, name)).ravel() for name in FIELDS}
-        given = {name: values for name in FIELDS if (values := samples.values.get(name)) and name != "qvel"}
-        self.fields = {name: self._complete(name, initial[name]) for name in ("qpos", *given)}
+        present = {name: values for name in FIELDS if (values := samples.values.get(name)) and name != "qvel"}
+        self.fields = {name: self._complete(name, initial[name]) for name in ("qpos", *present)}
         self.fields["qvel"] = self._velocities()
         self.position_remarks, self.other_remarks = list(self._on_positions()), list(self._on_the_rest())
 
     def _complete(self, field: str, initial: np.ndarray) -> np.ndarray:
         """The numbers of a field `(n, size)`."""
         complete = np.tile(initial, (len(self.time), 1))
-        given = self._samples.values.get(field, {})
+        columns = self._samples.values.get(field, {})
         names = self._samples.columns[field]
         turning = set(quaternions(self._model, field))
         within = {first + i for first in turning for i in range(4)}
 
         for first in sorted(turning):
-            present = [i for i in range(first, first + 4) if i in given]
+            present = [i for i in range(first, first + 4) if i in columns]
             if present:
                 self._require_all([names[i] for i in present], list(names[first : first + 4]))
                 label = names[first].rpartition("/")[0]
-                complete[:, first : first + 4] = self._quaternions(label, np.column_stack([given[i] for i in present]))
-        for index in sorted(given.keys() - within):
-            complete[:, index] = self._numbers(field, index, given[index])
+                complete[:, first : first + 4] = self._quaternions(
+                    label, np.column_stack([columns[i] for i in present])
+                )
+        for index in sorted(columns.keys() - within):
+            complete[:, index] = self._numbers(field, index, columns[index])
         return complete
 
     def _numbers(self, field: str, index: int, values: np.ndarray) -> np.ndarray:
@@ -148,12 +150,12 @@ class CompleteSamples:
 
     def _velocities(self) -> np.ndarray:
         """Velocities `(n, nv)`: those in the table, the rest from positions."""
-        given = self._samples.values.get("qvel", {})
+        measured = self._samples.values.get("qvel", {})
         model = self._model
         velocities = np.empty((len(self.time), model.nv))
-        if len(given) < model.nv:
+        if len(measured) < model.nv:
             velocities = finite_differences(model, self.time, self.fields["qpos"])
-        for index, values in given.items():
+        for index, values in measured.items():
             velocities[:, index] = self._numbers("qvel", index, values)
         return velocities
 

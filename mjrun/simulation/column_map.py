@@ -100,9 +100,9 @@ class _Resolver:
     def _read_names(self) -> None:
         used: set[str] = set()
         for name, (f, index) in self._places.items():
-            if found := self._by_clean.get(clean(name)):
-                self._set(f, index, found)
-                used.add(found)
+            if column := self._by_clean.get(clean(name)):
+                self._set(f, index, column)
+                used.add(column)
         for group, (f, indices) in sorted(self._groups.items(), key=lambda item: len(item[1][1])):
             parts = self._numbered(group)
             whole = group == f
@@ -120,11 +120,11 @@ class _Resolver:
         """The table's columns that are called `prefix` and numbered, from 0 or from 1."""
         for pattern in NUMBERED:
             for first in (0, 1):
-                found: list[str] = []
-                while (name := pattern.format(prefix, first + len(found))) in self._by_clean:
-                    found.append(self._by_clean[name])
-                if found:
-                    return found
+                columns: list[str] = []
+                while (name := pattern.format(prefix, first + len(columns))) in self._by_clean:
+                    columns.append(self._by_clean[name])
+                if columns:
+                    return columns
         return []
 
     def _refuse_width(self, group: str, parts: Sequence[str], expected: int) -> None:
@@ -271,14 +271,14 @@ class _Resolver:
         return groups
 
     def _require_positions(self) -> None:
-        found, source = self._map, clean(self._source)
-        lacking = [name for i, name in enumerate(self._columns["qpos"]) if i not in found.sources.get("qpos", {})]
-        if found.unknown and lacking:
+        source, unknown = clean(self._source), self._map.unknown
+        lacking = [name for i, name in enumerate(self._columns["qpos"]) if i not in self._map.sources.get("qpos", {})]
+        if unknown and lacking:
             raise UsageError(
-                f"{source} is a table of another model: it has {listing(found.unknown)}, and lacks {listing(lacking)}\n"
+                f"{source} is a table of another model: it has {listing(unknown)}, and lacks {listing(lacking)}\n"
                 f"{self._hint()}"
             )
-        if not any(found.sources.get(f) for f in POSITIONS):
+        if not any(self._map.sources.get(f) for f in POSITIONS):
             expected = [TIME, *(name for f in POSITIONS for name in self._columns[f])]
             raise UsageError(
                 f"{source} has no positions of this model\nit has {listing(self._names) or 'no columns'}\n"

@@ -86,21 +86,21 @@ class Episode(ABC):
     def model(self) -> mujoco.MjModel:
         """The model of this episode, which may vary with the seed."""
 
-    def timeline(self, timestep: Fraction, said: Timeline | None) -> Timeline:
-        """How the simulation falls on timesteps [s]: until the episode ends, if nothing is said of how long it lasts.
+    def timeline(self, timestep: Fraction, requested: Timeline | None) -> Timeline:
+        """How the simulation falls on timesteps [s]: until the episode ends, if no length is requested.
 
         Args:
-          said: what is said.
+          requested: the timeline that the user asks for.
         """
-        if said is not None and (self.goes_on or said.steps <= self.length):
-            return said
+        if requested is not None and (self.goes_on or requested.steps <= self.length):
+            return requested
         return Timeline.of_steps(timestep, self.length)
 
-    def remarks(self, said: Timeline | None) -> list[str]:
+    def remarks(self, requested: Timeline | None) -> list[str]:
         """What the user should know of the episode before it is simulated; see `timeline`."""
-        if said is None or self.goes_on or said.steps <= self.length:
+        if requested is None or self.goes_on or requested.steps <= self.length:
             return []
-        end = float(said.time(self.length))
+        end = float(requested.time(self.length))
         return [f"the episode ends at {end:g} s; an environment does not go on without a reset, so all ends there"]
 
     def result(self, stepper: EpisodeStepper) -> EpisodeResult:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from mjrun.physics.motion import Motion
     from mjrun.simulation.episode import Episode
 
-DURATION = Fraction(5)  # [s], when nothing is said
+DURATION = Fraction(5)  # [s], where no option decides
 LONG = 10**9  # steps of a replay that nobody can want without saying so
 
 
@@ -176,19 +176,19 @@ class Simulation(SimulationOptions):
 
     def timeline(self, model: mujoco.MjModel) -> Timeline:
         """How this simulation falls on the timesteps of `model`."""
-        timestep, said = rational(model.opt.timestep), self._said(model)
+        timestep, requested = rational(model.opt.timestep), self._requested_timeline(model)
         if self.episode is not None:
-            return self.episode.timeline(timestep, said)
-        if said is None and self.replay is not None:
+            return self.episode.timeline(timestep, requested)
+        if requested is None and self.replay is not None:
             steps = int(self.replayed(model).steps[-1])
             if steps > LONG:
                 advice = f"{option('duration')} says how much of it is wanted; {option('map')} what its times are"
                 raise UsageError(f"{option('replay')} lasts {steps:,} steps of {float(timestep):g} s\n{advice}")
             return Timeline.of_steps(timestep, steps)
-        return said or Timeline.lasting(timestep, DURATION)
+        return requested or Timeline.lasting(timestep, DURATION)
 
-    def _said(self, model: mujoco.MjModel) -> Timeline | None:
-        """The same, if it is said how long it lasts."""
+    def _requested_timeline(self, model: mujoco.MjModel) -> Timeline | None:
+        """Returns the timeline that the options ask for; None if they leave the length open."""
         timestep = rational(model.opt.timestep)
         if self.steps is not None:
             timeline = Timeline.of_steps(timestep, self.steps)
@@ -237,7 +237,7 @@ class Simulation(SimulationOptions):
         """What the user should know of this simulation before it runs."""
         pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
         replay = self.replay_remarks(model)
-        episode = self.episode.remarks(self._said(model)) if self.episode else []
+        episode = self.episode.remarks(self._requested_timeline(model)) if self.episode else []
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay, *episode]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | Motion":
@@ -367,8 +367,8 @@ class Simulation(SimulationOptions):
 def require_simulation(value: object) -> None:
     """Raises UsageError if `value` is something else than a simulation, such as its model."""
     if not isinstance(value, Simulation):
-        given = f"mjrun.Simulation({value!r})" if isinstance(value, str) else "mjrun.Simulation(…)"
-        raise UsageError(f"simulation: {quoted(str(value))} is not a simulation; write {clean(given)}")
+        example = f"mjrun.Simulation({value!r})" if isinstance(value, str) else "mjrun.Simulation(…)"
+        raise UsageError(f"simulation: {quoted(str(value))} is not a simulation; write {clean(example)}")
 
 
 def require_countable(steps: int, name: str) -> None:
