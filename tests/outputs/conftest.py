@@ -17,7 +17,8 @@ class RememberedTrial(BackendTrialProcess):
 
     def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
         self.name = name
-        self._key = (name, draw, device, *unset, *sorted(os.environ.items()))
+        environment = {variable: value for variable, value in os.environ.items() if variable != "PYTEST_CURRENT_TEST"}
+        self._key = (name, draw, device, *unset, *sorted(environment.items()))
         self._is_new = self._key not in ANSWERS
         if self._is_new:
             super().__init__(name, draw, device, unset)
