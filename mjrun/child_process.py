@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
 
-from mjrun.activity import note_child, note_end_of_child
 from mjrun.errors import FileError
 from mjrun.interruption import uninterrupted
+from mjrun.shared_status import note_child, note_end_of_child
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line says why

@@ -30,7 +30,7 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code",),
     ("reporter", "confinement", "expansion", "packages"),
-    ("timeline", "errors", "palette", "closable", "interruption", "activity", "version", "platform", "suffixes"),
+    ("timeline", "errors", "palette", "closable", "interruption", "shared_status", "version", "platform", "suffixes"),
 )
 
 # Where each library may be imported. What is not listed may be imported nowhere.

@@ -11,8 +11,7 @@ from typing import cast
 
 import click
 
-from mjrun import activity
-from mjrun.activity import Promise
+from mjrun import shared_status
 from mjrun.child_process import limit_this_process
 from mjrun.cli.click_command import Declaration, DeclaredOption, ModelArgument, SectionedCommand
 from mjrun.confinement.confinement import Confinement
@@ -22,6 +21,7 @@ from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
 from mjrun.platform.cores import available_cores
+from mjrun.shared_status import Promise
 from mjrun.suffixes import REFERRING
 
 MIB = 2**20
@@ -50,7 +50,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
     """
     from mjrun.cli.simulation_command import import_mujoco
 
-    if not activity.is_watched():
+    if not shared_status.is_watched():
         raise UsageError(f"{option('untrusted')} is for mjrun as a command, which has a process of its own")
     command = _declaration(context)
     limits = _limits(options, command)
@@ -60,7 +60,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
         if not os.path.exists(folder):  # noqa: PTH110 – also of names that are too long
             ParentFolders(Path(name), Path(folder))
     wanted = with_temporary(_confinement(paths))
-    activity.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
+    shared_status.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
     made = confine(wanted, serves=command.is_endless)
     import_mujoco()  # which the limit of memory does not count
     limit_this_process(

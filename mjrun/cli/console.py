@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
     from mjrun.cli.report import Report
 
-from mjrun.activity import note_answered
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.confinement.confinement import confinement
 from mjrun.errors import Failure, flag, spelled
+from mjrun.shared_status import note_answered
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
 

@@ -23,7 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.activity import PROMISE, Notice, Noticeboard, Promise, write_on
+from mjrun.shared_status import PROMISE, ProcessStatus, Promise, SharedStatus, write_on
 
 if TYPE_CHECKING:
     from mjrun.errors import Failure
@@ -68,7 +68,7 @@ def watched(work: Callable[[], int]) -> int:
     The signals of `SIGNALS` wait in the child until `listen` is called, unless they are ignored.
     """
     passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
-    board, (theirs, ours) = Noticeboard(), os.pipe()
+    board, (theirs, ours) = SharedStatus(), os.pipe()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [*passed_on, *HEEDED])
     try:
         child = os.fork()
@@ -102,7 +102,7 @@ def _end_with_parent(pipe: int) -> None:
 class _Watcher:
     """Waits for a child process."""
 
-    def __init__(self, child: int, board: Noticeboard, passed_on: list[signal.Signals]) -> None:
+    def __init__(self, child: int, board: SharedStatus, passed_on: list[signal.Signals]) -> None:
         self._child, self._board, self._passed_on = child, board, passed_on
         self._promise: Promise | None = None
         self._temporary: os.stat_result | None = None  # the folder of the promise
@@ -179,7 +179,7 @@ class _Watcher:
             signal.setitimer(signal.ITIMER_REAL, promise.seconds)
         self._board.believed = True
 
-    def _notice(self) -> Notice:
+    def _notice(self) -> ProcessStatus:
         """What stands on the board, as far as it is to be believed."""
         notice = self._board.read()
         if self._promise:
@@ -198,7 +198,7 @@ class _Watcher:
             if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
                 shutil.rmtree(promise.temporary, ignore_errors=True)
 
-    def _explain(self, code: int, notice: Notice) -> "Failure":
+    def _explain(self, code: int, notice: ProcessStatus) -> "Failure":
         """Why a child with this exit code was killed."""
         from mjrun.errors import Failure
 
@@ -215,7 +215,7 @@ def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:
     return {place for place in places if any(place.is_relative_to(folder) for folder in folders)}
 
 
-def _obituary(killer: int, notice: Notice, *, limited: bool) -> "Failure":
+def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "Failure":
     """Why a process was killed, not as it was told to end.
 
     Args:
@@ -242,7 +242,7 @@ def _obituary(killer: int, notice: Notice, *, limited: bool) -> "Failure":
     return Failure("Crash", message, EXIT_CODES.get(notice.activity, BUG))
 
 
-def _has_left_something(notice: Notice) -> bool:
+def _has_left_something(notice: ProcessStatus) -> bool:
     """Whether a process that has ended by itself could not clear everything away."""
     from mjrun.formats.temporary_output import NAME
 
@@ -253,7 +253,7 @@ def _has_left_something(notice: Notice) -> bool:
     return False
 
 
-def _clear_away(notice: Notice) -> None:
+def _clear_away(notice: ProcessStatus) -> None:
     """Kills what a dead process has started, and removes its unfinished outputs."""
     from mjrun.formats.destinations import remove_left_behind
     from mjrun.formats.temporary_output import NAME

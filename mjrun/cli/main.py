@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import shell_complete
 
-from mjrun.activity import note_heard
 from mjrun.cli.console import Console, asks_for_json
 from mjrun.cli.crash_monitor import BUG, SIGNALS, listen
 from mjrun.errors import (
@@ -29,6 +28,7 @@ from mjrun.errors import (
     quoted,
 )
 from mjrun.interruption import interrupt
+from mjrun.shared_status import note_heard
 from mjrun.suffixes import MODELS
 from mjrun.version import __version__
 

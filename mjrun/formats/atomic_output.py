@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
-from mjrun.activity import completing
 from mjrun.closable import Closable
 from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError
 from mjrun.formats.destinations import Destination, StagedFile, unwritable
 from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
+from mjrun.shared_status import completing
 
 
 class OutputWriter(Closable):

@@ -13,7 +13,6 @@ import sys
 from pathlib import Path
 from typing import Protocol
 
-from mjrun.activity import note_folder
 from mjrun.confinement.confinement import is_writable
 from mjrun.errors import FileError, option
 from mjrun.formats.parent_folders import TRIES, ParentFolders
@@ -31,6 +30,7 @@ from mjrun.formats.replacement import (
     take_back_frames,
 )
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
+from mjrun.shared_status import note_folder
 
 FRAME_NAME = "%06d.png"
 NAME_MAX = 255  # bytes of the name of a file

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from mjrun.activity import note_made_folder
 from mjrun.errors import FileError, clean
 from mjrun.interruption import uninterrupted
+from mjrun.shared_status import note_made_folder
 
 TRIES = 100  # while other processes remove what they had made
 

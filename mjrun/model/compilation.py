@@ -10,12 +10,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.activity import doing
 from mjrun.confinement.confinement import confinement
 from mjrun.errors import ARENA, MORE_MEMORY, BadValueError, BrokenModelError, clean, concerning, listing, option, quoted
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.names import KIND_OF_COUNT, KINDS
 from mjrun.model.override import Override, apply, elements_at
+from mjrun.shared_status import doing
 from mjrun.timeline import rational
 
 # Prefixes and endings of fields that no motion comes from, or that are looked at where they are used.

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
-from mjrun.activity import doing
 from mjrun.errors import UnknownNameError
 from mjrun.model import known_bugs
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.shared_status import doing
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from mjrun.activity import doing
 from mjrun.errors import (
     ControllerError,
     FailedAssertionError,
@@ -32,6 +31,7 @@ from mjrun.outputs.output_files import ReservedFiles
 from mjrun.physics.observe import AnyTap, Tap, observe
 from mjrun.physics.stepper import Stepper
 from mjrun.reporter import Reporter, WarningReporter, pass_on
+from mjrun.shared_status import doing
 from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import EpisodeOver, EpisodeStepper

@@ -16,12 +16,12 @@ from typing import Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from mjrun.activity import doing
 from mjrun.child_process import ExitStatus
 from mjrun.closable import Closable
 from mjrun.errors import BadValueError, DrawError, option
 from mjrun.options.kinds import AUTO
 from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
+from mjrun.shared_status import doing
 from mjrun.worker import ENVIRONMENT, Failure, Worker, WorkerEndedError
 
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next

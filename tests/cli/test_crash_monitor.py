@@ -15,8 +15,8 @@ from tests.processes import PATIENCE, command_line_of, wait_until
 
 HEAD = """
 import os, signal, sys, time
-from mjrun import activity
-from mjrun.activity import Notice, Promise, completing, doing, make_promise, note_child, note_heard
+from mjrun import shared_status
+from mjrun.shared_status import ProcessStatus, Promise, completing, doing, make_promise, note_child, note_heard
 from mjrun.cli.crash_monitor import listen, watched
 def die(number):
     os.kill(os.getpid(), number)
@@ -131,24 +131,25 @@ while True: time.sleep(1000)"""
 
 # What code of an attacker may write on the board, each as the statements that do.
 LIES = {
-    "folders": "board.write(Notice(folders=[OUTSIDE]))",
-    "made folders": "board.write(Notice(made=[OUTSIDE + '/empty', 'out/../outside/empty', 'out']))",
-    "children": "board.write(Notice(children=[VICTIM, -VICTIM]))",
-    "promise": "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], 1)))",
+    "folders": "board.write(ProcessStatus(folders=[OUTSIDE]))",
+    "made folders": "board.write(ProcessStatus(made=[OUTSIDE + '/empty', 'out/../outside/empty', 'out']))",
+    "children": "board.write(ProcessStatus(children=[VICTIM, -VICTIM]))",
+    "promise": "board.write(ProcessStatus(promise=Promise(OUTSIDE, [OUTSIDE], 1)))",
     "another promise": (
-        "board.write(Notice(promise=Promise(OUTSIDE, [OUTSIDE], 1)))\n"
+        "board.write(ProcessStatus(promise=Promise(OUTSIDE, [OUTSIDE], 1)))\n"
         "os.kill(os.getppid(), signal.SIGUSR1)\ntime.sleep(0.1)"
     ),
-    "link": "os.symlink(OUTSIDE, 'out/link')\nboard.write(Notice(folders=['out/link', OUTSIDE + '/../outside']))",
-    "escape sequences": "board.write(Notice('drawing', 'a\\x1b]0;title\\x07\\x9b' * 9999))",
-    "activity": "board.write(Notice('\\x1b[2J'))",
-    "garbage": "board._memory[8:] = b'\\xff' * (len(board._memory) - 8)",
-    "which": "board._memory[0] = 255",
-    "depth": "board._memory[8:] = b'[' * (len(board._memory) - 8)",
-    "numbers": "board._memory[8:200] = b'9' * 191 + b'\\0'",
+    "link": (
+        "os.symlink(OUTSIDE, 'out/link')\nboard.write(ProcessStatus(folders=['out/link', OUTSIDE + '/../outside']))"
+    ),
+    "escape sequences": "board.write(ProcessStatus('drawing', 'a\\x1b]0;title\\x07\\x9b' * 9999))",
+    "activity": "board.write(ProcessStatus('\\x1b[2J'))",
+    "garbage": "board.memory[8:] = b'\\xff' * (len(board.memory) - 8)",
+    "which": "board.memory[0] = 255",
+    "depth": "board.memory[8:] = b'[' * (len(board.memory) - 8)",
+    "numbers": "board.memory[8:200] = b'9' * 191 + b'\\0'",
     "kinds": (
-        'board._memory[8:89] = b\'{"activity":[],"model":{},"folders":7,"made":7,"children":1e999}\''
-        ".ljust(81, b'\\0')"
+        'board.memory[8:89] = b\'{"activity":[],"model":{},"folders":7,"made":7,"children":1e999}\'.ljust(81, b\'\\0\')'
     ),
     "temporary": "os.rename('own', 'mine')\nos.symlink(OUTSIDE, 'own')",
     "another temporary": "os.rename('own', 'mine')\nos.rename('outside', 'own')\nos.symlink('own', 'outside')",
@@ -167,9 +168,9 @@ def test_nothing_that_a_confined_child_writes_decides_what_is_removed_killed_or_
         (place / unfinished).write_text("")
     with subprocess.Popen(["sleep", "1000"], start_new_session=True) as victim:
         work = f"""
-OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, activity._board
+OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, shared_status._board
 make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
-board.write(Notice(folders=[{str(tmp_path / "out")!r}]))
+board.write(ProcessStatus(folders=[{str(tmp_path / "out")!r}]))
 {LIES[lie]}
 die(signal.SIGSEGV)"""
         code, message = outcome(start(work, tmp_path))
@@ -195,7 +196,7 @@ def test_a_confined_child_gets_its_unfinished_outputs_and_empty_folders_removed(
     work = f"""
 from mjrun.formats.destinations import StagedFile
 from pathlib import Path
-from mjrun.activity import note_made_folder
+from mjrun.shared_status import note_made_folder
 note_made_folder(Path({str(tmp_path / "made")!r}))
 make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 Path("own/file").write_text("")

@@ -419,18 +419,18 @@ def attack(watcher: int, results: int | None = None) -> None:
 
 # What code may write on the board before its process dies, as the statements that do; `at` is the target.
 LIES = {
-    "folders": "board.write(Notice(folders=[at.folder]))",
-    "children": "board.write(Notice(children=[at.pid, -at.pid]))",
-    "made folders": "board.write(Notice(made=[at.folder + '/empty']))",
-    "a promise": "board.write(Notice(promise=Promise(at.folder, [at.folder], 1)))",
-    "escape sequences": "board.write(Notice('drawing', '\x1b]0;title\x07\x9b' * 999))",
-    "garbage": "board._memory[8:] = b'\\xff' * (len(board._memory) - 8)",
+    "folders": "board.write(ProcessStatus(folders=[at.folder]))",
+    "children": "board.write(ProcessStatus(children=[at.pid, -at.pid]))",
+    "made folders": "board.write(ProcessStatus(made=[at.folder + '/empty']))",
+    "a promise": "board.write(ProcessStatus(promise=Promise(at.folder, [at.folder], 1)))",
+    "escape sequences": "board.write(ProcessStatus('drawing', '\x1b]0;title\x07\x9b' * 999))",
+    "garbage": "board.memory[8:] = b'\\xff' * (len(board.memory) - 8)",
 }
 
 
 def attacked(arguments: list[str]) -> int:
     """Runs a command line, whose code is an attacker's from the moment it is confined, where PLACE says."""
-    from mjrun import activity, child_process
+    from mjrun import child_process, shared_status
     from mjrun.cli import crash_monitor, simulation_command
     from mjrun.cli.main import run
     from mjrun.model.sources import file
@@ -443,7 +443,12 @@ def attacked(arguments: list[str]) -> int:
             begun.append(os.getppid())
             if lie := os.environ.get(LIE):
                 at = Target(**json.loads(os.environ[TARGETS])["kill a process"])
-                names = {"at": at, "board": activity._board, "Notice": activity.Notice, "Promise": activity.Promise}
+                names = {
+                    "at": at,
+                    "board": shared_status._board,
+                    "ProcessStatus": shared_status.ProcessStatus,
+                    "Promise": shared_status.Promise,
+                }
                 exec(LIES[lie], names)
                 os.kill(os.getpid(), signal.SIGSEGV)
             if place != CHILD:

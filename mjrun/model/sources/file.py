@@ -11,7 +11,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.activity import doing
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
 from mjrun.confinement.sandbox import confined_load
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
@@ -22,6 +21,7 @@ from mjrun.model.mujoco_globals import without_log
 from mjrun.model.named_files import existing_files, foreign_file, require_regular_files
 from mjrun.model.parser_hazards import require_finite_nesting
 from mjrun.model.source import CollectionSource, Source
+from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
 REWRITE = "write it anew from its source"

@@ -1,7 +1,7 @@
-"""What this process is doing, on a noticeboard: memory that another process can still read when this one has died.
+"""What this process is doing, in shared memory that another process can still read when this one has died.
 
-Nothing is noted without a board, as in programs that import mjrun. A process that is about to confine itself makes a
-promise, which the other one takes down at once: what stands on the board later may have been written by an attacker.
+Nothing is noted without such memory, as in programs that import mjrun. A process that is about to confine itself makes
+a promise, which the other one takes down at once: what the memory holds later may have been written by an attacker.
 """
 
 import json
@@ -18,7 +18,7 @@ from typing import Any, Literal, cast, get_args
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
-CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED = range(5)  # which copy is valid, and properties of a noticeboard
+CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED = range(5)  # which copy is valid, and properties of the process
 MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a notice that is read
 PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise
 PATIENCE = 60.0  # [s] to wait for that
@@ -42,7 +42,7 @@ class Promise:
 
 
 @dataclass
-class Notice:
+class ProcessStatus:
     """What a process is doing.
 
     Attributes:
@@ -62,80 +62,64 @@ class Notice:
     promise: Promise | None = None
 
 
-class Noticeboard:
-    """Holds the notice of one process, which it shares with those that it is forked from or into.
+class _Mark:
+    """A property that is a byte of the shared memory."""
+
+    def __init__(self, place: int) -> None:
+        self._place = place
+
+    def __get__(self, status: "SharedStatus", _: object = None) -> bool:
+        return bool(status.memory[self._place])
+
+    def __set__(self, status: "SharedStatus", value: bool) -> None:
+        status.memory[self._place] = value
+
+
+class SharedStatus:
+    """Holds the status of one process in memory that it shares with those that it is forked from or into.
 
     Attributes:
+      memory: two copies of the status, and marks before them.
       reader: the process that has made it.
+      heard: whether the process has heard that it is to end, and clears away.
+      completing: whether the process does what it should be given the time for, though it is to end.
+      believed: whether the promise was taken down.
+      answered: whether the process has printed its JSON document, or begun to.
     """
 
+    heard, completing, believed, answered = (_Mark(place) for place in (HEARD, COMPLETING, BELIEVED, ANSWERED))
+
     def __init__(self) -> None:
-        self._memory = mmap.mmap(-1, MARKS + 2 * SIZE)
+        self.memory = mmap.mmap(-1, MARKS + 2 * SIZE)
         self.reader = os.getpid()
 
-    @property
-    def heard(self) -> bool:
-        """Whether the process has heard that it is to end, and clears away."""
-        return bool(self._memory[HEARD])
-
-    @heard.setter
-    def heard(self, value: bool) -> None:
-        self._memory[HEARD] = value
-
-    @property
-    def completing(self) -> bool:
-        """Whether the process does what it should be given the time for, though it is to end."""
-        return bool(self._memory[COMPLETING])
-
-    @completing.setter
-    def completing(self, value: bool) -> None:
-        self._memory[COMPLETING] = value
-
-    @property
-    def believed(self) -> bool:
-        """Whether the promise was taken down."""
-        return bool(self._memory[BELIEVED])
-
-    @believed.setter
-    def believed(self, value: bool) -> None:
-        self._memory[BELIEVED] = value
-
-    @property
-    def answered(self) -> bool:
-        """Whether the process has printed its JSON document, or begun to."""
-        return bool(self._memory[ANSWERED])
-
-    @answered.setter
-    def answered(self, value: bool) -> None:
-        self._memory[ANSWERED] = value
-
-    def write(self, notice: Notice) -> None:
-        """Replaces the notice; whenever the process dies, there is the old one or the new one."""
+    def write(self, notice: ProcessStatus) -> None:
+        """Replaces the status; whenever the process dies, there is the old one or the new one."""
         text = json.dumps(asdict(notice)).encode()
         if len(text) >= SIZE:
             return
-        other = 1 - self._memory[CURRENT]
+        other = 1 - self.memory[CURRENT]
         begin = MARKS + other * SIZE
-        self._memory[begin : begin + len(text) + 1] = text + b"\0"
-        self._memory[CURRENT] = other
+        self.memory[begin : begin + len(text) + 1] = text + b"\0"
+        self.memory[CURRENT] = other
 
-    def read(self) -> Notice:
-        """The notice; an empty one if what stands there is none."""
-        begin = MARKS + (self._memory[CURRENT] & 1) * SIZE
-        text = self._memory[begin : max(begin, self._memory.find(b"\0", begin))]
+    def read(self) -> ProcessStatus:
+        """The status; an empty one if the memory holds none."""
+        begin = MARKS + (self.memory[CURRENT] & 1) * SIZE
+        text = self.memory[begin : max(begin, self.memory.find(b"\0", begin))]
         with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
             return _parsed(json.loads(text))
-        return Notice()
+        return ProcessStatus()
 
 
-_board: Noticeboard | None = None
-_notice, _lock = Notice(), threading.Lock()
+_board: SharedStatus | None = None
+_notice, _lock = ProcessStatus(), threading.Lock()
 
 
-def write_on(board: Noticeboard | None) -> None:
-    """Lets this process write its notice on `board` from now on."""
+def write_on(board: SharedStatus | None) -> None:
+    """Lets this process write its status to `board` from now on."""
     global _board, _notice
-    _board, _notice = board, Notice()
+    _board, _notice = board, ProcessStatus()
 
 
 @contextmanager
@@ -227,11 +211,11 @@ def completing() -> Iterator[None]:
             _board.completing = False
 
 
-def _parsed(values: dict[str, Any]) -> Notice:
-    """The notice in a document of any content."""
+def _parsed(values: dict[str, Any]) -> ProcessStatus:
+    """The status in a document of any content."""
     activity = str(values["activity"])
     promise = values["promise"]
-    return Notice(
+    return ProcessStatus(
         cast("Activity", activity) if activity in get_args(Activity) else "",
         str(values["model"])[:MODEL_LENGTH],
         [str(folder) for folder in values["folders"]][:MOST_FOLDERS],
@@ -242,7 +226,7 @@ def _parsed(values: dict[str, Any]) -> Notice:
 
 
 @contextmanager
-def _noting() -> Iterator[Notice]:
+def _noting() -> Iterator[ProcessStatus]:
     with _lock:
         yield _notice
         if _board:

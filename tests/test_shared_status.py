@@ -7,20 +7,29 @@ from pathlib import Path
 
 import pytest
 
-from mjrun import activity
-from mjrun.activity import SIZE, Noticeboard, completing, doing, note_child, note_end_of_child, note_folder, note_heard
+from mjrun import shared_status
+from mjrun.shared_status import (
+    SIZE,
+    SharedStatus,
+    completing,
+    doing,
+    note_child,
+    note_end_of_child,
+    note_folder,
+    note_heard,
+)
 
 
 @pytest.fixture
-def board() -> Iterator[Noticeboard]:
-    board = Noticeboard()
-    activity.write_on(board)
+def board() -> Iterator[SharedStatus]:
+    board = SharedStatus()
+    shared_status.write_on(board)
     yield board
-    activity.write_on(None)
+    shared_status.write_on(None)
 
 
-def test_activities_nest_and_the_last_model_is_kept(board: Noticeboard) -> None:
-    assert board.read() == activity.Notice()
+def test_activities_nest_and_the_last_model_is_kept(board: SharedStatus) -> None:
+    assert board.read() == shared_status.ProcessStatus()
     with doing("reading", Path("a\udcff.xml")):
         assert (board.read().activity, board.read().model) == ("reading", "a\udcff.xml")
         with doing("simulating"):
@@ -29,13 +38,13 @@ def test_activities_nest_and_the_last_model_is_kept(board: Noticeboard) -> None:
     assert (board.read().activity, board.read().model) == ("", "a\udcff.xml")
 
 
-def test_an_activity_ends_with_its_block_however_that_ends(board: Noticeboard) -> None:
+def test_an_activity_ends_with_its_block_however_that_ends(board: SharedStatus) -> None:
     with pytest.raises(KeyError), doing("drawing"):
         raise KeyError
     assert board.read().activity == ""
 
 
-def test_folders_and_children_are_noted(board: Noticeboard, tmp_path: Path) -> None:
+def test_folders_and_children_are_noted(board: SharedStatus, tmp_path: Path) -> None:
     note_folder(tmp_path)
     note_folder(tmp_path)
     note_child(11)
@@ -45,19 +54,19 @@ def test_folders_and_children_are_noted(board: Noticeboard, tmp_path: Path) -> N
     assert (board.read().folders, board.read().children) == ([str(tmp_path)], [12])
 
 
-def test_what_must_be_completed_is_noted(board: Noticeboard) -> None:
+def test_what_must_be_completed_is_noted(board: SharedStatus) -> None:
     assert not board.completing
     with completing():
         assert board.completing
     assert not board.completing
 
 
-def test_a_notice_that_is_too_long_leaves_the_older_one(board: Noticeboard) -> None:
+def test_a_notice_that_is_too_long_leaves_the_older_one(board: SharedStatus) -> None:
     with doing("reading", "a"), doing("reading", "b" * SIZE):
         assert board.read().model == "a"
 
 
-def test_the_parent_reads_what_a_killed_child_has_noted(board: Noticeboard) -> None:
+def test_the_parent_reads_what_a_killed_child_has_noted(board: SharedStatus) -> None:
     child = os.fork()
     if not child:
         with doing("compiling", "robot.xml"):
