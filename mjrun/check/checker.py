@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 import mujoco
 
-from mjrun.check.finding import Finding
+from mjrun.check.rule import Finding
 from mjrun.check.rules import process_failures
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.child_process import limit_this_process

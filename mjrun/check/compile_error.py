@@ -5,9 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.check.finding import Finding, Place
-from mjrun.check.rule import Rule
-from mjrun.errors import BrokenModelError, clean, option
+from mjrun.check.rule import Finding, Place, Rule
+from mjrun.errors import BrokenModelError, clean, spelled
 from mjrun.model.xml_source import Element, XmlSource
 
 
@@ -32,8 +31,8 @@ class CompileError(NamedTuple):
     def of(cls, error: BrokenModelError, source: XmlSource) -> "CompileError":
         """The message in `error`, of the model `source`."""
         place = clean(str(error.path)) + (f":{error.line}" if error.line else "")
-        message = error.spelled(option).removeprefix(f"{place}: ")
-        message = message.removesuffix(f"\n{error.hint}" if error.hint else "")
+        hint = f"\n{spelled(error.hint)}" if error.hint else ""
+        message = str(error).removeprefix(f"{place}: ").removesuffix(hint)
         return cls(source, error.path, "; ".join(message.splitlines()), error.line, error.hint)
 
     @property

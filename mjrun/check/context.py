@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.finding import Place, Violation
+from mjrun.check.rule import Place, Violation
 from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.sources import source_of
 from mjrun.model.xml_source import Element, XmlSource

@@ -1,14 +1,82 @@
-"""Rules: a code, a severity and a title, and usually a function that finds what violates the rule."""
+"""Rules, and the findings and violations that they make: a rule has a code, a severity and a title."""
 
+import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-from mjrun.check.context import LintContext
-from mjrun.check.finding import Finding, Place, Violation, short_path
 from mjrun.model.xml_source import Element
 
-Violations = Callable[[LintContext], Iterator[Violation]]
+if TYPE_CHECKING:
+    from mjrun.check.context import LintContext
+
+SEVERITIES = ("note", "warning", "error")  # in ascending order
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a model, or worth knowing.
+
+    Attributes:
+      code: of the rule, such as `MJ301`; stable.
+      severity: `error`, `warning` or `note`.
+      message: what is wrong, in one line.
+      file: the model, or a file that it includes. For a model that it attaches, this is where it is attached.
+      line: in `file`, counted from 1, if known.
+      object: what the finding is about, such as `joint 'knee'`; empty if it is about the whole model.
+      remedy: what to do about it.
+
+    All texts but `code` and `severity` may hold names from the model unescaped.
+    """
+
+    code: str
+    severity: str
+    message: str
+    file: str
+    line: int | None = None
+    object: str = ""
+    remedy: str = ""
+
+
+class Place(NamedTuple):
+    """A line of a file.
+
+    Attributes:
+      line: counted from 1, if known.
+      origin: file and line in the model that is attached at this place.
+    """
+
+    file: Path
+    line: int | None = None
+    origin: tuple[Path, int] | None = None
+
+
+class Violation(NamedTuple):
+    """What the function of a rule yields.
+
+    Attributes:
+      severity: overrides the severity of the rule, if not empty.
+    """
+
+    message: str
+    remedy: str
+    place: Place
+    object: str = ""
+    severity: str = ""
+
+
+def short_path(path: Path) -> str:
+    """`path` without detours such as `arm/../hand/hand.xml`, if that is still the same file."""
+    short = Path(os.path.normpath(path))
+    with suppress(OSError, ValueError):
+        if short != path and short.samefile(path):
+            return str(short)
+    return str(path)
+
+
+Violations = Callable[["LintContext"], Iterator[Violation]]
 
 
 @dataclass(frozen=True)
@@ -27,7 +95,7 @@ class Rule:
     title: str
     violations: Violations | None = None
 
-    def findings(self, context: LintContext) -> Iterator[Finding]:
+    def findings(self, context: "LintContext") -> Iterator[Finding]:
         """The violations in a model that loads; none if the rule is not for such a model."""
         for message, remedy, place, name, severity in self.violations(context) if self.violations else ():
             yield self.finding(message, remedy, place, name, severity)

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from mjrun.check import rules
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Finding, short_path
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Rule, short_path
 from mjrun.check.rules import compile_errors, mjcf_schema, process_failures
-from mjrun.errors import BrokenModelError, ModelError, clean, option
+from mjrun.errors import BrokenModelError, ModelError, clean
 from mjrun.model.xml_source import XmlSource
 
 MAX_FINDINGS = 20  # of one code in one model
@@ -31,7 +30,7 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
     """Why a model does not load."""
     if isinstance(error, BrokenModelError):
         return _by_place(compile_errors.explain(error, source), source.path)
-    message, _, remedy = error.spelled(option).partition("\n")
+    message, _, remedy = str(error).partition("\n")
     return [
         process_failures.MISSING_MODEL.in_model(
             source.path, message.removeprefix(f"{clean(str(source.path))}: "), remedy

@@ -7,10 +7,9 @@ from typing import TextIO, cast
 
 from mjrun.check import rule_table
 from mjrun.check.checker import ARENAS, Checker
-from mjrun.check.finding import Finding, Place
+from mjrun.check.rule import Finding, Place
 from mjrun.check.rules import tasks
-from mjrun.check.task_episodes import COUNT, watch
-from mjrun.check.task_places import TaskPlaces, place_of
+from mjrun.check.task_episodes import COUNT, TaskPlaces, place_of, watch
 from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError, clean

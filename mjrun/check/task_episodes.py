@@ -1,10 +1,15 @@
-"""Episodes of a task that are watched for what should not be: numbers that are not finite, ends at the beginning."""
+"""What rules about tasks look at: episodes, watched for what should not be, and the places of a task's parts."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from mjrun.check.rule import Place
+from mjrun.errors import DocumentError, Problem, UsageError
 from mjrun.policy.policy import ActionSpace, Actor, Policy
+from mjrun.task.task import Task
 from mjrun.task.terms import UNSTABLE
 from mjrun.task.worlds import TaskWorlds
 
@@ -115,3 +120,37 @@ class _Watch:
 
 def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray) -> np.ndarray:
     return np.array([actors[i](seen) for i, seen in zip(running.tolist(), observations, strict=True)])
+
+
+class TaskPlaces:
+    """Where a task is written.
+
+    Args:
+      task: which knows the places in its document, if there is one.
+      path: of the document.
+    """
+
+    def __init__(self, task: Task, path: Path) -> None:
+        self.task, self._path = task, path
+
+    def at(self, *path: str | int) -> Place:
+        """Where the part at `path` is written, such as `"actions", 0`."""
+        error = UsageError("", path)
+        located = self.task.places.located(error) if self.task.places else error
+        return place_of(located.problems[0], self._path) if isinstance(located, DocumentError) else Place(self._path)
+
+    def numbers_of_actions(self, worlds: TaskWorlds) -> Iterator[list[int]]:
+        """Which numbers of the action vector each of the task's actions has."""
+        start = 0
+        for width in worlds.actions.widths:
+            yield list(range(start, start + width))
+            start += width
+
+
+def place_of(problem: Problem, path: Path) -> Place:
+    """The file and line of a problem, whose place is `task.yaml:12:5`; those of `path` where it is not in a file."""
+    file, _, position = problem.place.rpartition(":")
+    file, _, line = file.rpartition(":")
+    if not (file and line.isdecimal() and position.isdecimal()):
+        return Place(path)
+    return Place(Path(file), int(line))

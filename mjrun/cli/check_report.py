@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult
-from mjrun.check.finding import SEVERITIES, Finding, short_path
+from mjrun.check.rule import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES
 from mjrun.cli.report import Report, annotation
 from mjrun.errors import clean

@@ -7,7 +7,7 @@ from typing import Any
 
 from mjrun.check.check import Check, CheckResult, ModelResult
 from mjrun.check.context import LintContext
-from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.errors import ModelError
 from mjrun.model.xml_source import read_xml

@@ -4,7 +4,7 @@ import json
 from io import StringIO
 from pathlib import Path
 
-from mjrun.check.finding import Finding
+from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.task_checker import TaskChecker
 from mjrun.check.worker_pool import WorkerTask

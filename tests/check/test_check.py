@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.check.check import Check, CheckResult, ModelResult, matching_codes
-from mjrun.check.finding import Finding
+from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import UsageError
 from tests.check.models import PASSIVE, checked, codes, write

@@ -7,9 +7,9 @@ import pytest
 
 from mjrun.check.compile_error import CompileError
 from mjrun.check.rule import Rule
-from mjrun.errors import BrokenModelError
+from mjrun.errors import BrokenModelError, option
 from mjrun.model.sources import load
-from mjrun.model.xml_source import read_xml
+from mjrun.model.xml_source import XmlSource, read_xml
 from tests.check.models import PARENT, attached_arm, mjcf, write
 
 PLAIN = Rule("MJ999", "error", "a title")
@@ -75,3 +75,10 @@ def test_a_finding_is_in_the_element_and_without_one_at_the_place() -> None:
     unknown = error._replace(line=None)
     finding = unknown.finding(PLAIN, "m", "r", "no such value")
     assert (finding.object, finding.file, finding.line) == ("", "model.xml", None)
+
+
+def test_advice_that_names_options_is_no_part_of_the_message() -> None:
+    path = Path("model.xml")
+    hint = f"{option('root')} chooses a folder"
+    error = CompileError.of(BrokenModelError(path, "'x.stl' lies outside", 1, hint), XmlSource(path))
+    assert (error.message, error.hint) == ("'x.stl' lies outside", hint)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mjrun.check.finding import short_path
+from mjrun.check.rule import short_path
 
 
 def test_a_detour_in_a_path_is_taken_out_only_if_it_leads_to_the_same_file() -> None:

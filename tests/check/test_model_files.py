@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from mjrun.check.model_files import find_models, root_tag
+from mjrun.check.check import find_models, root_tag
 
 
 def test_a_folder_means_the_models_below_it_that_stand_by_themselves() -> None:

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Finding, Place, Violation
-from mjrun.check.rule import Rule, rule
+from mjrun.check.rule import Finding, Place, Rule, Violation, rule
 from mjrun.model.xml_source import Element, read_xml
 from tests.check.models import FINE, write
 

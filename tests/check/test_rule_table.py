@@ -9,8 +9,7 @@ import pytest
 
 import mjrun.check.rules
 import tests.check.rules
-from mjrun.check.finding import Finding
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Rule
 from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped
 from mjrun.check.rules import simulation
 from mjrun.errors import ModelError

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.check.finding import Finding
+from mjrun.check.rule import Finding
 from tests.check.tasks import HEAD, SLIDER, checked
 
 

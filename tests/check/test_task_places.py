@@ -5,8 +5,8 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.finding import Place
-from mjrun.check.task_places import TaskPlaces, place_of
+from mjrun.check.rule import Place
+from mjrun.check.task_episodes import TaskPlaces, place_of
 from mjrun.document.task import read_task
 from mjrun.errors import Problem
 from mjrun.task.task import Task

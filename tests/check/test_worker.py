@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Violation
+from mjrun.check.rule import Violation
 from mjrun.check.rule_table import RULES
 from mjrun.check.worker import ModelChecker
 from mjrun.check.worker_pool import WorkerTask

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mjrun.check.check import CheckResult, ModelResult
-from mjrun.check.finding import SEVERITIES, Finding
+from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
 

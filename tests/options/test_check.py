@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from mjrun.check import finding
+from mjrun.check import rule
 from mjrun.check.rule_table import RULES
 from mjrun.errors import BadValueError, UsageError
 from mjrun.options.check import SEVERITIES, CheckOptions, CheckReportOptions
@@ -12,7 +12,7 @@ from mjrun.options.option import options_of
 
 
 def test_severities_are_those_of_findings() -> None:
-    assert sorted(SEVERITIES) == sorted(finding.SEVERITIES)
+    assert sorted(SEVERITIES) == sorted(rule.SEVERITIES)
     assert {rule.severity for rule in RULES.values()} <= set(SEVERITIES)
 
 

@@ -4,8 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from mjrun.check.finding import Finding
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Rule
 from mjrun.errors import clean, listing, near, quoted
 from mjrun.model.description.assets import FACES
 from mjrun.model.xml_source import (

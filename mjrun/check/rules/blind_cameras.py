@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Violation
-from mjrun.check.rule import rule
+from mjrun.check.rule import Violation, rule
 from mjrun.errors import option
 
 RAYS = (48, 36)  # across and down

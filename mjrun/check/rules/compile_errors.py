@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mjrun.check.compile_error import CompileError
-from mjrun.check.finding import Finding, Place, short_path
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Place, Rule, short_path
 from mjrun.check.rules import asset_files, keywords, mjcf_schema, unknown_names
 from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_message
 from mjrun.check.rules.keywords import BAD_VALUE

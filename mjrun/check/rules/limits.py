@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Violation
-from mjrun.check.rule import rule
+from mjrun.check.rule import Violation, rule
 from mjrun.errors import option
 
 ROUNDING = 6e-4  # relative error of 1.57 as a quarter turn

@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Violation
-from mjrun.check.rule import rule
+from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.unnamed_objects import flex_bodies
 from mjrun.errors import quoted
 

@@ -11,8 +11,7 @@ from functools import cache
 
 import mujoco
 
-from mjrun.check.finding import Finding, Place
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Place, Rule
 from mjrun.check.rules.deprecated import (
     FOREIGN_ELEMENTS,
     REMOVED_ATTRIBUTES,

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Finding
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Rule
 from mjrun.errors import FailedStepError, SimulationError
 from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings

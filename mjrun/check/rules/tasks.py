@@ -4,10 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mjrun.check.finding import Finding
-from mjrun.check.rule import Rule
-from mjrun.check.task_episodes import NotFinite, TaskEpisodes
-from mjrun.check.task_places import TaskPlaces
+from mjrun.check.rule import Finding, Rule
+from mjrun.check.task_episodes import NotFinite, TaskEpisodes, TaskPlaces
 from mjrun.errors import counted, listing, quoted
 from mjrun.model.names import names
 from mjrun.options.task import CONTROL

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from mjrun.check.compile_error import CompileError
-from mjrun.check.finding import Finding
-from mjrun.check.rule import Rule
+from mjrun.check.rule import Finding, Rule
 from mjrun.errors import listing, near, quoted, suggestion
 from mjrun.model.xml_source import Element, attach_paths
 

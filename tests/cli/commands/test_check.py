@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from mjrun.check.finding import SEVERITIES
+from mjrun.check.rule import SEVERITIES
 from mjrun.check.rule_table import RULES
 from mjrun.version import __version__
 from tests.processes import PATIENCE, children, command_line_of, wait_until, worker

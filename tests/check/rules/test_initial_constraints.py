@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.check.context import LintContext
-from mjrun.check.rules import constraints
+from mjrun.check.rules import initial_constraints
 from mjrun.model.xml_source import read_xml
 from tests.check.models import Case, hinged, lint
 
@@ -59,9 +59,10 @@ def test_a_direct_spring_is_stiff_exactly_when_its_steps_diverge(stiffness: floa
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     model.opt.timestep = step
     margin = 2 * step * damping + step**2 * stiffness
-    spring = constraints.Spring("geom", 0, "solref", (-stiffness, -damping))
+    spring = initial_constraints.Spring("geom", 0, "solref", (-stiffness, -damping))
     if abs(margin / 4 - 1) > 0.05:
-        assert bool(constraints.stiffness_problem(model, spring)) == steps_until_it_diverges(spring.solref, step)
+        is_stiff = bool(initial_constraints.stiffness_problem(model, spring))
+        assert is_stiff == steps_until_it_diverges(spring.solref, step)
 
 
 @pytest.mark.parametrize(
@@ -95,7 +96,7 @@ def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
     path = Path("deep.xml")
     path.write_text(apart(-depth))
     context = LintContext.load(path, read_xml(path))
-    ((deepest, share),) = constraints.penetration_depths(context, None).values()
+    ((deepest, share),) = initial_constraints.penetration_depths(context, None).values()
     np.testing.assert_allclose([deepest, share], [depth, depth / 0.1], rtol=1e-6)
 
 
@@ -105,7 +106,7 @@ def test_bodies_are_thrown_as_a_bare_step_throws_them() -> None:
     context = LintContext.load(path, read_xml(path))
     data = mujoco.MjData(context.model)
     mujoco.mj_step(context.model, data)
-    thrown = constraints.constraint_accelerations(context.model, context.data_at(None))
+    thrown = initial_constraints.constraint_accelerations(context.model, context.data_at(None))
     np.testing.assert_allclose(thrown[1], abs(data.qvel[0]) / 1e-5, rtol=1e-6)
 
 

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.finding import Violation
-from mjrun.check.rule import rule
+from mjrun.check.rule import Violation, rule
 
 MAX_DEPTH = 0.1  # of the smaller geom's half size
 MAX_ACCELERATION = 20.0  # times gravity; a contact with the default solref pushes that hard at a depth of 7 cm
