@@ -293,6 +293,7 @@ def test_import_help_and_version_load_neither_mujoco_nor_numpy(code: str) -> Non
     assert loaded.isdisjoint({"mujoco", "numpy"})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:
     code = f"sys.argv = ['mjrun', {name!r}, '--help']; import runpy; runpy.run_module('mjrun', run_name='__main__')"

@@ -9,6 +9,8 @@ import pytest
 import mjrun
 from tests.packages import hidden, run_with
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 SCENES = ROOT / "scenes"
 FRICTION = ["--vary", "geom/wood.friction[0]=0.1,0.2", "--metric", "x=last(xpos/wood/x)", "--jobs", "1"]

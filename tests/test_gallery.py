@@ -24,6 +24,8 @@ from mjrun.policy.policy import ActionSpace
 from mjrun.task.worlds import TaskWorlds
 from tests.processes import PATIENCE
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from tests.conftest import Command
 

@@ -22,6 +22,8 @@ from tests.documentation import PAGES, ROOT, TEXT, blocks, commands
 from tests.processes import without_progress
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
 
+pytestmark = pytest.mark.slow
+
 Execute = Callable[[str], "Done"]
 
 # tests/test_tutorial.py runs the commands of its page, at full size.

@@ -196,6 +196,7 @@ def test_keyframes_are_finite_unit_in_rotation_and_within_the_ranges(name: str) 
             assert low <= model.key_ctrl[key, actuator] <= high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_no_scene_becomes_unstable_in_five_seconds_from_any_of_its_starts(name: str) -> None:
     for keyframe in (None, *keyframes(name)):

@@ -24,6 +24,8 @@ from mjrun.simulation.simulation import Simulation
 from tests.conftest import Command
 from tests.documentation import PAGES, ROOT, commands
 
+pytestmark = pytest.mark.slow
+
 Vector = NDArray[np.float64]
 
 PAGE = PAGES[ROOT / "docs/tutorial.md"]

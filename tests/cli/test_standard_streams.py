@@ -21,6 +21,7 @@ def redirected(folder: Path, line: str) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(["/bin/sh", "-c", command], capture_output=True, cwd=folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("redirection", [">&-", "> /dev/full", "<&- >&-"])
 @pytest.mark.parametrize("line", [*PRINTING, "image swing.xml -o - --size 32x32"])
 def test_a_payload_that_cannot_be_written_is_an_unwritable_output(swing: Path, line: str, redirection: str) -> None:
@@ -31,6 +32,7 @@ def test_a_payload_that_cannot_be_written_is_an_unwritable_output(swing: Path, l
     assert done.stdout == b""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("redirection", ["2>&-", "2> /dev/full", "<&- 2>&-"])
 @pytest.mark.parametrize(("line", "code"), [("info swing.xml", 0), ("info swing", 3), ("info --no-such", 2)])
 def test_messages_that_are_lost_change_nothing(swing: Path, line: str, code: int, redirection: str) -> None:

@@ -17,6 +17,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 TASKS = [path for path in sorted(SCENES.glob("*.yaml")) if "control_dt:" in path.read_text("utf-8")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
 def test_the_page_names_what_the_document_names(mjrun: Command, path: Path) -> None:
     document = json.loads(mjrun("info", path, "--json").stdout)

@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import cast
 
+import pytest
 from hypothesis import given, settings
 
 from mjrun.camera.script import CameraScript, Event
@@ -23,6 +24,7 @@ def plain(value: object) -> object:
     return [plain(item) for item in cast("list[object]", value)] if isinstance(value, list | tuple) else value
 
 
+@pytest.mark.slow
 @given(scripts())
 @settings(max_examples=200, deadline=None)
 def test_a_script_is_read_back_as_it_was(script: CameraScript) -> None:

@@ -19,6 +19,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("slider.xml").write_text(SLIDER)
 
 
+@pytest.mark.slow
 def test_models_and_tasks_are_checked_in_their_order_with_one_exit_code() -> None:
     Path("good.yaml").write_text(HEAD)
     Path("bad.yaml").write_text(HEAD + "terminations:\n  low: {when: qpos/rail < 1, as: failure}")

@@ -220,6 +220,7 @@ def job_lists(draw: st.DrawFn) -> list[Any]:
     return found
 
 
+@pytest.mark.slow
 @given(job_lists())
 @settings(max_examples=200, deadline=None)
 def test_the_printed_document_makes_the_same_jobs(jobs: list[Any]) -> None:

@@ -48,6 +48,7 @@ def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
     assert [player_of(group.spec).play(range(5, 16)) for group in some] == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "all_jobs", "message"),
     [

@@ -99,6 +99,7 @@ def test_a_fit_that_predicts_no_better_is_refused(tmp_path: Path) -> None:
     assert not output.exists()
 
 
+@pytest.mark.slow
 def test_what_the_model_lacks_is_warned_of_in_text_and_report(tmp_path: Path) -> None:
     """A rod of another mass: the intervals of damping and friction exclude the truth, and the report says why."""
     model = write_model(tmp_path, **{**TRUTH, "damping": 0.2})
@@ -114,6 +115,7 @@ def test_what_the_model_lacks_is_warned_of_in_text_and_report(tmp_path: Path) ->
     assert again.reduced_chi2 > 4 * result.reduced_chi2
 
 
+@pytest.mark.slow
 def test_a_flipped_sign_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     commanded = np.repeat(0.8 * np.sin(np.arange(150) * 0.05), 5)
     times, angles = simulate(1.5, start=0.0, controls=commanded)

@@ -40,6 +40,7 @@ def test_short_stretches_lead_where_whole_segments_do_not() -> None:
     assert search.ways[0] == "whole segments"
 
 
+@pytest.mark.slow
 def test_a_fit_never_ends_worse_than_it_began() -> None:
     """A box that is thrown and slides: the model is the truth, and so is where the search begins."""
     shoot, log, noise, parameters = box_shooting()

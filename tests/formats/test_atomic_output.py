@@ -37,6 +37,7 @@ def state(folder: Path) -> dict[str, str]:
     return {str(path.relative_to(folder)): path.read_text() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.slow
 @both_ways
 @pytest.mark.parametrize("kind", ["once", "from then on"])
 @pytest.mark.parametrize("had", [True, False])

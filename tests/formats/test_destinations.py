@@ -143,6 +143,7 @@ OUTPUTS = [  # how it is made, its name, where its frames are, and what is there
 ]
 
 
+@pytest.mark.slow
 @both_ways
 @pytest.mark.parametrize(("make", "name", "folder", "old", "new"), OUTPUTS)
 def test_a_process_that_is_killed_at_any_operation_leaves_the_old_output_or_the_new_one(

@@ -54,6 +54,7 @@ def write(path: Path, columns: int = 20) -> TableWriter:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", formats())
 def test_fifty_tables_leave_no_memory_behind_even_while_their_writers_live(tmp_path: Path, form: str) -> None:
     write(tmp_path / f"t.{form}")

@@ -424,6 +424,7 @@ SOUND: dict[str, list[Callable[[], bytes]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @given(data=st.data())
 @settings(hypothesis, max_examples=300)
@@ -522,6 +523,7 @@ def test_blocks_are_the_table_with_its_units_and_manifest(tmp_path: Path, form: 
     assert np.array_equal(np.concatenate(blocks), rows[:, [0, 2]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", [form for form in FORMATS if form != "mat"])
 def test_memory_does_not_grow_with_the_length_of_a_table(tmp_path: Path, form: str) -> None:
     rows = np.random.default_rng(3).standard_normal((300_000, 3))

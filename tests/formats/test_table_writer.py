@@ -97,6 +97,7 @@ def small_groups(monkeypatch: pytest.MonkeyPatch) -> None:
 floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @given(
     data=st.lists(st.tuples(floats, floats, floats), min_size=1, max_size=24).map(lambda rows: np.array(rows)),
@@ -118,6 +119,7 @@ def test_every_number_reads_back_as_the_same_bits_however_the_rows_come(
     assert_equal(READERS[form](path), [c.name for c in COLUMNS], data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 def test_a_long_table_of_full_size_groups_reads_back(tmp_path: Path, form: str) -> None:
     rng = np.random.default_rng(5)
@@ -321,6 +323,7 @@ labels_and_rows = st.lists(text_of_a_model | st.sampled_from(LABELS), min_size=1
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", FORMATS)
 @given(given=labels_and_rows, cuts=st.lists(st.integers(0, 9), max_size=3).map(sorted))
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -591,6 +594,7 @@ print(peak(10), peak(100))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("labels", [(), ("floor", "torso")])
 @pytest.mark.parametrize("form", [f for f in FORMATS if f != "mat"])
 def test_memory_does_not_grow_with_the_table(tmp_path: Path, form: str, labels: tuple[str, ...]) -> None:

@@ -31,6 +31,7 @@ def assert_same(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
             np.testing.assert_equal(value, expected, name)
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None)
 @given(
     mode=st.sampled_from(AutoresetMode),

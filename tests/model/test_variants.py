@@ -57,6 +57,7 @@ def source_content(path: str) -> bytes:
     return content(parse_source(path).load())
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(st.sampled_from(PATHS + COMPILED), st.sampled_from(["0.5", "2", "0.001", "-1", "0"])), max_size=4

@@ -68,6 +68,7 @@ SHARED = Path(__file__).parents[3] / "shared/models"
 MODELS = sorted(path for path in SHARED.rglob("*.xml") if "malformed" not in path.parts)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
 @pytest.mark.parametrize("model", MODELS, ids=[path.stem for path in MODELS])
 def test_models_that_nobody_here_wrote_become_films(model: Path, tmp_path: Path) -> None:

@@ -27,6 +27,8 @@ from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
+pytestmark = pytest.mark.slow
+
 SIZE = (96, 64)
 EXACT = ("depth", "seg")
 ROOM = """

@@ -183,6 +183,7 @@ def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
     assert np.array_equal(made, [*FRAMES[:7], *FRAMES[13:]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("when", [0, 7, len(STATES) - 1])
 def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(jobs: int, when: int) -> None:
@@ -237,6 +238,7 @@ def test_every_process_is_one_of_its_own_with_one_thread_to_draw() -> None:
     assert os.environ == environment
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mischief", "how"),
     [
@@ -257,6 +259,7 @@ def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
     assert time.monotonic() - start < HANG / 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_what_a_painter_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
     made = []
@@ -278,6 +281,7 @@ def test_a_bug_in_a_process_is_a_bug_of_mjrun_and_keeps_its_traceback() -> None:
     assert "in paint" in str(caught.value.__cause__)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_painter_that_cannot_be_opened_says_why(jobs: int) -> None:
     with pytest.raises(NoRendererError, match=r"egl: is not there\ninstall it") as caught:
@@ -315,6 +319,7 @@ def test_an_error_of_whoever_takes_the_frames_ends_everything_at_once(jobs: int)
     assert time.monotonic() - start < HANG / 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_leaving_early_ends_everything_at_once(jobs: int) -> None:
     start = time.monotonic()
@@ -396,6 +401,7 @@ def test_a_script_may_have_no_standard_input(tmp_path: Path) -> None:
     assert (len(done.stdout.split()), done.stderr, done.returncode) == (6, b"", 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("end", "number", "mischief"),
     [

@@ -6,6 +6,7 @@ from tests.scoreboard.__main__ import MODULES, measure, notes, notes_of, row, ro
 from tests.scoreboard.measure import Measure, Tally
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", MODULES)
 def test_the_quick_part_clears_its_bar(module: str) -> None:
     tally = measure(module).run(True)

@@ -61,11 +61,13 @@ def faults(project: Path, *checker: str) -> list[tuple[str, int]]:
 WRONG = [("wrong.py", line) for line in range(2, len(REFUSED) + 2)]
 
 
+@pytest.mark.slow
 def test_mypy_accepts_what_is_right_and_finds_what_is_wrong(project: Path) -> None:
     options = ["--strict", "--ignore-missing-imports", "--cache-dir", str(project / "cache")]
     files = sorted(path.name for path in project.glob("*.py"))
     assert faults(project, "mypy", *options, *files) == WRONG  # mujoco itself has no types
 
 
+@pytest.mark.slow
 def test_pyright_accepts_what_is_right_and_finds_what_is_wrong(project: Path) -> None:
     assert faults(project, "pyright", "--pythonpath", sys.executable) == WRONG

@@ -34,6 +34,7 @@ def chunks(tmp_path: Path) -> list[Chunk]:
     return [Chunk(study, tuple(StudyPoint(10 * i + k, (str(10 * i + k),)) for k in range(3))) for i in range(4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["local", "dask", "slurm", "tests.study.factories:threads"])
 def test_every_engine_gives_the_same_results(tmp_path: Path, chunks: list[Chunk], engine: str) -> None:
     with ExitStack() as stack:

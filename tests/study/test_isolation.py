@@ -65,6 +65,7 @@ def test_a_crash_costs_the_point_that_crashes(spec: StudySpec) -> None:
     assert "SIGSEGV" in results[1].message
 
 
+@pytest.mark.slow
 def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
     endless = StudySpec(spec.base, ("model", "steps"), METRICS)
     folder = Path(spec.base.source.text).parent

@@ -324,6 +324,7 @@ def edit(folder: Path) -> None:
     (folder / "model.xml").write_text(CONTROLLED.replace("1 0 0", "2 0 0"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["local", "slurm"])
 def test_a_model_that_is_edited_while_a_study_runs_changes_no_result(tmp_path: Path, engine: str) -> None:
     edited_study(tmp_path / "quiet").run()

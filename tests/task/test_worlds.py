@@ -222,6 +222,7 @@ def test_names_say_what_the_numbers_are() -> None:
     assert (worlds.observed[3].source, worlds.observed[3].unit, worlds.observed[3].scale) == ("xpos/ball/y", "m", 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("environment", gymnasium_tasks.TASKS)
 def test_tasks_equal_gymnasiums_environments(environment: str) -> None:
     task = gymnasium_tasks.TASKS[environment]()

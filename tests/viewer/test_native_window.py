@@ -75,6 +75,7 @@ def python(display: dict[str, str], *arguments: str) -> subprocess.CompletedProc
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
 
 
+@pytest.mark.slow
 def test_what_is_done_in_it_arrives_and_nothing_of_it_stays(display: dict[str, str], swing: Path) -> None:
     done = python(display, SCRIPT, str(swing))
     assert (done.stdout, done.returncode) == ("closed\n", 0), done.stderr

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.processes import PATIENCE
 
 ROOT = Path(__file__).parents[2]
@@ -205,6 +207,7 @@ print("closed")
 '''
 
 
+@pytest.mark.slow
 def test_it_is_local_guarded_worked_and_closed(swing: Path, tmp_path: Path) -> None:
     home = tmp_path / "home"
     home.mkdir()

@@ -186,6 +186,7 @@ def test_a_signal_ends_the_processes_too(models: Command) -> None:
     wait_until(lambda: not any(map(command_line_of, (working, *processes))))
 
 
+@pytest.mark.slow
 def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(
     mjrun_here: Command, shared_models: Path
 ) -> None:

@@ -116,6 +116,7 @@ PRINTED: dict[str, tuple[str, ...]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 @pytest.mark.parametrize("kind", REPORTS)
 def test_what_a_command_prints_as_json_fits_the_schema_of_its_kind(

@@ -155,6 +155,7 @@ def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun_here: Comman
     assert sorted(path.name for path in mjrun_here.folder.iterdir()) == ["ball.xml"]
 
 
+@pytest.mark.slow
 def test_four_tasks_make_the_table_of_one(mjrun: Command, mjrun_here: Command, ball: str) -> None:
     options = (ball, "--steps", "30", "--vary", "qpos/ball/z=uniform(0.2,1)", "--samples", "8", *METRIC, "--chunk", "1")
     assert mjrun_here("sweep", *options, "-o", "alone", "-q").returncode == 0
@@ -175,6 +176,7 @@ def test_four_tasks_make_the_table_of_one(mjrun: Command, mjrun_here: Command, b
     assert study.read_bytes() == alone.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_task_that_was_killed_is_run_again(mjrun_here: Command, ball: str) -> None:
     options = (
         ball,

@@ -41,6 +41,7 @@ def wait_until(condition: Callable[[], bool], child: subprocess.Popen[bytes]) ->
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_in_a_window_it_records_what_trace_records(
     mjrun: Command,
@@ -59,6 +60,7 @@ def test_in_a_window_it_records_what_trace_records(
     assert np.load(mjrun.folder / "twice.npz")["states"].tobytes() == bare.tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_it_and_keeps_the_recording(
