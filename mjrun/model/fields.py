@@ -198,7 +198,9 @@ def plain_values(model: mujoco.MjModel, name: str) -> list[Any]:
     """The rows of a field as plain values, or tuples of these; ids as the names of objects, None of no object."""
     field, values, kinds = arrays()[name], array(model, name), referred_kinds(model, name)
     rows = as_rows(values)
-    if kinds is None:
+    if kinds is None and field.enum is None and rows.dtype != SINGLE:
+        plain = [tuple(row) for row in (rows.astype(bool) if field.boolean else rows).tolist()]
+    elif kinds is None:
         plain = [tuple(map(field.plain, row)) for row in rows]
     else:
         pairs = (zip(*row, strict=True) for row in zip(as_rows(kinds), rows, strict=True))

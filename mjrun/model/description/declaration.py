@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import mujoco
 
 from mjrun.model.fields import as_rows, floats, plain_values, referred_kinds
-from mjrun.model.names import enum_name, names
+from mjrun.model.names import COUNTS, enum_name, names
 from mjrun.model.units import Unit, field_unit
 
 Pair = tuple[float, float]
@@ -119,7 +119,7 @@ def computed(
     """An attribute that is computed from a model and the id of the object."""
 
     def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
-        return [compute(model, i) for i in range(len(names(model, kind)))]
+        return [compute(model, i) for i in range(getattr(model, COUNTS[kind]))]
 
     return _attribute(Fact(read, unit=lambda model, index: unit, is_detail=is_detail))
 
