@@ -38,8 +38,6 @@ LIBRARIES = {
     "click": ("cli",),
     "rich": ("cli",),
     "yaml": ("document", "policy.leapp_package"),  # the latter of files that others write
-    "pydantic": ("document",),
-    "pydantic_core": ("document",),  # the types of its schemas and errors
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": (
@@ -190,7 +188,7 @@ def plant(folder: Path, module: str, source: str) -> Path:
         ("outputs/video.py", "import click"),
         ("outputs/video.py", "from rich.console import Console"),
         ("cli/video.py", "import yaml"),
-        ("outputs/run.py", "from pydantic import BaseModel"),
+        ("outputs/run.py", "import yaml"),
         ("formats/codecs.py", "import imageio_ffmpeg"),
         ("formats/video_writer.py", "from OpenGL import GL"),
         ("cli/video.py", "import requests"),

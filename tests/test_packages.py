@@ -146,11 +146,11 @@ def test_a_package_that_another_one_has_damaged_is_to_be_installed_again(tmp_pat
 
 
 def test_another_package_is_named_when_it_fails(tmp_path: Path) -> None:
-    planted(tmp_path, "pydantic", "2.9.0", code="")
+    planted(tmp_path, "click", "8.0.0", code="")
     done = run_with(tmp_path, "-m", "mjrun", "schema", "run")
     assert done.returncode == 2
-    assert done.stderr.startswith("mjrun: error: mjrun needs pydantic>=")
-    assert "but pydantic 2.9.0 is installed\n  pip install 'pydantic>=" in done.stderr
+    assert done.stderr.startswith("mjrun: error: mjrun needs click>=")
+    assert "but click 8.0.0 is installed\n  pip install 'click>=" in done.stderr
 
 
 def test_a_package_that_is_missing_is_named(tmp_path: Path) -> None:

@@ -4,20 +4,23 @@
 `track:hand,distance=.3,heading`, `look:from=0/-2/1,at=box`.
 """
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import cast
 
 import mujoco
 
 from mjrun.camera.easing import EASINGS, Ramp
+from mjrun.camera.kinds import ObjectName, RampKind
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.registry import RIGS
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.rigs.settings import DeclaredField, declared_fields
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.camera.targets import Place, Vector
+from mjrun.camera.targets import Vector
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import identify, names
+from mjrun.options.kinds import AnyKind, ExpectedError, Flag, Optional, Point
+from mjrun.options.option import options_of
 
 SHOT_SETTINGS = ("roll", "fovy")
 
@@ -54,18 +57,20 @@ def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> Model
 
 
 class _RigArgument:
-    """The argument of one rig: its settings by key, as its fields declare them, and those of the shot."""
+    """The argument of one rig: its settings by key, as its options declare them, and those of the shot."""
 
     def __init__(self, rig: type[Rig]) -> None:
         self._rig, self._where = rig, f"{option('camera')} {rig.kind}"
-        fields = declared_fields(rig)
-        self._object = next((field for field in fields if field.setting.kind == "object"), None)
-        self._fields = {field.key: field for field in fields if field is not self._object}
+        declared = options_of(rig)
+        self._object = next((each for each in declared if isinstance(each.kind, ObjectName)), None)
+        self._settings = {each.key: each for each in declared if each is not self._object}
+        shots = {each.key: each for each in options_of(Shot) if each.key in SHOT_SETTINGS}
+        self._kinds = {key: each.kind for key, each in (self._settings | shots).items()}
 
     @property
     def keys(self) -> list[str]:
         """The keys of all settings."""
-        return [*(key for key in self._fields if key != "ease"), *SHOT_SETTINGS, *(["ease"] if self._rig.eased else [])]
+        return [*(key for key in self._kinds if key != "ease"), *(["ease"] if self._rig.eased else [])]
 
     def shot(self, parts: list[str]) -> Shot:
         """The shot that the comma-separated parts of an argument describe."""
@@ -73,7 +78,7 @@ class _RigArgument:
         if self._object:
             if not parts or "=" in parts[0]:
                 raise UsageError(f"{self._where}: which object? write {self._usage()}")
-            values[self._object.name] = parts.pop(0)
+            values[self._object.attribute] = parts.pop(0)
         texts = self._texts(parts)
         ease = texts.get("ease", "linear")
         if ease not in EASINGS:
@@ -82,19 +87,21 @@ class _RigArgument:
         for path, message in conflicts.items():
             if path != ("ease",):  # that of the ramps, then
                 raise UsageError(f"{self._where}: {message}")
-        for key, field in self._fields.items():
+        for key, each in self._settings.items():
             if key in texts and (key,) not in conflicts:
-                values[field.name] = self._value(field, texts[key], ease)
-            elif field.required:
+                values[each.attribute] = self._value(key, texts[key], ease)
+            elif each.is_required:
                 raise UsageError(f"{self._where}: {key} is missing: write {self._rig.argument}")
-        rig = self._rig(**values)
-        rig.check(self._where)
-        ramps = {key: self._ramp(key, texts[key], ease) for key in SHOT_SETTINGS if key in texts}
-        return Shot(rig, roll=ramps.get("roll", Ramp.still(0.0)), fovy=ramps.get("fovy"))
+        ramps = {key: self._value(key, texts[key], ease) for key in SHOT_SETTINGS if key in texts}
+        return cast("Callable[..., Shot]", Shot)(self._rig(**values), **ramps)
 
     def _usage(self) -> str:
-        ramps = [f"{key}=…" for key, field in self._fields.items() if field.setting.kind == "ramp"]
+        ramps = [f"{key}=…" for key in self._settings if isinstance(self._kind(key), RampKind)]
         return f"{self._rig.argument}[,{','.join(ramps)}]"
+
+    def _kind(self, key: str) -> AnyKind:
+        kind = self._kinds[key]
+        return kind.each if isinstance(kind, Optional) else kind
 
     def _texts(self, parts: Sequence[str]) -> Mapping[str, str]:
         """The texts of the values by key."""
@@ -103,7 +110,7 @@ class _RigArgument:
             key, equals, value = part.partition("=")
             if key not in self.keys:
                 raise UnknownNameError("setting", key, self.keys, where=self._where)
-            if key in self._fields and self._fields[key].setting.kind == "flag":
+            if key != "ease" and isinstance(self._kind(key), Flag):
                 if equals or key in texts:
                     raise UsageError(f"{self._where}: write {key}, once")
             elif not equals or not value or key in texts:
@@ -111,38 +118,16 @@ class _RigArgument:
             texts[key] = value
         return texts
 
-    def _value(self, field: DeclaredField, text: str, ease: str) -> object:
-        match field.setting.kind:
-            case "flag":
-                return True
-            case "ramp":
-                return self._ramp(field.key, text, ease)
-            case "place":
-                return _place(field.key, text)
-            case "point":
-                return parse_point(field.key, text)
-            case _:
-                return text
-
-    def _ramp(self, key: str, text: str, ease: str) -> Ramp:
-        """`140` or `140..240`."""
-        first, dots, last = text.partition("..")
+    def _value(self, key: str, text: str, ease: str) -> object:
+        kind = self._kind(key)
+        if isinstance(kind, Flag):
+            return True
         try:
-            ramp = Ramp(float(first), float(last if dots else first), ease)
-        except ValueError:
-            ramp = Ramp.still(math.nan)
-        if not (math.isfinite(ramp.start) and math.isfinite(ramp.end)):
-            raise BadValueError(f"{self._where}: {key}", text, "a number, or two as in 140..240")
-        return ramp
-
-
-def _place(key: str, text: str) -> Place:
-    """The name of an object, or a point `x/y/z`."""
-    try:
-        _, _, _ = map(float, text.split("/"))
-    except ValueError:
-        return text
-    return parse_point(key, text)
+            value = kind.parse(text)
+        except ExpectedError as error:
+            wrong = text if error.part is None else error.part
+            raise BadValueError(f"{self._where}: {key}", wrong, error.expected) from None
+        return replace(value, ease=ease) if isinstance(value, Ramp) else value
 
 
 def parse_point(what: str, text: str, expected: str = "a point x/y/z [m]") -> Vector:
@@ -152,9 +137,6 @@ def parse_point(what: str, text: str, expected: str = "a point x/y/z [m]") -> Ve
       BadValueError: `what` is not `expected`.
     """
     try:
-        x, y, z = map(float, text.split("/"))
-    except ValueError:
-        x = y = z = math.nan
-    if not all(map(math.isfinite, (x, y, z))):
-        raise BadValueError(what, text, expected)
-    return (x, y, z)
+        return Point().parse(text)
+    except ExpectedError:
+        raise BadValueError(what, text, expected) from None

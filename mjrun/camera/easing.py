@@ -4,6 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from mjrun.options.kinds import Choice, Real
+from mjrun.options.option import Options, option, options
+
 # From 0 to 1 as u does, never back.
 EASINGS: dict[str, Callable[[float], float]] = {
     "linear": lambda u: u,
@@ -43,16 +46,19 @@ class Ramp:
         return self.start + (self.end - self.start) * EASINGS[self.ease](phase)
 
 
-@dataclass(frozen=True)
-class Blend:
-    """How one shot becomes the next, by one of `BLENDS`.
+@options
+class Blend(Options):
+    """How one shot becomes the next."""
 
-    Attributes:
-      width: of the change [s]; of a sigmoid the time in which it changes from 1/2 to 1/(1+e).
-    """
-
-    shape: str = "cosine"
-    width: float = 0.5
+    shape: str = option(
+        converter=Choice((*BLENDS,)), default="cosine", kw_only=False, help="The shape of the transition."
+    )
+    width: float = option(
+        converter=Real(above=0),
+        default=0.5,
+        kw_only=False,
+        help="How long it takes [s]; of a sigmoid, the time in which it goes from 1/2 to 1/(1+e).",
+    )
 
 
 def blend_weight(blend: Blend | None, since: float) -> float:

@@ -1,72 +1,253 @@
 """Camera scripts as plain values: shots in time, each with a rig. Names are not looked up in a model yet."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import cast
 
-from mjrun.camera.easing import Blend, Ramp
-from mjrun.camera.rigs.rig import Rig, located
-from mjrun.camera.rigs.settings import ErrorPath
+from mjrun.camera.easing import BLENDS, Blend, Ramp
+from mjrun.camera.kinds import ObjectName, RampKind
+from mjrun.camera.rigs.registry import RIGS
+from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.shake import Shake
-from mjrun.errors import UsageError, clean, concerning
+from mjrun.errors import UsageError, clean, concerning, near
+from mjrun.options.kinds import Choice, ExactNumber, Integer, Kind, Number, Optional, Reader, Real, Text
+from mjrun.options.option import FrontEnd, Options, document_key, located, option, options, required
+from mjrun.options.record import ListOf, OneOf, Record, mappings_in, plain_values
+from mjrun.options.schema import Path, Schema
 from mjrun.timeline import rational
 
-
-@dataclass(frozen=True)
-class Fit:
-    """Keeps an object and all its descendants inside the image, by the distance of the camera.
-
-    Attributes:
-      target: a body, geom or site.
-      margin: the size of the image relative to the object, from 1 on.
-    """
-
-    target: str
-    margin: float = 1.2
+END = "end"  # of the simulation
 
 
-@dataclass(frozen=True)
-class Event:
-    """An event in a simulation: the instant at which a condition begins to hold.
+@options
+class Fit(Options):
+    """Keeps an object, with all that hangs on it, whole in the image, by the distance."""
 
-    Attributes:
-      when: the condition, such as `speed(box) > 0.02`.
-      nth: which of its occurrences, from 1 on.
-      offset: how much later [s], or earlier if negative.
-      otherwise: the time if it never occurs [s], or the `end`; when None, that is an error.
-    """
+    target: str = required(converter=ObjectName(), kw_only=False, help="A body, geom or site.")
+    margin: float = option(
+        converter=Real(least=1), default=1.2, kw_only=False, help="How much larger than the object the image is."
+    )
 
-    when: str
-    nth: int = 1
-    offset: Fraction = Fraction(0)
-    otherwise: Fraction | str | None = None
+
+class Fallback(ExactNumber):
+    """A time [s], kept exactly, or the end."""
+
+    def __init__(self) -> None:
+        super().__init__(zero=True)
+
+    @property
+    def expected(self) -> str:
+        return f"a time [s] from 0 on, or {END}"
+
+    @property
+    def form(self) -> Schema:
+        return {"anyOf": [super().form, {"type": "string", "enum": [END]}]}
+
+    def __call__(self, value: Number) -> Fraction | str:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return END if value == END else super().__call__(value)
+
+
+@options
+class Event(Options):
+    """Something that happens in the simulation: the instant when a condition begins to hold."""
+
+    when: str = required(
+        converter=Text(),
+        kw_only=False,
+        help="The condition, as in speed(box) > 0.02; with ': ' or ' #' in it, it goes in quotes.",
+    )
+    nth: int = option(
+        converter=Integer(1), default=1, kw_only=False, help="Which time that it begins to hold, from 1 on."
+    )
+    offset: Fraction = option(
+        converter=ExactNumber(signed=True),
+        default=0,
+        kw_only=False,
+        help="How much later the shot ends [s], or earlier if negative.",
+    )
+    otherwise: Fraction | str | None = option(
+        converter=Optional(Fallback()),
+        default=None,
+        key="else",
+        kw_only=False,
+        help="What counts if it never happens: a time of the simulation [s], or end; an error if left out.",
+    )
 
 
 LEVEL = Ramp.still(0.0)
 
 
-@dataclass(frozen=True)
-class Shot:
-    """A rig for a stretch of time.
+class RigKind(Kind[Rig, Rig]):
+    """A rig, which documents write as one of the keys of a shot."""
 
-    Attributes:
-      until: when it ends: a time [s] of the simulation or an event; None with `lasting` or at the end.
-      lasting: how long it lasts instead [s], in the simulation.
-      speed: simulated seconds per second of video; the video's own when None.
-      blend: the transition from the shot before; a cut when None.
-      roll: rotation around the axis of view [deg], clockwise.
-      fovy: vertical field of view [deg]; the model's when None.
+    metavar = "RIG"
+
+    def __call__(self, value: Rig) -> Rig:
+        return value
+
+
+class InstantOrEvent(OneOf["float | str | Fraction | Event", "Fraction | Event"]):
+    """A time [s], kept exactly, or an event.
+
+    Args:
+      zero: whether the time in a document may be 0.
     """
 
-    rig: Rig
-    until: Fraction | Event | None = None
-    lasting: Fraction | None = None
-    speed: Fraction | None = None
-    blend: Blend | None = None
-    roll: Ramp = LEVEL
-    fovy: Ramp | None = None
-    shake: Shake | None = None
-    fit: Fit | None = None
+    def __init__(self, zero: bool = False) -> None:
+        time = ExactNumber(zero=zero)
+        forms = "a time [s] or {when, nth, offset, else}"
+        super().__init__(forms, number=time, string=time, object=Record(Event, Event))
+
+    def __call__(self, value: "float | str | Fraction | Event") -> "Fraction | Event":
+        return value if isinstance(value, Event) else ExactNumber(zero=True)(value)
+
+    def plain(self, value: "Fraction | Event") -> object:
+        return plain_values(value) if isinstance(value, Event) else value
+
+
+class BlendKind(OneOf["Blend | str | float", Blend]):
+    """A blend, its shape or its width."""
+
+    def __init__(self) -> None:
+        forms = "a shape, a width [s] or {shape, width}"
+        shape, width = Choice((*BLENDS,)), Real(above=0)
+        super().__init__(forms, string=shape, number=width, object=Record(Blend, Blend))
+
+    def __call__(self, value: "Blend | str | float") -> Blend:
+        match value:
+            case Blend():
+                return value
+            case str():
+                return Blend(shape=value)
+            case _:
+                return Blend(width=value)
+
+    def plain(self, value: Blend) -> object:
+        return plain_values(value)
+
+
+class FitKind(OneOf["Fit | str", Fit]):
+    """A fit, or the name of its object."""
+
+    def __init__(self) -> None:
+        super().__init__("an object's name or {target, margin}", string=ObjectName(), object=Record(Fit, Fit))
+
+    def __call__(self, value: "Fit | str") -> Fit:
+        return Fit(value) if isinstance(value, str) else value
+
+    def plain(self, value: Fit) -> object:
+        return value.target if value == Fit(value.target) else plain_values(value)
+
+
+@options
+class Shot(Options):
+    """A rig for a stretch of time."""
+
+    rig: Rig = required(converter=RigKind(), places=FrontEnd.PYTHON, kw_only=False, help="The rig.")
+    until: Fraction | Event | None = option(
+        converter=Optional(InstantOrEvent()),
+        default=None,
+        kw_only=False,
+        help="When the shot ends: a time of the simulation [s], or an event.",
+    )
+    lasting: Fraction | None = option(
+        converter=Optional(ExactNumber()),
+        default=None,
+        key="duration",
+        kw_only=False,
+        help="How long the shot lasts [s] of the simulation, instead of until.",
+    )
+    speed: Fraction | None = option(
+        converter=Optional(ExactNumber()),
+        default=None,
+        kw_only=False,
+        help="Simulated seconds per second of video: 0.5 is slow motion.",
+    )
+    blend: Blend | None = option(
+        converter=Optional(BlendKind()),
+        default=None,
+        kw_only=False,
+        help="How the shot before becomes this one: a shape, a width [s], or both; a cut if left out.",
+    )
+    roll: Ramp = option(
+        converter=RampKind(), default=LEVEL, kw_only=False, help="Turn around the axis of view [deg], clockwise."
+    )
+    fovy: Ramp | None = option(
+        converter=Optional(RampKind("degrees")),
+        default=None,
+        kw_only=False,
+        help="Vertical field of view [deg], what is seen [m] if orthographic; the model's if left out.",
+    )
+    shake: Shake | None = option(
+        converter=Optional(Record(Shake, Shake, blank=True)),
+        default=None,
+        kw_only=False,
+        help="The trembling of a hand that holds the camera.",
+    )
+    fit: Fit | None = option(
+        converter=Optional(FitKind()),
+        default=None,
+        kw_only=False,
+        help="Keeps an object whole in the image, by the distance.",
+    )
+
+
+class ShotForm(Record[Shot]):
+    """A shot in a document, whose rig is one of its keys."""
+
+    def __init__(self) -> None:
+        super().__init__(Shot, _shot, more=[document_key(kind, rig.form(), rig.help) for kind, rig in RIGS.items()])
+
+    def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
+        rigs = [key for key in values if key in RIGS]
+        mistyped = any(near(key, RIGS) for key in {*values} - {each.key for each in self.options()})
+        if not rigs and not mistyped:
+            yield (), f"expected one of {', '.join(RIGS)}, got none"
+        yield from (((rig,), f"a shot has one rig, and this one has {rigs[0]} already") for rig in rigs[1:])
+
+    def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
+        schema = super().mapping_schema(reader, definitions)
+        return {**schema, "oneOf": [{"required": [rig]} for rig in RIGS]}
+
+    def plain(self, value: Shot) -> object:
+        return {value.rig.kind: value.rig.form().plain(value.rig), **plain_values(value)}
+
+
+def _shot(**values: object) -> Shot:
+    rig = next(values.pop(kind) for kind in RIGS if kind in values)
+    return cast("Callable[..., Shot]", Shot)(rig, **values)
+
+
+@options
+class CameraDocument(Options):
+    """What a camera does in a video: shots, one after the other."""
+
+    speed: Fraction | None = option(
+        converter=Optional(ExactNumber()),
+        default=None,
+        help="Simulated seconds per second of video, of all shots that do not say their own: 0.5 is slow motion.",
+    )
+    shots: tuple[Shot, ...] = required(
+        converter=ListOf[Shot](ShotForm(), least=1),
+        help="The shots in order; all but the last say when they end, by until or duration.",
+    )
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
+        if shots := mappings_in(values.get("shots")):
+            yield from shot_conflicts(shots)
+
+    def script(self, name: str) -> "CameraScript":
+        """The script, under a name."""
+        return CameraScript(name, [replace(shot, speed=shot.speed or self.speed) for shot in self.shots])
+
+
+@options
+class InlineCamera(CameraDocument):
+    """A camera script that is written where it is used."""
+
+    name: str = option(converter=Text(), default="script", help="What captions and files call it.")
 
 
 @dataclass(frozen=True)
@@ -88,10 +269,10 @@ class CameraScript:
             shots.append({key: value for key, value in values.items() if value is not None})
         for path, message in shot_conflicts(shots):
             with concerning(*path):
-                raise UsageError(f"{located(f'camera {clean(self.name)}', path)}: {message}")
+                raise UsageError(f"camera {clean(self.name)}: {located(message, path)}")
 
 
-def shot_conflicts(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
+def shot_conflicts(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, str]]:
     """Yields what is wrong with the shots of a script, as far as no simulation is needed: where, and the sentence.
 
     Args:
@@ -110,7 +291,7 @@ def shot_conflicts(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Erro
     yield from _disordered(shots)
 
 
-def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
+def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, str]]:
     """Yields the shots that would end before they begin, as far as their times tell it."""
     begun = Fraction(0)  # at the earliest
     for i, shot in enumerate(shots):

@@ -1,25 +1,24 @@
 """The shake of a hand-held camera."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+
+from mjrun.options.kinds import Integer, Real
+from mjrun.options.option import Options, option, options
 
 SINES = 16  # that the noise on an angle is the sum of
 
 
-@dataclass(frozen=True)
-class Shake:
-    """A hand-held camera: smooth noise on the direction of view.
+@options
+class Shake(Options):
+    """The trembling of a hand that holds the camera: smooth noise on the direction of view."""
 
-    Attributes:
-      angle: standard deviation of each angle [deg].
-      frequency: of the shaking [Hz], in time of the video.
-    """
-
-    angle: float = 0.3
-    frequency: float = 2.0
-    seed: int = 0
+    angle: float = option(converter=Real(), default=0.3, kw_only=False, help="Standard deviation of each angle [deg].")
+    frequency: float = option(
+        converter=Real(above=0), default=2.0, kw_only=False, help="Of the trembling [Hz], in the time of the video."
+    )
+    seed: int = option(converter=Integer(), default=0, kw_only=False, help="Seed of the trembling.")
 
 
 class ShakeNoise:

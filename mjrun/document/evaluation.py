@@ -11,21 +11,21 @@ fail_below: {success: 0.9}
 ```
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
 from typing import cast
 
-from pydantic import Field
-
-from mjrun.document.builder import NAMED, DocumentBuilder, located_errors
-from mjrun.document.document_model import Key, Name
-from mjrun.document.option_models import OptionsModel, SettingText, option_keys, options_model
-from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import read_placed
+from mjrun.document.builder import DocumentBuilder, Values, located_errors, values_of
+from mjrun.document.forms import DocumentReader
+from mjrun.document.output_folder import OutputFolder
+from mjrun.document.reader import read
+from mjrun.document.run_writer import plain_options, plain_value, text_of
 from mjrun.document.simulation_document import Request
 from mjrun.document.task import read_task
+from mjrun.document.tree import Mapped
 from mjrun.document.tree import Path as Place
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
@@ -33,7 +33,9 @@ from mjrun.evaluation.prepared import Rewritten
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions
-from mjrun.options.option import Options, options
+from mjrun.options.kinds import Settings, Text
+from mjrun.options.option import Options, document_key
+from mjrun.options.record import Record
 
 TASK = (
     "The task: a document, relative to the folder of this one; one of ours, such as scene:car_drive; or an environment "
@@ -41,6 +43,22 @@ TASK = (
 )
 CHANGES = "Values of the task's document that are others here, by their paths: duration, observations[0].noise."
 NO_CHANGES: Mapping[str, str] = {}
+
+
+class _EvaluationOptions(EvaluationOptions):
+    """A task, who plays it, and what is asked of its episodes."""
+
+
+EVALUATION = Record[Values](
+    _EvaluationOptions,
+    dict,
+    name="Evaluation",
+    more=[
+        document_key("task", Text(), TASK, dataclasses.MISSING),
+        document_key("changes", Settings(), CHANGES, ()),
+    ],
+    optional=["output"],
+)
 
 
 class EvaluationRequest(Request[Evaluation]):
@@ -55,26 +73,6 @@ class EvaluationRequest(Request[Evaluation]):
     ) -> None:
         super().__init__(made, located)
         self.changes = changes
-
-
-@options
-class _NoOptions(Options):
-    """What the model of documents begins with, as the task comes first."""
-
-
-def _evaluation_model() -> type[OptionsModel]:
-    nothing: dict[str, str] = {}
-    first: dict[str, Key] = {
-        "task": (Name, Field(description=TASK)),
-        "changes": (dict[str, SettingText], Field(nothing, description=CHANGES)),
-    }
-    model = options_model(_NoOptions, name="Evaluation", first=first, last=option_keys(EvaluationOptions, ["output"]))
-    model.declared = EvaluationOptions
-    return model
-
-
-EvaluationDocument = _evaluation_model()
-EvaluationDocument.__doc__ = "A task, who plays it, and what is asked of its episodes."
 
 
 def read_evaluation(
@@ -98,23 +96,20 @@ def read_evaluation(
       DocumentError: with everything that is wrong in the document, those it names, and the assignments.
       FileError: one of them is not there, or cannot be read.
     """
-    document, tree = read_placed(path, EvaluationDocument, assignments, variables=True, named=NAMED)
-    folders = Folders(Path(path).parent, OutputFolder(Path()))
+    folders = DocumentReader(Path(path).parent, OutputFolder(Path()))
+    document, tree = read(path, EVALUATION, folders, assignments, variables=True)
     builder = DocumentBuilder(tree, folders, _declared_at)
-    written = document.model_dump(include={"task", "changes"})
-    changes = [f"{key}={text}" for key, text in cast("Mapping[str, str]", written["changes"]).items()]
-    chosen = {"output": f"{Path(path).stem}_eval", **builder.values(EvaluationOptions, document, ())}
+    changed = Settings()(cast("Mapping[str, object]", document.get("changes", {})))
+    changes = [f"{key}={text}" for key, text in changed]
+    chosen = {"output": f"{Path(path).stem}_eval", **values_of(EvaluationOptions, document)}
     chosen |= {**(values or {}), "command": command}
 
     def make() -> Evaluation:
         with concerning("task"):
-            task, rewritten = evaluated_task(folders.model(written["task"]), changes)
+            task, rewritten = evaluated_task(folders.model(str(document["task"])), changes)
         return Evaluation(task=task, rewritten=rewritten, **chosen)  # type: ignore[arg-type]
 
-    builder.raise_faults()
-    made = builder.attempt((), make)
-    builder.raise_faults()
-    assert made is not None
+    made = builder.made(make)
     return EvaluationRequest(made, lambda: located_errors(tree, _declared_at), changes)
 
 
@@ -140,3 +135,18 @@ def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO
 def _declared_at(place: Place) -> type[Options]:
     """The options of an evaluation document, all of which stand at its top."""
     return EvaluationOptions
+
+
+def evaluation_text(evaluation: Evaluation, changes: Sequence[str] = (), command: str = "") -> str:
+    """The evaluation document of `evaluation`; it holds what is not the default, and not how this machine plays it.
+
+    Args:
+      changes: `key=value`, what is changed in the document of its task.
+      command: what made the evaluation, for a comment.
+
+    Raises:
+      UsageError: a document cannot hold this: code, or a folder outside of the current one.
+    """
+    pairs = dict(change.split("=", 1) for change in changes)  # as it is for the task, the last of a key counts
+    changed: Mapped = {"changes": plain_value(Settings(), [*pairs.items()])} if pairs else {}
+    return text_of({"task": evaluation.task.text, **changed, **plain_options(evaluation)}, command)

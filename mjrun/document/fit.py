@@ -17,15 +17,16 @@ from pathlib import Path
 from mjrun.document.simulation_document import Request, SimulationDocument
 from mjrun.fit.fit import Fit
 from mjrun.options.fit import FitOptions
+from mjrun.options.option import options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 
 
+@options
 class _FitOptions(FitOptions, SimulationOptions):
-    """The options of a fit document."""
+    """A model, measurements, and what is looked for."""
 
 
-FIT = SimulationDocument("Fit", "A model, measurements, and what is looked for.", FitOptions, _FitOptions, Fit)
-FitDocument = FIT.model
+FIT = SimulationDocument("Fit", FitOptions, _FitOptions, Fit)
 
 
 def read_fit(

@@ -1,28 +1,34 @@
 """JSON Schema of the documents, by which editors complete and check them while they are written."""
 
-from typing import cast
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
 
-from pydantic import BaseModel
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core.core_schema import WithDefaultSchema
-
-from mjrun.document.camera import CameraDocument
-from mjrun.document.evaluation import EvaluationDocument
-from mjrun.document.fit import FitDocument
-from mjrun.document.run import RunDocument
-from mjrun.document.study import StudyDocument
-from mjrun.document.task import TaskDocument
+from mjrun.document.camera import CAMERA
+from mjrun.document.evaluation import EVALUATION
+from mjrun.document.fit import FIT
+from mjrun.document.forms import DocumentReader
+from mjrun.document.output_folder import OutputFolder
+from mjrun.document.report_schema import DIALECT
+from mjrun.document.run import RUN
+from mjrun.document.study import STUDY
+from mjrun.document.task import TASK
 from mjrun.document.variables import DEFAULTS, VARS
 from mjrun.errors import UnknownNameError
+from mjrun.formats.format_lists import with_formats
+from mjrun.options.record import Record
+from mjrun.options.schema import ANNOTATIONS, Schema
 
-# Kind of document → its model, its title, and whether it may have variables and defaults.
-DOCUMENTS: dict[str, tuple[type[BaseModel], str, bool]] = {
-    "camera": (CameraDocument, "mjrun camera document", False),
-    "run": (RunDocument, "mjrun run document", True),
-    "study": (StudyDocument, "mjrun study document", True),
-    "fit-document": (FitDocument, "mjrun fit document", True),
-    "eval-document": (EvaluationDocument, "mjrun eval document", True),
-    "task": (TaskDocument, "mjrun task document", True),
+JsonSchema = dict[str, Any]
+
+# Kind of document → what it holds, its title, and whether it may have variables and defaults.
+DOCUMENTS: dict[str, tuple[Record[Any], str, bool]] = {
+    "camera": (CAMERA, "mjrun camera document", False),
+    "run": (RUN, "mjrun run document", True),
+    "study": (STUDY.record, "mjrun study document", True),
+    "fit-document": (FIT.record, "mjrun fit document", True),
+    "eval-document": (EVALUATION, "mjrun eval document", True),
+    "task": (TASK, "mjrun task document", True),
 }
 VARIABLE_KEYS = {
     VARS: {
@@ -41,23 +47,11 @@ VARIABLE = {
     "type": "string",
     "pattern": r"^\$\{[A-Za-z_][A-Za-z0-9_]*\}$",
 }
-ANNOTATIONS = ("description", "default")  # keywords beside those that say what is valid
+NOTES = ("description", "default")  # keywords beside those that say what is valid
 NARROW = ("enum", "const", "pattern")  # keywords that a text with a variable does not fit
 
 
-class _Generator(GenerateJsonSchema):
-    """Leaves out what pydantic makes up: titles of fields, and the null of what may be left out."""
-
-    def field_title_should_be_set(self, schema: object) -> bool:
-        return False
-
-    def default_schema(self, schema: WithDefaultSchema) -> JsonSchemaValue:
-        if schema.get("default") is None:
-            return self.generate_inner(schema["schema"])
-        return super().default_schema(schema)
-
-
-def json_schema(kind: str) -> JsonSchemaValue:
+def json_schema(kind: str) -> JsonSchema:
     """Returns the JSON Schema, draft 2020-12, of documents of a `kind`.
 
     Raises:
@@ -65,13 +59,27 @@ def json_schema(kind: str) -> JsonSchemaValue:
     """
     if kind not in DOCUMENTS:
         raise UnknownNameError("schema", kind, [*DOCUMENTS])
-    model, title, has_variables = DOCUMENTS[kind]
-    schema = model.model_json_schema(schema_generator=_Generator)
-    schema = {"$schema": _Generator.schema_dialect, **schema, "title": title}
+    record, title, has_variables = DOCUMENTS[kind]
+    definitions: dict[str, Schema] = {}
+    rule = record.mapping_schema(DocumentReader(Path(), OutputFolder(Path())), definitions)
+    schema: JsonSchema = printed({"$schema": DIALECT, "$defs": definitions, **rule, "title": title})
     return _with_variable_keys(schema) if has_variables else schema
 
 
-def _with_variable_keys(schema: JsonSchemaValue) -> JsonSchemaValue:
+def printed(rule: Any) -> Any:
+    """`rule` without the annotations for messages; descriptions list the formats that there are."""
+    if isinstance(rule, list | tuple):
+        return [printed(part) for part in cast("Sequence[object]", rule)]
+    if not isinstance(rule, dict):
+        return rule
+    parts = cast("dict[str, object]", rule)
+    whole = {key: printed(part) for key, part in parts.items() if key not in ANNOTATIONS or isinstance(part, dict)}
+    if isinstance(about := whole.get("description"), str):
+        whole["description"] = with_formats(about)
+    return whole
+
+
+def _with_variable_keys(schema: JsonSchema) -> JsonSchema:
     """`schema` for a document that may have variables, and defaults that say what it does not."""
     properties = {key: _with_variables(rule) for key, rule in schema["properties"].items()}
     definitions = {name: _with_variables(rule) for name, rule in schema.get("$defs", {}).items()}
@@ -89,17 +97,12 @@ def _with_variables(rule: object) -> object:
     """`rule`, or the rules in it, with variables wherever a value is no free text."""
     if isinstance(rule, list):
         return [_with_variables(inner) for inner in cast("list[object]", rule)]
-    return _rule_with_variables(cast("JsonSchemaValue", rule)) if isinstance(rule, dict) else rule
+    return _rule_with_variables(cast("JsonSchema", rule)) if isinstance(rule, dict) else rule
 
 
-def _rule_with_variables(rule: JsonSchemaValue) -> JsonSchemaValue:
+def _rule_with_variables(rule: JsonSchema) -> JsonSchema:
     if rule.get("type") in ("number", "integer", "boolean") or any(key in rule for key in NARROW):
-        annotations = {key: rule[key] for key in ANNOTATIONS if key in rule}
-        bare = {key: value for key, value in rule.items() if key not in annotations}
-        return {**annotations, "anyOf": [bare, {"$ref": "#/$defs/Variable"}]}
-    changed: JsonSchemaValue = {
-        key: value if key in ANNOTATIONS else _with_variables(value) for key, value in rule.items()
-    }
-    if all("required" not in member for member in changed.get("oneOf", [{"required": []}])):
-        changed["anyOf"] = changed.pop("oneOf")  # a variable may fit several
-    return changed
+        notes = {key: rule[key] for key in NOTES if key in rule}
+        bare = {key: value for key, value in rule.items() if key not in notes}
+        return {**notes, "anyOf": [bare, {"$ref": "#/$defs/Variable"}]}
+    return {key: value if key in NOTES else _with_variables(value) for key, value in rule.items()}

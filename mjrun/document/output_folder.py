@@ -1,11 +1,12 @@
 """Where the paths in a document lead; the files that it asks for are all inside one folder, no two the same."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from mjrun.errors import UsageError, clean, quoted
+from mjrun.errors import Problem, UsageError, clean, quoted
 from mjrun.model.sources import is_file
+from mjrun.options.kinds import Reader
 from mjrun.outputs.output_files import ReservedFiles
 
 
@@ -32,8 +33,10 @@ class OutputFolder:
         """Resolves an output path inside the folder; a folder of frames keeps its trailing slash.
 
         Raises:
-          UsageError: a link leads out of the folder.
+          UsageError: it leads out of the folder, by itself or by a link.
         """
+        if reason := refusal(text):
+            raise UsageError(reason)
         path = self._folder / text
         self._check(path)
         return f"{path}/" if text.endswith("/") else str(path)
@@ -57,7 +60,7 @@ class OutputFolder:
 
 
 @dataclass(frozen=True)
-class Folders:
+class Folders(Reader):
     """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs.
 
     Attributes:
@@ -67,12 +70,14 @@ class Folders:
     inputs: Path
     outputs: OutputFolder
     lexical: bool = False
+    problems: list[Problem] = field(default_factory=list[Problem])
 
     def model(self, text: str) -> str:
-        """A model, as it is from here; sources that are no files stand as they are."""
         return self.input(text) if is_file(text) else text
 
+    def output(self, path: str) -> str:
+        return self.outputs.path(path)
+
     def input(self, path: str) -> str:
-        """An input, as it is from here."""
         joined = path if self.inputs == Path() else str(self.inputs / path)
         return os.path.normpath(joined) if self.lexical else joined

@@ -2,22 +2,22 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal, cast
+from typing import TypeVar, cast
 
-from pydantic import Field, ValidationError
-
-from mjrun.document.document_model import DocumentModel, Name
-from mjrun.document.error_messages import validation_faults
-from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import document_error
-from mjrun.document.study import STUDY, StudyDocument
-from mjrun.document.study_writer import portable_document
-from mjrun.document.tree import Fault, MappingNode, Mark, node_of
+from mjrun.document.faults import document_error, misfit_faults
+from mjrun.document.forms import DocumentReader
+from mjrun.document.output_folder import OutputFolder
+from mjrun.document.study import STUDY, portable_document
+from mjrun.document.tree import Fault, MappingNode, Mark, Node, node_of
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
+from mjrun.options.kinds import Choice, Kind, Reader, Text
+from mjrun.options.option import Options, options, required
+from mjrun.options.record import Record
+from mjrun.options.schema import TEXT, ExpectedError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions
 from mjrun.options.sweep import MANIFEST, PLANS
 from mjrun.study.plan import SCHEMA, StudyPlan
@@ -26,17 +26,56 @@ from mjrun.study.study import Study
 
 LARGEST = 2**26  # bytes of a line
 
+V = TypeVar("V")
 
-class PlanLine(DocumentModel):
+
+class Plain(Kind[V, V]):
+    """Plain values by a rule of JSON Schema; an empty rule is about nothing."""
+
+    def __init__(self, rule: Schema) -> None:
+        super().__init__()
+        self._rule = rule
+
+    @property
+    def form(self) -> Schema:
+        return self._rule
+
+    def __call__(self, value: V) -> V:
+        return value
+
+
+STRING: Schema = {"type": "string"}
+ABOUT = ("format", "folder", "study", "identity", "names")  # what all lines have in common
+
+
+@options
+class PlanLine(Options):
     """A chunk of points, and the study that it belongs to."""
 
-    schema_: Annotated[Literal["mjrun-plan-1"], Field(alias="schema")]
-    folder: Name
-    study: Annotated[object, Field()]
-    identity: dict[str, str]
-    names: list[Name]
-    points: list[int]
-    values: list[list[str]]
+    format: str = required(converter=Choice((SCHEMA,)), key="schema", help="The format.")
+    folder: str = required(converter=Text(), help="The folder of the study.")
+    study: object = required(converter=Plain[object]({}), help="The study, as a document.")
+    identity: Mapping[str, str] = required(
+        converter=Plain[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}), help="The versions."
+    )
+    names: Sequence[str] = required(
+        converter=Plain[Sequence[str]]({"type": "array", "items": TEXT}), help="What varies."
+    )
+    points: Sequence[int] = required(
+        converter=Plain[Sequence[int]]({"type": "array", "items": {"type": "integer"}}), help="Their indices."
+    )
+    values: Sequence[Sequence[str]] = required(
+        converter=Plain[Sequence[Sequence[str]]]({"type": "array", "items": {"type": "array", "items": STRING}}),
+        help="Their values.",
+    )
+
+    @property
+    def about(self) -> dict[str, object]:
+        """What all lines of a plan have in common."""
+        return {name: getattr(self, name) for name in ABOUT}
+
+
+LINE = Record(PlanLine, PlanLine)
 
 
 def write_plan(path: str, plan: StudyPlan) -> None:
@@ -73,10 +112,9 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
         lines = [_line(path, number, text) for number, text in enumerate(file, 1) if text.strip()]
     if not lines:
         return None
-    first, of_chunk = lines[0], {"points", "values"}
-    about = first.model_dump(exclude=of_chunk)
+    first = lines[0]
     for number, line in enumerate(lines, 1):
-        if line.model_dump(exclude=of_chunk) != about:
+        if line.about != first.about:
             raise document_error([Fault(Mark(0, number, 1, path), "", "this chunk is of another study than the first")])
     chunks = [
         tuple(StudyPoint(index, tuple(values)) for index, values in zip(line.points, line.values, strict=True))
@@ -131,10 +169,7 @@ def _line(path: str, number: int, text: bytes) -> PlanLine:
         tree = node_of(value, mark)
     except (ValueError, RecursionError) as error:
         raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
-    try:
-        line = PlanLine.model_validate(value)
-    except ValidationError as error:
-        raise document_error(validation_faults(error, tree)) from None
+    line = _read(LINE, value, tree, Reader())
     if len(line.points) != len(line.values) or any(len(values) != len(line.names) for values in line.values):
         raise document_error([Fault(mark, "values", "a list for each point, with a value for each of the names")])
     return line
@@ -143,10 +178,22 @@ def _line(path: str, number: int, text: bytes) -> PlanLine:
 def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) -> Study:
     """The study in `value`, a document in `folder`."""
     tree = node_of(value, Mark(0, 1, 1, path))
-    try:
-        document = StudyDocument.model_validate(value)
-    except ValidationError as error:
-        raise document_error(validation_faults(error, tree)) from None
+    folders = DocumentReader(folder, OutputFolder(Path()), lexical=True)
+    document = _read(STUDY.record, value, tree, folders)
     assert isinstance(tree, MappingNode)
-    folders = Folders(folder, OutputFolder(Path()), lexical=True)
     return STUDY.made(tree, folders, document, {}, given, CodeOptions())
+
+
+def _read(record: Record[V], value: object, tree: Node, reader: Reader) -> V:
+    """What `record` reads from plain values.
+
+    Raises:
+      DocumentError: with everything that is wrong with them.
+    """
+    try:
+        return cast("V", record.read(value, reader))
+    except (MisfitError, ExpectedError) as error:
+        top = Misfits()
+        with top.at():
+            raise error
+        raise document_error(misfit_faults(top.all, tree)) from None

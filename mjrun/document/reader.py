@@ -1,77 +1,64 @@
 """A YAML file, read into a typed value, or every error in it at once, each at its line and column."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
-
-from pydantic import BaseModel, ValidationError
+from typing import TypeVar, cast
 
 from mjrun.document.assignments import assign
-from mjrun.document.error_messages import validation_faults
+from mjrun.document.faults import NAMED, document_error, misfit_faults
 from mjrun.document.kinds import other_kind
 from mjrun.document.tree import Fault, InvalidNode, MappingNode, Mark, ScalarNode, described, plain
 from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.yaml_parser import LineIndex, compose
-from mjrun.errors import DocumentError, Problem
 from mjrun.formats.input_file import opened
+from mjrun.options.kinds import Reader
+from mjrun.options.record import Record
+from mjrun.options.schema import Misfits
 from mjrun.suffixes import YAML, is_yaml
 
 LARGEST = 2**20  # bytes of a document
 
-Kind = TypeVar("Kind", bound=BaseModel)
+T = TypeVar("T")
 
 
-def read(path: Path | str, kind: type[Kind], assignments: Sequence[str] = (), *, variables: bool = False) -> Kind:
-    """The document at `path`, a mapping, as a `kind`.
+def read(
+    path: Path | str,
+    record: Record[T],
+    context: Reader | None = None,
+    assignments: Sequence[str] = (),
+    *,
+    variables: bool = False,
+) -> tuple[T, MappingNode]:
+    """The value of the document at `path`, a mapping that `record` reads, and the tree that knows where it is written.
 
     It is YAML 1.2's core schema: only `true` and `false` are truth values, `010` is ten, times and dates are text;
     keys stand once and are text; there are no aliases, tags, merge keys or further documents.
 
     Args:
+      context: what its paths mean, and the forms of its kinds.
       assignments: `key=value` from the command line, such as `videos[0].fps=30`, over what is written; each value
         is a scalar or a flow collection under the same rules.
       variables: whether the document may have `vars:`, for `${name}` in its texts, and `defaults:`, another document
         with the same kind of mapping, below this one; its path is relative to the document's folder. `vars` of both
-        count for both. Neither reaches `kind`.
+        count for both. Neither reaches `record`.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, its defaults and the assignments.
-      FileError: the document, or that of its defaults, is not there or cannot be read.
-    """
-    return read_placed(path, kind, assignments, variables=variables)[0]
-
-
-def read_placed(
-    path: Path | str,
-    kind: type[Kind],
-    assignments: Sequence[str] = (),
-    *,
-    variables: bool = False,
-    named: Sequence[str] = (),
-) -> tuple[Kind, MappingNode]:
-    """The document at `path`, as `read` gives it, and the tree that knows where each of its values is written.
-
-    Args:
-      named: keys whose entries have names that may hold dots, so that `set.opt.cone=elliptic` sets `opt.cone`.
+      DocumentError: with everything that is wrong in the document, those it names and the assignments.
+      FileError: the document, or one of those, is not there or cannot be read.
     """
     reader = _Reader(Path(path), variables)
     tree = reader.document(Path(path), 0)
     if tree and variables:
         tree = reader.with_defaults(tree)
-    if tree and (fault := other_kind(tree, kind.__name__)):
+    if tree and (fault := other_kind(tree, record.name)):
         raise document_error([fault])  # which explains all else that may be wrong
     if tree:
-        tree, faults = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), named)
+        tree, faults = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), NAMED)
         reader.faults += faults
         if variables:
             tree, faults = without_variables(tree)
             reader.faults += faults
-    return reader.validated(tree, kind)
-
-
-def document_error(faults: Iterable[Fault], more: Sequence[Problem] = ()) -> DocumentError:
-    """The error with all `faults`, in the order of their places, and `more` from other documents."""
-    return DocumentError([*(_problem(fault) for fault in sorted(set(faults))), *more])
+    return reader.validated(tree, record, context)
 
 
 class _Reader:
@@ -124,21 +111,15 @@ class _Reader:
         both = merged(tree, below)
         return both if below and isinstance(both, MappingNode) else None
 
-    def validated(self, tree: MappingNode | None, kind: type[Kind]) -> tuple[Kind, MappingNode]:
+    def validated(self, tree: MappingNode | None, record: Record[T], context: Reader | None) -> tuple[T, MappingNode]:
         """The value and the tree, unless something was wrong."""
-        model = None
+        values: list[T] = []
+        context = context or Reader()
         if tree:
-            try:
-                model = kind.model_validate(plain(tree))
-            except ValidationError as error:
-                self.faults += validation_faults(error, tree, (VARS, DEFAULTS) if self.variables else ())
-        if tree is None or model is None or self.faults:
-            raise document_error(self.faults)
-        return model, tree
-
-
-def _problem(fault: Fault) -> Problem:
-    named = not fault.mark.line and fault.mark.source.startswith(
-        f"{fault.path}="
-    )  # the assignment names the path already
-    return Problem(str(fault.mark), "" if named else fault.path, fault.message)
+            top = Misfits()
+            with top.at():
+                values.append(cast("T", record.read(plain(tree), context)))
+            self.faults += misfit_faults(top.all, tree, (VARS, DEFAULTS) if self.variables else ())
+        if tree is None or not values or self.faults:
+            raise document_error(self.faults, context.problems)
+        return values[0], tree

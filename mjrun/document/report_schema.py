@@ -1,45 +1,65 @@
 """JSON Schema of what mjrun reports, derived from its dataclasses and what their docstrings say of each field."""
 
+import dataclasses
 import inspect
 import re
-
-from pydantic import TypeAdapter
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
-from pydantic_core.core_schema import DataclassField, DataclassSchema, ModelField, TypedDictField, WithDefaultSchema
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from mjrun.diff.result import DiffResult
 from mjrun.errors import Failure
 from mjrun.outputs.run_result import RESULTS, RunResult
 
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
 ERROR = "error"  # the key of a failure in any report, and the kind of a report of nothing else
+_TYPES = {str: "string", int: "integer", float: "number", bool: "boolean", type(None): "null"}
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
-
-class _Generator(GenerateJsonSchema):
-    """Describes each field; a report has all of them."""
-
-    def field_title_should_be_set(self, schema: object) -> bool:
-        return False
-
-    def field_is_required(self, field: ModelField | DataclassField | TypedDictField, total: bool) -> bool:
-        return True
-
-    def default_schema(self, schema: WithDefaultSchema) -> JsonSchemaValue:
-        return self.generate_inner(schema["schema"])
-
-    def dataclass_schema(self, schema: DataclassSchema) -> JsonSchemaValue:
-        report = super().dataclass_schema(schema)
-        about, _, _ = (inspect.getdoc(schema["cls"]) or "").partition("Attributes:\n")
-        report["description"] = about.strip()
-        for cls in reversed(schema["cls"].__mro__):
-            _, _, fields = (inspect.getdoc(cls) or "").partition("Attributes:\n")
-            for names, description in _FIELDS.findall(fields):
-                for name in names.split(", "):
-                    report["properties"][name]["description"] = " ".join(description.split())
-        return report
+JsonSchema = dict[str, Any]
 
 
-def report_schema(kind: str, command: str, report: type) -> JsonSchemaValue:
+def _rule(annotation: Any, definitions: JsonSchema) -> JsonSchema:
+    """The rule of the values of a type."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if annotation in _TYPES:
+        return {"type": _TYPES[annotation]}
+    if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
+        name = str(annotation.__name__)
+        if name not in definitions:
+            definitions[name] = {}
+            definitions[name] = _mapping(annotation, definitions)
+        return {"$ref": f"#/$defs/{name}"}
+    if origin in (Union, UnionType):
+        return {"anyOf": [_rule(each, definitions) for each in arguments]}
+    if origin is Literal:
+        return {"enum": [*arguments], "type": "string"}
+    if origin is tuple and ... not in arguments:
+        items = [_rule(each, definitions) for each in arguments]
+        return {"type": "array", "prefixItems": items, "minItems": len(items), "maxItems": len(items)}
+    if origin in (list, tuple, Sequence):
+        return {"type": "array", "items": _rule(arguments[0], definitions)}
+    if origin in (dict, Mapping):
+        return {"type": "object", "additionalProperties": _rule(arguments[1], definitions)}
+    assert annotation in (object, Any), annotation
+    return {}
+
+
+def _mapping(report: type, definitions: JsonSchema) -> JsonSchema:
+    """The rule of a dataclass, which has all of its fields, described as its docstring does."""
+    hints = get_type_hints(report, localns={"DiffResult": DiffResult})  # which traces import only when they need it
+    properties = {field.name: _rule(hints[field.name], definitions) for field in dataclasses.fields(report)}
+    for cls in reversed(report.__mro__):
+        _, _, fields = (inspect.getdoc(cls) or "").partition("Attributes:\n")
+        for names, description in _FIELDS.findall(fields):
+            for name in names.split(", "):
+                properties[name]["description"] = " ".join(description.split())
+    about, _, _ = (inspect.getdoc(report) or "").partition("Attributes:\n")
+    schema = {"title": report.__name__, "description": about.strip(), "type": "object"}
+    return {**schema, "properties": properties, "required": [*properties]}
+
+
+def report_schema(kind: str, command: str, report: type) -> JsonSchema:
     """Returns the JSON Schema, draft 2020-12, of the reports of a command.
 
     New keys may come to a report. One of a command that fails has an `error`, and may have nothing else.
@@ -48,9 +68,8 @@ def report_schema(kind: str, command: str, report: type) -> JsonSchemaValue:
       kind: of the report.
       report: its dataclass.
     """
-    adapter: TypeAdapter[object] = TypeAdapter(report)
-    adapter.rebuild(_types_namespace={"DiffResult": DiffResult})  # which traces import only when they need it
-    schema = adapter.json_schema(schema_generator=_Generator, mode="serialization")
+    definitions: JsonSchema = {}
+    schema = _mapping(report, definitions)
     if report is RunResult:
         schema["properties"]["results"]["items"] |= {
             "properties": {"kind": {"description": "The kind of the output.", "enum": [*RESULTS]}},
@@ -60,13 +79,13 @@ def report_schema(kind: str, command: str, report: type) -> JsonSchemaValue:
     schema["properties"].setdefault("schema", name)["const"] = f"mjrun-{kind}-1"
     schema["properties"][ERROR] = _failure_rule()
     schema["anyOf"] = [{"required": [*dict.fromkeys((*schema.pop("required"), "schema"))]}, {"required": [ERROR]}]
-    return {"$schema": _Generator.schema_dialect, **schema, "title": f"report of {command}"}
+    return {"$schema": DIALECT, "$defs": definitions, **schema, "title": f"report of {command}"}
 
 
-def failure_schema() -> JsonSchemaValue:
+def failure_schema() -> JsonSchema:
     """Returns the JSON Schema of what any command reports when it fails before it has a result."""
     return {
-        "$schema": _Generator.schema_dialect,
+        "$schema": DIALECT,
         "description": "What a command with --json prints when it fails.",
         "type": "object",
         "properties": {ERROR: _failure_rule()},
@@ -75,8 +94,8 @@ def failure_schema() -> JsonSchemaValue:
     }
 
 
-def _failure_rule() -> JsonSchemaValue:
-    schema = TypeAdapter(Failure).json_schema(schema_generator=_Generator, mode="serialization")
-    for key in ("properties", "required"):
-        schema[key].pop("facts" if key == "properties" else schema[key].index("facts"))
+def _failure_rule() -> JsonSchema:
+    schema = _mapping(Failure, {})
+    del schema["properties"]["facts"]
+    schema["required"].remove("facts")
     return schema

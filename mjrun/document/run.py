@@ -22,82 +22,93 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar, cast
+from typing import cast
 
-from pydantic import ConfigDict, Field, Tag
-
-from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
-from mjrun.document.document_model import MAPPING, MODEL, TEXT, Key, Location, Name, by_type
-from mjrun.document.error_messages import RENAMED
-from mjrun.document.field_types import OutputPath
-from mjrun.document.option_models import OptionsModel, options_model
+from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
+from mjrun.document.faults import RENAMED, document_error, option_fault
+from mjrun.document.forms import DocumentReader
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import document_error, read_placed
+from mjrun.document.reader import read
 from mjrun.document.tree import Fault, MappingNode, find, path_text, written_path
 from mjrun.document.tree import Path as Place
 from mjrun.errors import InvalidJobsError, UsageError
-from mjrun.options.option import Options, options
-from mjrun.options.plot import PageOptions
+from mjrun.options.image import ImageOptions
+from mjrun.options.keyframe import KeyframeOptions
+from mjrun.options.kinds import File, Reader
+from mjrun.options.option import Options, document_key, options
+from mjrun.options.output import OutputOptions
+from mjrun.options.plot import PageOptions, PlotOptions
+from mjrun.options.record import ListOf, OneOf, Record
 from mjrun.options.run import RunOptions
+from mjrun.options.schema import Schema
 from mjrun.options.simulation import SimulationOptions
-from mjrun.outputs.golden import golden_files
-from mjrun.outputs.image import Image
-from mjrun.outputs.keyframe import Keyframe
+from mjrun.options.trace import RecordingOptions, TraceOptions
+from mjrun.options.video import VideoOptions
 from mjrun.outputs.output import Job, OutputResult
-from mjrun.outputs.plot import Plot
-from mjrun.outputs.recording import Recording
-from mjrun.outputs.trace import Trace
-from mjrun.outputs.video import Video
-from mjrun.plotting.page_writer import check_page_name
 from mjrun.simulation.simulation import Simulation
 
-# What a document can make, by key.
-OUTPUTS: dict[str, type[Video | Image | Trace | Plot | Recording | Keyframe]] = {
-    "videos": Video,
-    "images": Image,
-    "traces": Trace,
-    "plots": Plot,
-    "recordings": Recording,
-    "keyframes": Keyframe,
+# The options of what a document can make, by key; their classes are imported when a document asks for them.
+OUTPUTS: dict[str, type[OutputOptions]] = {
+    "videos": VideoOptions,
+    "images": ImageOptions,
+    "traces": TraceOptions,
+    "plots": PlotOptions,
+    "recordings": RecordingOptions,
+    "keyframes": KeyframeOptions,
 }
-T = TypeVar("T")
 
 
 @options
 class _TopLevel(SimulationOptions, PageOptions):
-    """A simulation, and a page of what is made of it."""
+    """A simulation, and what is made of it."""
 
 
-class _Run(OptionsModel):
-    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [key]} for key in OUTPUTS]})
+def _entry(output: type[OutputOptions]) -> OneOf[object, object]:
+    """The form of an output: a mapping of its options, or its file alone."""
+    mapping = Record[Values](output, dict, name=output.__name__.removesuffix("Options"))
+    return OneOf("a file, or a mapping with an output", string=File(written=True), object=mapping)
 
-    @classmethod
-    def cross_field_errors(cls, values: Mapping[str, object]) -> Iterator[tuple[Location, str]]:
-        yield from super().cross_field_errors(values)
+
+class _Run(Record[Values]):
+    """A simulation, and what is made of it."""
+
+    def __init__(self) -> None:
+        outputs = [
+            document_key(key, ListOf[object](_entry(output)), f"The {key}: a file or a mapping each.", ())
+            for key, output in OUTPUTS.items()
+        ]
+        super().__init__(_TopLevel, dict, name="Run", more=[MODEL, *outputs])
+
+    def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Place, str]]:
+        yield from super().conflicts(values)
         renamed = any(RENAMED.get(key, "").startswith(tuple(OUTPUTS)) for key in values)  # an error of its own
         if not renamed and not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"there is nothing to do; ask for one of {', '.join(OUTPUTS)}"
 
-
-def _entry(output: type[Options]) -> object:
-    """The type of an output: a mapping of its options, or its file alone."""
-    return Annotated[
-        Annotated[OutputPath, Tag(TEXT)] | Annotated[options_model(output), Tag(MAPPING)],
-        by_type("a file, or a mapping with an output", TEXT, MAPPING),
-    ]
+    def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
+        schema = super().mapping_schema(reader, definitions)
+        return {**schema, "anyOf": [{"required": [key]} for key in OUTPUTS]}
 
 
-def _run_model() -> type[OptionsModel]:
-    source = Field(description=MODEL)
-    lists: dict[str, Key] = {
-        key: (list[_entry(output)], Field([], description=f"The {key}: a file or a mapping each."))
-        for key, output in OUTPUTS.items()
-    }
-    return options_model(_TopLevel, base=_Run, name="Run", first={"model": (Name, source)}, last=lists)
+RUN = _Run()
 
 
-RunDocument = _run_model()
-RunDocument.__doc__ = "A simulation, and what is made of it."
+def _output_class(key: str) -> Callable[..., Job[OutputResult]]:
+    """The class of the outputs under a key."""
+    match key:
+        case "videos":
+            from mjrun.outputs.video import Video as Output
+        case "images":
+            from mjrun.outputs.image import Image as Output
+        case "traces":
+            from mjrun.outputs.trace import Trace as Output
+        case "plots":
+            from mjrun.outputs.plot import Plot as Output
+        case "recordings":
+            from mjrun.outputs.recording import Recording as Output
+        case _:
+            from mjrun.outputs.keyframe import Keyframe as Output
+    return Output
 
 
 class RunRequest:
@@ -133,7 +144,7 @@ class RunRequest:
     def _fault(self, index: int | None, error: UsageError) -> Fault:
         """`error` at the option that it is about, or else at the job."""
         place: Place = () if index is None else self._places[index]
-        return fault_at(self._tree, place, error, _declared_at)
+        return option_fault(self._tree, place, error, _declared_at)
 
 
 def read_run(
@@ -154,8 +165,8 @@ def read_run(
       FileError: one of them is not there, or cannot be read.
     """
     options = options or RunOptions()
-    document, tree = read_placed(path, RunDocument, assignments, variables=True, named=NAMED)
-    folders = Folders(Path(path).parent, OutputFolder(Path(options.output)))
+    folders = DocumentReader(Path(path).parent, OutputFolder(Path(options.output)))
+    document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
     page = builder.page(document)
     return RunRequest(tree, builder.jobs(document), page)
@@ -169,70 +180,67 @@ class _Builder(DocumentBuilder):
         self._options, self._command = options, command
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")
 
-    def jobs(self, document: OptionsModel) -> dict[Place, Job[OutputResult]]:
+    def jobs(self, document: Values) -> dict[Place, Job[OutputResult]]:
         """All jobs, if nothing is wrong, by their places in the document."""
         simulation = self.simulation(document, self._options)
         jobs: dict[Place, Job[OutputResult]] = {}
-        for key, output in OUTPUTS.items():
-            for index, entry in enumerate(getattr(document, key)):
-                job = self._job(output, entry, (key, index), simulation)
+        for key in OUTPUTS:
+            for index, entry in enumerate(cast("Sequence[Values | str]", document.get(key, ()))):
+                job = self._job(entry, (key, index), simulation)
                 if job is not None:
                     jobs[key, index] = job
         self.raise_faults()
         return jobs
 
-    def page(self, document: OptionsModel) -> PageOptions:
+    def page(self, document: Values) -> PageOptions:
         """The page that the document asks for, or else the command line."""
         page_options = cast("Callable[..., PageOptions]", PageOptions)
-        page = page_options(**self.values(PageOptions, document, ()))
+        page = page_options(**values_of(PageOptions, document))
         if self._options.html is not None:
             page = replace(page, html=self._options.html)
         elif page.html is not None:
+            from mjrun.plotting.page_writer import check_page_name
+
             self.attempt((), partial(check_page_name, page.html))
             self._reserve_file("html", page.html, ())
         limit = self._options.embed_up_to
         return page if limit is None else replace(page, embed_up_to=limit)
 
-    def _job(
-        self, output: Callable[..., Job[OutputResult]], entry: OptionsModel | str, place: Place, simulation: Simulation
-    ) -> Job[OutputResult] | None:
-        faults = self.fault_count
-        if isinstance(entry, str):
-            path = self.attempt(place, lambda: self.folders.outputs.path(entry))
-            values: dict[str, object] = {} if path is None else {"output": path}
-        else:
-            values = self.values(entry.declared, entry, place)
-        if "output" not in values:
+    def _job(self, entry: Values | str, place: Place, simulation: Simulation) -> Job[OutputResult] | None:
+        key = str(place[0])
+        values = {"output": entry} if isinstance(entry, str) else entry
+        values = {**values, **self._machine_values(key), "command": self._command}
+        output = _output_class(key)
+        job = self.attempt(place, lambda: output(simulation, **values))
+        if job is None:
             return None
-        job = self.attempt(place, lambda: output(simulation, **values, command=self._command))
-        if job is None or self.fault_count > faults:
-            return None
-        if isinstance(job, Video | Image):
-            job = self._on_this_machine(job)
-        self._reserve(job, place)
-        return self._updated(job, place) if isinstance(job, Trace) else job
+        for name, file in self.attempt(place, lambda: job.files) or ():
+            self._reserve_file(name, file, place)
+        return self._updated(job, place) if key == "traces" and self._options.update else job
 
-    def _on_this_machine(self, job: Video | Image) -> Job[OutputResult]:
-        """The job, with what the command line says of all of them."""
+    def _machine_values(self, key: str) -> Values:
+        """What the command line says of all outputs under a key."""
         options = self._options
-        job = replace(job, gl=options.gl, require_gpu=options.require_gpu, quality=options.quality or job.quality)
-        return replace(job, jobs=options.jobs or job.jobs) if isinstance(job, Video) else job
+        if key not in ("videos", "images"):
+            return {}
+        values: Values = {"gl": options.gl, "require_gpu": options.require_gpu, "quality": options.quality}
+        values |= {"jobs": options.jobs} if key == "videos" else {}
+        return {name: value for name, value in values.items() if value is not None}
 
-    def _updated(self, trace: Trace, place: Place) -> Trace:
-        """The trace, with its golden table to be updated if the command line says so and the document may write it."""
-        if trace.golden is None or not self._options.update:
-            return trace
-        updated = replace(trace, update=True)
+    def _updated(self, job: Job[OutputResult], place: Place) -> Job[OutputResult]:
+        """The trace with its golden table to be updated, which the document must be allowed to write."""
+        from mjrun.outputs.golden import golden_files
+        from mjrun.outputs.trace import Trace
+
+        assert isinstance(job, Trace)
+        if job.golden is None:
+            return job
+        updated = replace(job, update=True)
         for file in golden_files(updated):
             where = written_path(self.tree, (*place, "golden"))
             owner = f"{path_text(where)} at {find(self.tree, where).mark}"
             self.attempt((*place, "golden"), partial(self._goldens.reserve, file, owner))
         return updated
-
-    def _reserve(self, job: Job[OutputResult], place: Place) -> None:
-        """Reserves all files that `job` writes."""
-        for name, file in self.attempt(place, lambda: job.files) or ():
-            self._reserve_file(name, file, place)
 
     def _reserve_file(self, name: str, file: str, place: Place) -> None:
         where = written_path(self.tree, (*place, name))

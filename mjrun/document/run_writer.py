@@ -4,17 +4,18 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import cast
 
-from mjrun.camera.script import CameraScript, Event
-from mjrun.document.camera_writer import camera_document, event_document
+from mjrun.camera.script import CameraScript, Event, InlineCamera
 from mjrun.document.output_folder import refusal
+from mjrun.document.run import OUTPUTS
 from mjrun.document.tree import Mapped, Plain
-from mjrun.document.yaml_scalars import meaning
+from mjrun.document.yaml_parser import meaning
 from mjrun.document.yaml_writer import exact, number, yaml_text
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
+from mjrun.options.record import plain_values
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
@@ -31,8 +32,6 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
     Raises:
       UsageError: a document cannot hold this: code, a compiled model, an output outside of a folder.
     """
-    from mjrun.document.run import OUTPUTS  # and with it the models of all documents
-
     if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
         raise UsageError("a run document is of the outputs of one simulation")
     outputs: dict[str, list[Plain]] = {}
@@ -96,9 +95,10 @@ def _written(value: object) -> Plain:
         case Fraction():
             return exact(value)
         case Event():
-            return event_document(value, "time")
-        case CameraScript():
-            return camera_document(value)
+            return _written(plain_values(value))
+        case CameraScript(name=name, shots=shots):
+            camera = InlineCamera(name=name, shots=shots)  # pyright: ignore[reportArgumentType]
+            return _written(plain_values(camera))
         case bool() | str():
             return value
         case int() | float():

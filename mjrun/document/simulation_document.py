@@ -5,17 +5,15 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from pydantic import Field
-
-from mjrun.document.builder import NAMED, DocumentBuilder, located_errors
-from mjrun.document.document_model import MODEL, Name
-from mjrun.document.option_models import OptionsModel, option_keys, options_model
+from mjrun.document.builder import MODEL, DocumentBuilder, Values, located_errors, values_of
+from mjrun.document.forms import DocumentReader
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import read_placed
+from mjrun.document.reader import read
 from mjrun.document.tree import MappingNode
 from mjrun.document.tree import Path as Place
 from mjrun.options.option import Options
-from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.options.record import Record
+from mjrun.options.simulation import CodeOptions
 from mjrun.simulation.simulation import Simulation
 
 Made = TypeVar("Made")
@@ -37,26 +35,17 @@ class SimulationDocument(Generic[Made]):
 
     Args:
       name: of what it describes.
-      about: what it holds, in a sentence.
       declared: the options beside those of a simulation; `output` may be left out.
       every: these and those of a simulation.
       make: from a simulation and these options to what is made.
 
     Attributes:
-      model: by which documents are checked.
+      record: what documents hold.
     """
 
-    def __init__(
-        self, name: str, about: str, declared: type[Options], every: type[Options], make: Callable[..., Made]
-    ) -> None:
+    def __init__(self, name: str, declared: type[Options], every: type[Options], make: Callable[..., Made]) -> None:
         self._declared, self._every, self._make = declared, every, make
-        self.model: type[OptionsModel] = options_model(
-            SimulationOptions,
-            name=name,
-            first={"model": (Name, Field(description=MODEL))},
-            last=option_keys(declared, ["output"]),
-        )
-        self.model.__doc__ = about
+        self.record = Record[Values](every, dict, name=name, more=[MODEL], optional=["output"])
 
     def declared_at(self, place: Place) -> type[Options]:
         """The options that stand at a place of such a document."""
@@ -84,8 +73,8 @@ class SimulationDocument(Generic[Made]):
           DocumentError: with everything that is wrong in the document, those it names, and the assignments.
           FileError: one of them is not there, or cannot be read.
         """
-        document, tree = read_placed(path, self.model, assignments, variables=True, named=NAMED)
-        folders = Folders(Path(path).parent, OutputFolder(Path()))
+        folders = DocumentReader(Path(path).parent, OutputFolder(Path()))
+        document, tree = read(path, self.record, folders, assignments, variables=True)
         made = self.made(tree, folders, document, defaults, values, code)
         return Request(made, lambda: located_errors(tree, self.declared_at))
 
@@ -93,7 +82,7 @@ class SimulationDocument(Generic[Made]):
         self,
         tree: MappingNode,
         folders: Folders,
-        document: OptionsModel,
+        document: Values,
         defaults: Mapping[str, object],
         values: Mapping[str, object],
         code: CodeOptions,
@@ -105,9 +94,5 @@ class SimulationDocument(Generic[Made]):
         """
         builder = DocumentBuilder(tree, folders, self.declared_at)
         simulation: Simulation = builder.simulation(document, code)
-        chosen = {**defaults, **builder.values(self._declared, document, ()), **values}
-        builder.raise_faults()
-        made = builder.attempt((), lambda: self._make(simulation, **chosen))
-        builder.raise_faults()
-        assert made is not None
-        return made
+        chosen = {**defaults, **values_of(self._declared, document), **values}
+        return builder.made(lambda: self._make(simulation, **chosen))

@@ -18,20 +18,19 @@ terminations:
 ```
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, TypeVar, cast
-
-from pydantic import Field, Tag
+from typing import TypeVar, cast
 
 from mjrun.confinement.confinement import is_readable
-from mjrun.document.builder import NAMED, DocumentBuilder, fault_at
-from mjrun.document.document_model import MAPPING, MODEL, NUMBER, TEXT, Key, Name, Omittable, by_type
-from mjrun.document.option_models import OptionsModel, options_model
-from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.reader import LARGEST, document_error, read_placed
+from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
+from mjrun.document.faults import document_error, option_fault
+from mjrun.document.forms import DocumentReader
+from mjrun.document.output_folder import OutputFolder
+from mjrun.document.reader import LARGEST, read
 from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.tree import Path as Place
 from mjrun.document.yaml_parser import compose
@@ -42,8 +41,10 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
 from mjrun.model.sources.bundled_scene import bundled_task
+from mjrun.options.kinds import Real, Text
 from mjrun.options.model import ModelOptions
-from mjrun.options.option import Options, options, options_of
+from mjrun.options.option import Options, document_key, options, options_of
+from mjrun.options.record import ListOf, MappingOf, OneOf, Record
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.suffixes import YAML
 from mjrun.task.task import Task
@@ -57,40 +58,50 @@ class _Overrides(ModelOptions):
     """What a document overrides in the model of its task."""
 
 
-def _task_model() -> type[OptionsModel]:
-    source = Field(description=MODEL)
-    reset, observation, action, command, reward, termination = (
-        options_model(declared, name=declared.section) for _, declared in PARTS.values()
-    )
-    reward_or_expression = Annotated[
-        Annotated[Name, Tag(TEXT)] | Annotated[float, Tag(NUMBER)] | Annotated[reward, Tag(MAPPING)],
-        by_type("an expression, or a mapping with value and weight", TEXT, NUMBER, MAPPING),
-    ]
-    keys: dict[str, Key] = {
-        "reset": (Omittable[reset], Field(None, description="How an episode starts.")),
-        "observations": (
-            Annotated[list[observation], Field(min_length=1)],
-            Field(description="What the policy observes: terms in the order of its input."),
-        ),
-        "actions": (
-            Annotated[list[action], Field(min_length=1)],
-            Field(description="What the policy does: groups of actuators or joints in the order of its output."),
-        ),
-        "commands": (dict[Name, command], Field({}, description="What the policy is told to do, by name.")),
-        "rewards": (
-            dict[Name, reward_or_expression],
-            Field({}, description="What is summed up as the reward of a period."),
-        ),
-        "terminations": (
-            dict[Name, termination],
-            Field({}, description="What ends an episode, by name; the first that holds counts."),
-        ),
-    }
-    return options_model(TaskOptions, name="Task", first={"model": (Name, source)}, last=keys)
+class _TaskOptions(TaskOptions):
+    """A model, and what a policy observes, does and is rewarded for in it."""
 
 
-TaskDocument = _task_model()
-TaskDocument.__doc__ = "A model, and what a policy observes, does and is rewarded for in it."
+def _part(key: str) -> Record[Values]:
+    declared = PARTS[key][1]
+    return Record[Values](declared, dict, name=declared.section)
+
+
+_REWARD = OneOf[object, object](
+    "an expression, or a mapping with value and weight",
+    string=Text(),
+    number=Real(least=None),
+    object=_part("rewards"),
+)
+TASK = Record[Values](
+    _TaskOptions,
+    dict,
+    name="Task",
+    more=[
+        MODEL,
+        document_key("reset", _part("reset"), "How an episode starts."),
+        document_key(
+            "observations",
+            ListOf[Values](_part("observations"), least=1),
+            "What the policy observes: terms in the order of its input.",
+            dataclasses.MISSING,
+        ),
+        document_key(
+            "actions",
+            ListOf[Values](_part("actions"), least=1),
+            "What the policy does: groups of actuators or joints in the order of its output.",
+            dataclasses.MISSING,
+        ),
+        document_key("commands", MappingOf[Values](_part("commands")), "What the policy is told to do, by name.", {}),
+        document_key("rewards", MappingOf[Values](_REWARD), "What is summed up as the reward of a period.", {}),
+        document_key(
+            "terminations",
+            MappingOf[Values](_part("terminations")),
+            "What ends an episode, by name; the first that holds counts.",
+            {},
+        ),
+    ],
+)
 
 
 @dataclass(frozen=True)
@@ -107,7 +118,7 @@ class DocumentPlaces:
         """`error` at its line; as it is if the document does not say what it is about."""
         if not error.path or error.path[0] not in self.tree.entries:
             return error
-        return document_error([fault_at(self.tree, (), error, declared_at)])
+        return document_error([option_fault(self.tree, (), error, declared_at)])
 
 
 def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
@@ -125,8 +136,8 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
     """
     bundled = bundled_task(str(path))
     file = bundled or Path(path)
-    document, tree = read_placed(file, TaskDocument, assignments, variables=True, named=NAMED)
-    folders = Folders(file.parent, OutputFolder(Path()))
+    folders = DocumentReader(file.parent, OutputFolder(Path()))
+    document, tree = read(file, TASK, folders, assignments, variables=True)
     return _Builder(tree, folders, declared_at).task(document, file, str(path) if bundled else "")
 
 
@@ -151,8 +162,8 @@ def is_task(path: Path | str) -> bool:
 class _Builder(DocumentBuilder):
     """Builds a task from what a document holds."""
 
-    def task(self, document: OptionsModel, path: Path, name: str) -> Task:
-        values = self.values(TaskOptions, document, ())
+    def task(self, document: Values, path: Path, name: str) -> Task:
+        values = values_of(TaskOptions, document)
         model_options = {each.name for each in options_of(ModelOptions)}
         settings = {name: values.pop(name) for name in model_options & set(values)}
         overrides = self.attempt((), lambda: overrides_of(cast("Callable[..., _Overrides]", _Overrides)(**settings)))
@@ -167,37 +178,37 @@ class _Builder(DocumentBuilder):
             "terminations": self._named(document, "terminations", Termination),
             "reset": self._reset(document),
         }
-        self.raise_faults()
-        made = cast("Callable[..., Task]", Task)
-        task = self.attempt((), lambda: made(**values, path=path, name=name, places=DocumentPlaces(self.tree)))
-        self.raise_faults()
-        assert task
-        return task
+        task = cast("Callable[..., Task]", Task)
+        return self.made(lambda: task(**values, path=path, name=name, places=DocumentPlaces(self.tree)))
 
-    def _model(self, document: OptionsModel) -> Source:
-        written: str = document.model_dump(include={"model"})["model"]
+    def _model(self, document: Values) -> Source:
+        written = str(document["model"])
         if names_task(written):
             raise UsageError(f"{quoted(written)} is a document; a task is made of a model", ("model",))
         return parse_source(self.folders.model(written))
 
-    def _reset(self, document: OptionsModel) -> Reset | None:
-        entry: OptionsModel | None = getattr(document, "reset")  # noqa: B009
+    def _reset(self, document: Values) -> Reset | None:
+        entry = document.get("reset")
         return None if entry is None else self._part(cast("Callable[..., Reset]", Reset), entry, ("reset",))
 
-    def _listed(self, document: OptionsModel, key: str, kind: Callable[..., Made]) -> list[Made | None]:
-        return [self._part(kind, entry, (key, index)) for index, entry in enumerate(getattr(document, key))]
+    def _listed(self, document: Values, key: str, kind: Callable[..., Made]) -> list[Made | None]:
+        entries = cast("Sequence[object]", document[key])
+        return [self._part(kind, entry, (key, index)) for index, entry in enumerate(entries)]
 
-    def _named(self, document: OptionsModel, key: str, kind: Callable[..., Made]) -> dict[str, Made | None]:
-        entries: Mapping[str, OptionsModel | str | float] = getattr(document, key)
+    def _named(self, document: Values, key: str, kind: Callable[..., Made]) -> dict[str, Made | None]:
+        entries = cast("Mapping[str, object]", document.get(key, {}))
         return {name: self._part(kind, entry, (key, name)) for name, entry in entries.items()}
 
-    def _part(self, kind: Callable[..., Made], entry: OptionsModel | str | float, place: Place) -> Made | None:
+    def _part(self, kind: Callable[..., Made], entry: object, place: Place) -> Made | None:
         """A part of the task; None if it is wrong, which is noted. An expression alone is the value of a reward."""
-        if not isinstance(entry, OptionsModel):
-            return self.attempt(place, lambda: kind(value=str(entry if isinstance(entry, str) else number(entry))))
-        faults = self.fault_count
-        values = self.values(entry.declared, entry, place)
-        return None if self.fault_count > faults else self.attempt(place, partial(kind, **values))
+        match entry:
+            case dict():
+                values = cast("Values", entry)
+            case str():
+                values = {"value": entry}
+            case _:
+                values = {"value": str(number(cast("float", entry)))}
+        return self.attempt(place, partial(kind, **values))
 
 
 def declared_at(place: Place) -> type[Options]:

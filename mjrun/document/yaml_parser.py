@@ -1,8 +1,14 @@
-"""From YAML text to a tree: the part of YAML that documents use, and what is wrong with the rest."""
+"""From YAML text to a tree: the part of YAML that documents use, and what is wrong with the rest.
+
+A plain word means what the core schema of YAML 1.2 says (https://yaml.org/spec/1.2.2/, section 10.3.2). PyYAML reads
+YAML 1.1, in which `no` is false, `010` is 8, `12:30:00` is 45000 and `1e-3` is text. Its errors speak of tokens and
+streams; ours are in the words of documents.
+"""
 
 # PyYAML says little of its types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
+import math
 import re
 from bisect import bisect_right
 from collections.abc import Callable
@@ -35,18 +41,55 @@ from mjrun.document.tree import (
     path_text,
     shortened,
 )
-from mjrun.document.yaml_errors import (
-    BARE_VARIABLE,
-    NO_ANCHORS,
-    NO_COMMAS,
-    NO_DIRECTIVES,
-    NO_MERGE,
-    NO_TAGS,
-    explain,
-    forbidden,
-)
-from mjrun.document.yaml_scalars import meaning
-from mjrun.errors import quoted
+from mjrun.errors import clean, quoted
+
+NOTHING = {"", "~", "null", "Null", "NULL"}
+TRUTH = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
+LONGEST = 309  # digits of the largest float
+
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_PREFIXED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
+_REAL = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+_INFINITY = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
+_NO_NUMBER = {".nan", ".NaN", ".NAN"}
+NO_DIRECTIVES = "a line that begins with % is a directive, and documents have none"
+NO_TAGS = "tags (!) are not taken; a value's form says what it is"
+NO_ANCHORS = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
+NO_MERGE = "merge keys (<<) are not taken"
+NO_COMMAS = 'within {…} a comma ends a value: one that has commas goes in quotes, as in "uniform(0, 1)"'
+BARE_VARIABLE = "within [ ] and { } text with ${ goes in quotes"
+UNCLOSED = "this quote is not closed"
+HOLES = "text that holds ': ' goes in quotes"
+
+# Contexts in which PyYAML's problem does not matter, with where to point: at the beginning of the context, or not.
+CONTEXTS = {
+    "while scanning a directive": (NO_DIRECTIVES, True),
+    "while parsing a directive": (NO_DIRECTIVES, True),
+    "while scanning an anchor": (NO_ANCHORS, True),
+    "while scanning an alias": (NO_ANCHORS, True),
+    "while scanning a tag": (NO_TAGS, True),
+    "while parsing a tag": (NO_TAGS, True),
+    "while parsing a node": (NO_TAGS, False),
+    "while scanning a quoted scalar": (UNCLOSED, True),
+    "while scanning a simple key": (f"expected 'key: value'; is a colon missing, or an indentation? {HOLES}", True),
+    "while scanning a block scalar": ("after | or > may stand +, - and an indentation from 1 to 9, no more", False),
+    "while parsing a block mapping": ("this line is indented like no other of its mapping", False),
+    "while parsing a block collection": ("this line is indented like no other of its list", False),
+}
+# PyYAML's problems elsewhere; {} is what the pattern found.
+PROBLEMS = {
+    r"found character '\\t' that.*": "a tab; YAML is indented and spaced by spaces",
+    r"found character (.+) that.*": "text that begins with {} goes in quotes",
+    r"sequence entries are not allowed here": "a list cannot begin here; write '- …' on lines of its own",
+    r"mapping keys are not allowed here": "a key cannot stand here",
+    r"mapping values are not allowed here": f"a key cannot stand here; is it indented as its neighbours? {HOLES}",
+    r"found unknown escape character ['\"](.+)['\"]": "no escape \\{} in double quotes; in single quotes \\ is itself",
+    r"expected escape sequence of (\d+) .*": "this escape needs {} hexadecimal digits",
+    r"expected '<document start>'.*": "the document ends before this",
+    r"expected the node content.*": "a value is missing before this",
+    r"found (incompatible|duplicate) YAML d.*": NO_DIRECTIVES,
+    r"duplicate tag handle .*": NO_DIRECTIVES,
+}
 
 NODES = 50_000  # values in a document
 DEPTH = 50  # values within values
@@ -207,3 +250,46 @@ class _Composer:
 
 def _first(mark: Mark) -> str:
     return f"; first in line {mark.line}" if mark.line else ""
+
+
+def meaning(text: str) -> bool | int | float | str | None:
+    """The value of a plain scalar; integers of more than `LONGEST` digits are floats, infinite as a rule."""
+    if text in NOTHING:
+        return None
+    if text in TRUTH:
+        return TRUTH[text]
+    if _PREFIXED.fullmatch(text):
+        return int(text, 0) if len(text) <= LONGEST else math.inf
+    if _INTEGER.fullmatch(text) and len(text) <= LONGEST:
+        return int(text)
+    if _REAL.fullmatch(text):
+        return float(text)
+    if infinity := _INFINITY.fullmatch(text):
+        return -math.inf if infinity[1] == "-" else math.inf
+    return math.nan if text in _NO_NUMBER else text
+
+
+def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str, int]:
+    """What `error` says, and the index of the character that it is about; `opened` is where the innermost list or
+    mapping begins, if there is one."""
+    mark = error.problem_mark or error.context_mark
+    context = error.context_mark or mark
+    place = mark.index if mark else 0
+    if error.context in CONTEXTS:
+        message, at_context = CONTEXTS[error.context]
+        return message, context.index if context and at_context else place
+    problem = error.problem or ""
+    if opened and "flow" in (error.context or ""):
+        if problem.endswith("'<stream end>'"):
+            return "this bracket is not closed", opened.index
+        if closing := re.match(r"expected ',' or '(.)'", problem):
+            return f"expected ',' or '{closing[1]}'; the bracket opens in line {opened.line + 1}", place
+    for pattern, sentence in PROBLEMS.items():
+        if found := re.fullmatch(pattern, problem, re.DOTALL):
+            return sentence.format(*found.groups()), place
+    return f"not YAML: {clean(shortened(problem, 80))}", place
+
+
+def forbidden(character: str) -> str:
+    """Says that `character` cannot stand in a document."""
+    return f"{quoted(character)} (U+{ord(character):04X}) cannot stand in a document, but as an escape in double quotes"

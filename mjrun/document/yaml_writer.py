@@ -12,8 +12,7 @@ from typing import cast
 import yaml
 
 from mjrun.document.tree import Plain
-from mjrun.document.yaml_parser import FORBIDDEN
-from mjrun.document.yaml_scalars import meaning
+from mjrun.document.yaml_parser import FORBIDDEN, meaning
 from mjrun.errors import UsageError, quoted
 from mjrun.timeline import rational
 

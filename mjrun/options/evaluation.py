@@ -27,6 +27,7 @@ from mjrun.options.kinds import (
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
+from mjrun.options.schema import NUMBER, Schema
 from mjrun.options.sweep import VariationOptions
 from mjrun.options.view import QUALITIES
 
@@ -41,6 +42,10 @@ class Thresholds(Values):
 
     metavar = "NAME=VALUE"
     expected = "a name and a number, as in success=90% or return=200"
+
+    @property
+    def form(self) -> Schema:
+        return {"type": "object", "additionalProperties": NUMBER}
 
     def __call__(self, value: Mapping[str, float | Sequence[float]]) -> Mapping[str, Numbers]:
         thresholds = super().__call__(value)
@@ -120,7 +125,7 @@ class EvaluationOptions(FilmOptions, VariationOptions, PolicyOptions, ModelOptio
     metric: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=EXPR", "effort=mean(abs(ctrl/motor))"),
         default=(),
-        plural="metrics",
+        key="metrics",
         help="A number of each episode besides its return: effort=mean(abs(ctrl/motor)), over what a trace of it "
         "holds at every control instant.",
     )

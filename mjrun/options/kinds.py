@@ -1,6 +1,7 @@
 """Kinds of option values: what Python may give, what a command line writes, and what a document holds.
 
-A kind is a converter: called with what Python gives, it returns the value, checked and immutable.
+A kind is a converter: called with what Python gives, it returns the value, checked and immutable. What a command line
+writes (`parse`) and what a document holds (`read`) become what Python gives; `schema` describes the latter.
 
 Kinds are plain classes: every command makes all of them before it knows which it needs, and dataclasses would take
 longer to generate than all else here.
@@ -13,6 +14,8 @@ from fractions import Fraction
 from os import PathLike, fspath
 from typing import Any, Generic, TypeVar, cast
 
+from mjrun.errors import Problem, suggestion
+from mjrun.options.schema import NUMBER, TEXT, ExpectedError, Misfits, Schema, check, type_name
 from mjrun.timeline import rational
 
 V = TypeVar("V", contravariant=True)
@@ -20,22 +23,54 @@ T = TypeVar("T")
 W = TypeVar("W")
 Number = float | str | Fraction
 Numbers = tuple[float, ...]
+Vector = tuple[float, float, float]
 
 GROUPS = tuple(range(6))  # MuJoCo's groups of geoms, sites, …: mjNGROUP of them
 AUTO = "auto"
 
 
-class ExpectedError(ValueError):
-    """A value is not what its kind takes.
+NUMBERS: Schema = {
+    "anyOf": [NUMBER, {"type": "array", "items": NUMBER, "minItems": 1}],
+    "forms": "a number or a list of numbers",
+}
+POINT: Schema = {"type": "array", "items": NUMBER, "minItems": 3, "maxItems": 3, "counted": "numbers"}
+SETTING: Schema = {
+    "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
+    "expected": "a finite number, text, true or false, or a list of finite numbers",
+}
+
+
+class Reader:
+    """What a document knows that the kinds of its values do not: where its paths lead, and how rooms above read a kind.
+
+    This one leaves both as they are.
 
     Attributes:
-      expected: completes the sentence "… is not".
-      part: of a text that holds several values, the one that is wrong; None for the whole.
+      problems: what is wrong in other documents that this one names; it is reported after what is wrong here.
     """
 
-    def __init__(self, expected: str, part: str | None = None) -> None:
-        self.expected, self.part = expected, part
-        super().__init__(expected)
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+
+    def input(self, path: str) -> str:
+        """The path of a file that is read, as it is from here."""
+        return path
+
+    def output(self, path: str) -> str:
+        """The path of a file that is written, as it is from here.
+
+        Raises:
+          UsageError: a document must not write there.
+        """
+        return path
+
+    def model(self, text: str) -> str:
+        """A model, as it is from here."""
+        return text
+
+    def form(self, kind: "AnyKind") -> "AnyKind":
+        """The kind that reads the values of `kind` in documents."""
+        return kind
 
 
 class Kind(Generic[V, T]):
@@ -68,6 +103,29 @@ class Kind(Generic[V, T]):
         """
         return text
 
+    @property
+    def form(self) -> Schema:
+        """The rule of what a document holds.
+
+        Raises:
+          NotImplementedError: documents do not know the kind.
+        """
+        raise NotImplementedError
+
+    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+        """The same with the rules of all parts; those that have names are added to `definitions`."""
+        return self.form
+
+    def read(self, value: object, reader: Reader) -> object:
+        """What a document's plain `value` means, as Python might give it.
+
+        Raises:
+          MisfitError, ExpectedError: it does not fit.
+          UsageError: a path that it names does not.
+        """
+        check(value, self.form)
+        return value
+
     def plain(self, value: T) -> object:
         """`value` as a document writes it; exact numbers are left to the writer."""
         return value
@@ -78,6 +136,10 @@ AnyKind = Kind[Any, Any]  # a kind whose values are not known here
 
 class Text(Kind[str, str]):
     """Any text."""
+
+    @property
+    def form(self) -> Schema:
+        return TEXT
 
     def __call__(self, value: object) -> str:
         if not isinstance(value, str):
@@ -110,9 +172,14 @@ class Choice(Kind[str, str]):
         super().__init__("|".join(names))
         self.names = names
 
+    @property
+    def form(self) -> Schema:
+        return {"type": "string", "enum": [*self.names]}
+
     def __call__(self, value: str) -> str:
         if value not in self.names:
-            raise ExpectedError(f"one of {', '.join(self.names)}")
+            hint = suggestion(value, self.names) if isinstance(value, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ExpectedError(f"one of {', '.join(self.names)}{hint}")
         return value
 
 
@@ -121,6 +188,10 @@ class Flag(Kind[bool, bool]):
 
     def __init__(self, *, negatable: bool = False) -> None:
         self.negatable = negatable
+
+    @property
+    def form(self) -> Schema:
+        return {"type": "boolean"}
 
     def __call__(self, value: object) -> bool:
         if not isinstance(value, bool):
@@ -142,6 +213,12 @@ class Integer(Kind[int, int]):
         if self.most is not None:
             return f"a whole number from {self.least} to {self.most}"
         return "a whole number" if self.least is None else f"a whole number from {self.least} on"
+
+    @property
+    def form(self) -> Schema:
+        least: Schema = {} if self.least is None else {"minimum": self.least}
+        most: Schema = {} if self.most is None else {"maximum": self.most}
+        return {"type": "integer", **({"exclusiveMinimum": 0} if self.least == 1 else least), **most}
 
     def __call__(self, value: int) -> int:
         # NumPy's integers are whole numbers too.
@@ -177,6 +254,13 @@ class Real(Kind[float, float]):
             low = "a finite number" if self.least is None else f"a number from {self.least:g} on"
         return low if self.most is None else f"{low.removesuffix(' on')} to {self.most:g}"
 
+    @property
+    def form(self) -> Schema:
+        bounds = {"minimum": self.least, "exclusiveMinimum": self.above, "maximum": self.most}
+        if self.above is not None:
+            bounds["minimum"] = None
+        return {"type": "number", **{key: bound for key, bound in bounds.items() if bound is not None}}
+
     def __call__(self, value: float) -> float:
         number = _float(value)
         least = -math.inf if self.least is None else self.least
@@ -202,17 +286,24 @@ class Percent(Real):
 
 
 class ExactNumber(Kind[Number, Fraction]):
-    """A positive number, kept exactly: `0.25`, `30`, `30000/1001`; with `zero`, 0 too."""
+    """A positive number, kept exactly: `0.25`, `30`, `30000/1001`; with `zero`, 0 too; with `signed`, any number."""
 
     metavar = "NUMBER"
 
-    def __init__(self, metavar: str = "", *, zero: bool = False) -> None:
+    def __init__(self, metavar: str = "", *, zero: bool = False, signed: bool = False) -> None:
         super().__init__(metavar)
-        self.zero = zero
+        self.zero, self.signed = zero or signed, signed
 
     @property
     def expected(self) -> str:
-        return "a number from 0 on" if self.zero else "a positive number"
+        return "a number" if self.signed else "a number from 0 on" if self.zero else "a positive number"
+
+    @property
+    def form(self) -> Schema:
+        bound: Schema = {} if self.signed else {"minimum" if self.zero else "exclusiveMinimum": 0}
+        sign = "-?" if self.signed else ""
+        text = {"type": "string", "pattern": f"^{sign}[0-9.]+(/[0-9]+|[eE][-+]?[0-9]+)?$"}
+        return {"anyOf": [{**NUMBER, **bound}, text], "expected": self.expected}
 
     def __call__(self, value: Number) -> Fraction:
         try:
@@ -220,12 +311,18 @@ class ExactNumber(Kind[Number, Fraction]):
             nearest = float(number)
         except (OverflowError, TypeError, ValueError):
             raise ExpectedError(self.expected) from None
-        if number < 0 or (nearest == 0 and not (self.zero and number == 0)):  # too small for a float
+        too_small = nearest == 0 and not (self.zero and number == 0)  # for a float
+        if (number < 0 and not self.signed) or too_small:
             raise ExpectedError(self.expected)
         return number
 
     def parse(self, text: str) -> Fraction:
         return self(text)
+
+    def read(self, value: object, reader: Reader) -> object:
+        if type_name(value) not in ("integer", "number", "string"):
+            raise ExpectedError(self.expected)
+        return self(cast("Number", value))
 
 
 class Instant(Kind[object, object]):
@@ -246,6 +343,15 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
     metavar = "WxH"
     accepted = "a width and a height in pixels, as in (640, 480)"
 
+    @property
+    def form(self) -> Schema:
+        side = {"type": "integer", "exclusiveMinimum": 0}
+        sides = {"type": "array", "items": side, "minItems": 2, "maxItems": 2}
+        return {
+            "anyOf": [{"type": "string", "pattern": "^[0-9]+[xX][0-9]+$"}, sides],
+            "expected": "width and height in pixels, as in 1280x720 or [1280, 720]",
+        }
+
     def __call__(self, value: Sequence[int]) -> tuple[int, int]:
         sides = () if isinstance(value, str) else tuple(value)
         if len(sides) != 2 or not all(hasattr(side, "__index__") and side > 0 for side in sides):
@@ -261,6 +367,10 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
     def plain(self, value: tuple[int, int]) -> str:
         return f"{value[0]}x{value[1]}"
 
+    def read(self, value: object, reader: Reader) -> object:
+        check(value, self.form)
+        return self.parse(value) if isinstance(value, str) else value
+
 
 class Range(Kind[Sequence[float], tuple[float, float]]):
     """Two numbers, the smaller first: `0.5..4`."""
@@ -270,6 +380,10 @@ class Range(Kind[Sequence[float], tuple[float, float]]):
     def __init__(self, metavar: str = "", expected: str = "two numbers, the smaller first") -> None:
         super().__init__(metavar)
         self.expected = expected
+
+    @property
+    def form(self) -> Schema:
+        return {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2, "counted": "numbers"}
 
     def __call__(self, value: Sequence[float]) -> tuple[float, float]:
         low, high = value if len(value) == 2 else (math.nan, math.nan)
@@ -297,6 +411,11 @@ class Processes(Kind[int | str, int | str]):
         super().__init__(metavar)
         self.of = of
 
+    @property
+    def form(self) -> Schema:
+        number = {"type": "integer", "exclusiveMinimum": 0}
+        return {"anyOf": [number, {"type": "string", "enum": [AUTO]}], "forms": "a number of processes, or auto"}
+
     def __call__(self, value: int | str) -> int | str:
         whole = isinstance(value, int) and not isinstance(value, bool) and 0 < value < 10_000
         if value != AUTO and not whole:
@@ -311,6 +430,14 @@ class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
     """MuJoCo's groups: `0,1,2`, `all` or `none`."""
 
     metavar = "GROUPS"
+
+    @property
+    def form(self) -> Schema:
+        group = {"type": "integer", "minimum": 0, "maximum": GROUPS[-1]}
+        return {
+            "anyOf": [{"type": "array", "items": group}, {"type": "string", "enum": ["all", "none"]}],
+            "forms": "a list of groups from 0 to 5, all or none",
+        }
 
     def __call__(self, value: Sequence[int] | str) -> tuple[int, ...]:
         if value in ("all", "none"):
@@ -339,6 +466,10 @@ class Key(Kind[str | int, str]):
         super().__init__(metavar)
         self.expected = expected
 
+    @property
+    def form(self) -> Schema:
+        return {"anyOf": [TEXT, {"type": "integer", "minimum": 0}], "forms": self.expected}
+
     def __call__(self, value: str | int) -> str:
         return str(value)
 
@@ -356,11 +487,19 @@ class File(Kind[str | PathLike[str], str]):
         super().__init__(metavar)
         self.written = written
 
+    @property
+    def form(self) -> Schema:
+        return TEXT
+
     def __call__(self, value: str | PathLike[str]) -> str:
         path = fspath(value)
         if not path:  # a variable of a script that was not set, as a rule
             raise ExpectedError("the name of a file")
         return path
+
+    def read(self, value: object, reader: Reader) -> object:
+        check(value, self.form)
+        return reader.output(str(value)) if self.written else reader.input(str(value))
 
 
 class PythonFunction(Kind[Callable[..., object] | None, Callable[..., object] | None]):
@@ -393,6 +532,10 @@ class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]])
     metavar = "NAME=VALUE"
     accepted = "a mapping of names to numbers, as in {'hip': 0.3}"
 
+    @property
+    def form(self) -> Schema:
+        return {"type": "object", "additionalProperties": NUMBERS}
+
     def __call__(self, value: Mapping[str, float | Sequence[float]]) -> Mapping[str, Numbers]:
         return {name: _numbers(numbers) for name, numbers in value.items()}
 
@@ -413,6 +556,10 @@ class NumberVector(Kind["float | Sequence[float]", Numbers]):
 
     metavar = "NUMBERS"
 
+    @property
+    def form(self) -> Schema:
+        return NUMBERS
+
     def __call__(self, value: "float | Sequence[float]") -> Numbers:
         parts: Sequence[float] = [value] if isinstance(value, (int, float)) else value
         each: list[object] = [] if isinstance(parts, str) else [*parts]
@@ -425,6 +572,32 @@ class NumberVector(Kind["float | Sequence[float]", Numbers]):
         return value[0] if len(value) == 1 else [*value]
 
 
+class Point(Kind[Vector, Vector]):
+    """A point, or a displacement [m]: `x/y/z`."""
+
+    metavar = "X/Y/Z"
+
+    @property
+    def form(self) -> Schema:
+        return POINT
+
+    def __call__(self, value: Vector) -> Vector:
+        x, y, z = map(float, value)
+        if not all(map(math.isfinite, (x, y, z))):
+            raise ExpectedError("made of finite numbers", ", ".join(f"{number:g}" for number in value))
+        return (x, y, z)
+
+    def parse(self, text: str) -> Vector:
+        try:
+            x, y, z = map(float, text.split("/"))
+            return self((x, y, z))
+        except ValueError:
+            raise ExpectedError("a point x/y/z [m]") from None
+
+    def plain(self, value: Vector) -> object:
+        return [*value]
+
+
 class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):
     """Texts by path: `opt.gravity=0,0,10`. Later ones count where a path stands twice."""
 
@@ -435,6 +608,10 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
     def __init__(self, metavar: str = "", example: str = "") -> None:
         super().__init__(metavar)
         self.example = example or self.example
+
+    @property
+    def form(self) -> Schema:
+        return {"type": "object", "additionalProperties": SETTING}
 
     def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
         pairs = [*(value.items() if isinstance(value, Mapping) else value)]
@@ -462,6 +639,19 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
 
     metavar = "COLUMN=EXPRESSION"
     expected = "COLUMN=EXPRESSION, as in qpos/knee=knee_deg*pi/180, or @FILE"
+
+    @property
+    def form(self) -> Schema:
+        expression = {"anyOf": [TEXT, NUMBER], "forms": "an expression or a number"}
+        expressions = {
+            "type": "object",
+            "description": "Expressions by column.",
+            "additionalProperties": expression,
+        }
+        return {
+            "anyOf": [TEXT, {"type": "array", "items": TEXT}, expressions],
+            "forms": "a mapping of columns to expressions, a list of COLUMN=EXPRESSION, or @FILE",
+        }
 
     def __call__(self, value: str | PathLike[str] | Mapping[str, object] | Sequence[str]) -> tuple[str, ...]:
         match value:
@@ -494,6 +684,11 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
         if value and len(expressions) == len(value):
             return expressions
         return value[0] if len(value) == 1 else [*value]
+
+    def read(self, value: object, reader: Reader) -> object:
+        check(value, self.form)
+        texts = self(cast("str | Mapping[str, object] | Sequence[str]", value))
+        return tuple(f"@{reader.input(text[1:])}" if text.startswith("@") else text for text in texts)
 
 
 class ScanValues(Settings):
@@ -564,6 +759,16 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         parts = cast("Sequence[object]", value)
         return isinstance(self.each, Size) and len(parts) == 2 and not isinstance(parts[0], Sequence)
 
+    def read(self, value: object, reader: Reader) -> object:
+        each = reader.form(self.each)
+        if not isinstance(value, list):
+            return (each.read(value, reader),)
+        return read_list(each, cast("list[object]", value), reader)
+
+    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+        each = reader.form(self.each).schema(reader, definitions)
+        return {"anyOf": [each, {"type": "array", "items": each}]}
+
 
 class Optional(Kind["W | None", "T | None"], Generic[W, T]):
     """What may be left out; None then."""
@@ -581,6 +786,27 @@ class Optional(Kind["W | None", "T | None"], Generic[W, T]):
 
     def plain(self, value: "T | None") -> object:
         return None if value is None else self.each.plain(value)
+
+    def read(self, value: object, reader: Reader) -> object:
+        return reader.form(self.each).read(value, reader)
+
+    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+        return reader.form(self.each).schema(reader, definitions)
+
+
+def read_list(each: AnyKind, items: Sequence[object], reader: Reader) -> tuple[object, ...]:
+    """What the items of a document's list mean.
+
+    Raises:
+      MisfitError: with all that does not fit.
+    """
+    parts: list[object] = []
+    misfits = Misfits()
+    for index, item in enumerate(items):
+        with misfits.at(index):
+            parts.append(each.read(item, reader))
+    misfits.raise_if_any()
+    return tuple(parts)
 
 
 def setting_text(value: object) -> str:

@@ -1,15 +1,16 @@
 """What an option is, and how a class of them is declared."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Flag, auto
 from functools import cache
-from typing import ClassVar, TypeVar, cast, dataclass_transform
+from typing import Any, ClassVar, TypeVar, cast, dataclass_transform
 
 from mjrun.errors import BadValueError, UsageError
 from mjrun.errors import option as mention
 from mjrun.options.kinds import AnyKind, ExpectedError
+from mjrun.options.schema import Path
 
 V = TypeVar("V")
 T = TypeVar("T")
@@ -40,7 +41,7 @@ class Option:
       section: heading under which help lists it.
       places: who knows it.
       flag_value: on the command line, the value of the option without one.
-      plural: what documents call it where they hold all of several in one place.
+      key: what documents call it.
     """
 
     name: str
@@ -53,12 +54,7 @@ class Option:
     section: str
     places: FrontEnd
     flag_value: str | None
-    plural: str
-
-    @property
-    def key(self) -> str:
-        """Its key in documents."""
-        return self.plural or self.name
+    key: str
 
     @property
     def is_required(self) -> bool:
@@ -97,12 +93,12 @@ def option(
     short: str | tuple[str, ...] = (),
     places: FrontEnd = FrontEnd.EVERYWHERE,
     flag_value: str | None = None,
-    plural: str = "",
+    key: str = "",
     kw_only: bool = True,
 ) -> T:
-    """Declares a field of a class of options; `converter` is its `Kind`."""
+    """Declares a field of options; `converter` is its `Kind`, `key` what documents call it, if not its name."""
     made = converter(default)
-    facts = {**_facts(converter, help, usual, short, places), "flag_value": flag_value, "plural": plural}
+    facts = {**_facts(converter, help, usual, short, places, key), "flag_value": flag_value}
     if isinstance(made, dict):
         return dataclasses.field(default_factory=dict, kw_only=kw_only, metadata=facts)  # type: ignore[return-value]
     return dataclasses.field(default=made, kw_only=kw_only, metadata=facts)
@@ -115,16 +111,19 @@ def required(
     usual: str = "",
     short: str | tuple[str, ...] = (),
     places: FrontEnd = FrontEnd.EVERYWHERE,
+    key: str = "",
     kw_only: bool = True,
 ) -> T:
     """The same, where something must be said."""
-    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places))
+    return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places, key))
 
 
-def _facts(kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd) -> dict[str, object]:
+def _facts(
+    kind: object, text: str, usual: str, short: str | tuple[str, ...], places: FrontEnd, key: str
+) -> dict[str, object]:
     shorts = (short,) if isinstance(short, str) else short
-    facts: dict[str, object] = {"flag_value": None, "plural": ""}
-    return {**facts, "kind": kind, "help": text, "usual": usual, "short": shorts, "places": places}
+    facts: dict[str, object] = {"kind": kind, "help": text, "usual": usual, "flag_value": None}
+    return {**facts, "short": shorts, "places": places, "key": key}
 
 
 class Options:
@@ -139,7 +138,6 @@ class Options:
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
 
     def __post_init__(self) -> None:
-        given: set[str] = set()
         for each in options_of(type(self)):
             value = getattr(self, each.attribute)
             try:
@@ -151,12 +149,55 @@ class Options:
                 expected = each.kind.accepted or f"a value that this option accepts ({each.kind.metavar})"
                 raise BadValueError(mention(each.name), value, expected) from error
             object.__setattr__(self, each.attribute, made)
-            if _is_given(each, made):
-                given.add(each.name)
-        for exclusion in exclusions_of(type(self)):
-            condition = exclusion.when and getattr(self, exclusion.when[0])
-            if given.issuperset(exclusion.names) and exclusion.applies(condition):
-                raise UsageError(exclusion.message(), path=(exclusion.names[1],))
+        for path, message in self.conflicts(given_values(self)):
+            raise UsageError(located(message, path), path)
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
+        """What is wrong with values that are right by themselves: where, and the sentence.
+
+        Args:
+          values: by key, as they are written in a document, of any type.
+        """
+        for exclusion in exclusions_of(cls):
+            condition = exclusion.when and values.get(exclusion.when[0], _by_name(cls)[exclusion.when[0]].default)
+            if exclusion.applies(condition) and all(_is_set(values.get(name)) for name in exclusion.names):
+                yield (exclusion.names[1],), exclusion.message()
+
+
+def _is_set(value: object) -> bool:
+    """Whether a key is set to something: `separate: false` is not."""
+    return value is not None and value is not False and value != []
+
+
+def located(message: str, path: Path) -> str:
+    """`message` after the place that it is about, `waypoint 2: at: …`, unless it names the option itself."""
+    if not path or mention(str(path[0])) in message:
+        return message
+    names: list[str] = []
+    for step in path:
+        if isinstance(step, int):
+            names[-1] = f"{names[-1].removesuffix('s')} {step + 1}"
+        else:
+            names.append(step)
+    return ": ".join([*names, message])
+
+
+def given_values(values: Options) -> dict[str, object]:
+    """The options that are other than their defaults, by key, as a document holds them."""
+    given: dict[str, object] = {}
+    for each in options_of(type(values)):
+        value = getattr(values, each.attribute)
+        if _is_given(each, value):
+            given[each.key] = _as_mappings(value)
+    return given
+
+
+def _as_mappings(value: object) -> object:
+    """`value` with mappings for options in lists."""
+    items = cast("tuple[object, ...]", value if isinstance(value, tuple) else ())
+    mappings = [given_values(item) for item in items if isinstance(item, Options)]
+    return mappings or cast("object", value)
 
 
 def _shown(value: object) -> object:
@@ -186,6 +227,12 @@ def options_of(cls: type[Options]) -> tuple[Option, ...]:
 def document_options(declared: type[Options]) -> list[Option]:
     """Those options that documents know."""
     return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
+
+
+def document_key(key: str, kind: AnyKind, text: str, default: object = None) -> Option:
+    """A key that only documents have; with `dataclasses.MISSING` as its default it is needed."""
+    facts = _facts(kind, text, "", (), FrontEnd.DOCUMENT, key)
+    return Option(key, key, default=default, section="", **cast("dict[str, Any]", facts))
 
 
 def is_always_written(each: Option) -> bool:
@@ -224,4 +271,6 @@ def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
         if field is None or "kind" not in field.metadata:
             continue
         default = field.default_factory() if callable(field.default_factory) else field.default
-        yield Option(attribute.rstrip("_"), attribute, default=default, section=section, **field.metadata)
+        name = attribute.rstrip("_")
+        facts = {**field.metadata, "key": field.metadata["key"] or name}
+        yield Option(name, attribute, default=default, section=section, **facts)

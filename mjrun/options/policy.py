@@ -4,8 +4,9 @@ import re
 from os import PathLike, fspath
 from typing import ClassVar, cast
 
-from mjrun.options.kinds import ExpectedError, Flag, Kind, Optional
+from mjrun.options.kinds import Flag, Kind, Optional, Reader
 from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.schema import TEXT, ExpectedError, Misfit, MisfitError, Schema, check
 
 RANDOM, ZERO = BUILT_IN = ("random", "zero")
 NONE = "none"
@@ -17,6 +18,17 @@ class PolicyKind(Kind[object, object]):
 
     metavar = "POLICY"
 
+    @property
+    def form(self) -> Schema:
+        return TEXT
+
+    def read(self, value: object, reader: Reader) -> object:
+        check(value, self.form)
+        text = str(value)
+        if is_code(text):
+            raise MisfitError([Misfit(message="code stays on the command line; a document cannot name it")])
+        return reader.input(text) if is_policy_file(text) else text
+
     def __call__(self, value: object) -> object:
         if value == "":
             raise ExpectedError("a policy")
@@ -27,6 +39,14 @@ class NormalizationKind(Kind[str | PathLike[str], str]):
     """A file of normalization statistics, or `none`."""
 
     metavar = "FILE|none"
+
+    @property
+    def form(self) -> Schema:
+        return TEXT
+
+    def read(self, value: object, reader: Reader) -> object:
+        check(value, self.form)
+        return value if value == NONE else reader.input(str(value))
 
     def __call__(self, value: str | PathLike[str]) -> str:
         return fspath(value)

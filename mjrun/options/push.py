@@ -2,12 +2,15 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import cast
 
-from mjrun.options.kinds import ExactNumber, ExpectedError, Kind
+from mjrun.options.kinds import ExactNumber, Optional, Point, Reader, Text
+from mjrun.options.option import Options, option, options, required
+from mjrun.options.record import OneOf, Record
+from mjrun.options.schema import ExpectedError, Path, check
 from mjrun.timeline import rational
 
 Force = tuple[float, float, float]
@@ -42,10 +45,35 @@ class Push:
         return f"{self.target}={force}@{_exact(self.at)}+{_exact(self.duration)}"
 
 
-class PushKind(Kind["Push | str | Mapping[str, object]", Push]):
+@options
+class PushMapping(Options):
+    """A force on a body at its centre of mass, or at a site, for a while."""
+
+    body: str | None = option(
+        converter=Optional(Text()), default=None, help="The body that is pushed at its centre of mass."
+    )
+    site: str | None = option(converter=Optional(Text()), default=None, help="The site at which its body is pushed.")
+    force: Force = required(converter=Point(), help="In the world [N].")
+    at: Fraction = required(converter=ExactNumber(zero=True), help="When it begins [s].")
+    duration: Fraction = required(converter=ExactNumber(), help="How long it lasts [s].")
+
+    @classmethod
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
+        if ("body" in values) == ("site" in values):
+            yield ("site",) if "site" in values else (), "a push is on a body or at a site: give one of the two"
+
+
+class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
     """Pushes: as text, or as a mapping with body or site, force, at and duration."""
 
     metavar = "BODY=FX/FY/FZ@T+DURATION"
+
+    def __init__(self) -> None:
+        def push(**values: object) -> Push:
+            return _from_mapping(values)
+
+        forms = "text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}"
+        super().__init__(forms, string=PushText(), object=Record(PushMapping, push))
 
     def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
         match value:
@@ -66,6 +94,14 @@ class PushKind(Kind["Push | str | Mapping[str, object]", Push]):
 
     def plain(self, value: Push) -> str:
         return str(value)
+
+
+class PushText(Text):
+    """A push as text."""
+
+    def read(self, value: object, reader: Reader) -> object:
+        check(value, self.form)
+        return PushKind().parse(str(value))
 
 
 def _from_mapping(value: Mapping[str, object]) -> Push:

@@ -117,7 +117,7 @@ class StudyOptions(KeepOptions, VariationOptions):
     metric: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=EXPR", "drift=max(abs(energy/drift))"),
         default=(),
-        plural="metrics",
+        key="metrics",
         help="A number of each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < 0.8). "
         "The language is that of assertions.",
     )

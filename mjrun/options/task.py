@@ -5,6 +5,7 @@ from fractions import Fraction
 from typing import ClassVar, cast
 
 from mjrun.options.kinds import (
+    NUMBERS,
     Choice,
     ExactNumber,
     ExpectedError,
@@ -15,6 +16,7 @@ from mjrun.options.kinds import (
     Numbers,
     NumberVector,
     Optional,
+    Reader,
     Real,
     Several,
     Text,
@@ -22,8 +24,9 @@ from mjrun.options.kinds import (
 )
 from mjrun.options.model import ModelOptions
 from mjrun.options.option import Exclusion, Options, option, options, required
+from mjrun.options.schema import NUMBER, TEXT, Schema
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
-from mjrun.options.variations import Variations, distribution_text
+from mjrun.options.variations import DISTRIBUTION, Variations, distribution_text
 
 # Extras of policies and tasks: the library that each installs, and what needs it.
 EXTRAS = {
@@ -48,7 +51,14 @@ class RandomValue(Kind["str | float | Mapping[str, object]", str]):
 
     metavar = "DISTRIBUTION"
 
+    @property
+    def form(self) -> Schema:
+        return {"anyOf": [NUMBER, TEXT, DISTRIBUTION]}
+
     def __call__(self, value: "str | float | Mapping[str, object]") -> str:
+        return distribution_text(value)
+
+    def read(self, value: object, reader: Reader) -> object:
         return distribution_text(value)
 
 
@@ -57,6 +67,10 @@ class Limits(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]]):
 
     metavar = "[LOW, HIGH]"
     expected = "two numbers, or two lists of numbers, the lower first"
+
+    @property
+    def form(self) -> Schema:
+        return {"type": "array", "items": NUMBERS, "minItems": 2, "maxItems": 2}
 
     def __call__(self, value: Sequence[float | Sequence[float]]) -> tuple[Numbers, Numbers]:
         try:
@@ -78,6 +92,11 @@ class VectorOrKey(Kind["float | str | Sequence[float]", "Numbers | str"]):
 
     metavar = "NUMBERS|KEY"
 
+    @property
+    def form(self) -> Schema:
+        numbers = {"type": "array", "items": NUMBER, "minItems": 1}
+        return {"anyOf": [NUMBER, numbers, TEXT], "forms": "a number, a list of numbers, or the name of a keyframe"}
+
     def __call__(self, value: "float | str | Sequence[float]") -> "Numbers | str":
         if isinstance(value, str) and value:
             return value
@@ -95,6 +114,11 @@ class Schedule(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers],
 
     metavar = "[[TIME, VALUES], …]"
     expected = "a list of [time, values], the times rising from 0 on, each with as many values"
+
+    @property
+    def form(self) -> Schema:
+        entry = {"type": "array", "prefixItems": [ExactNumber(zero=True).form, NUMBERS], "minItems": 2, "maxItems": 2}
+        return {"type": "array", "items": {**entry, "counted": "entries: a time and values"}}
 
     def __call__(self, value: Sequence[Sequence[object]]) -> "tuple[tuple[Fraction, Numbers], ...]":
         try:

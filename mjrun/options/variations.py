@@ -3,7 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import cast
 
-from mjrun.options.kinds import ExpectedError, ScanValues, setting_text
+from mjrun.options.kinds import Reader, ScanValues, setting_text
+from mjrun.options.schema import NUMBER, TEXT, ExpectedError, Misfits, Schema
 
 EXPECTED = "text, a list of values, {from, to, count}, or a distribution as in {uniform: [0.3, 1]}"
 SPAN = {"from", "to", "count"}
@@ -20,8 +21,54 @@ DISTRIBUTIONS = {
 }
 
 
+SPAN_FORM: Schema = {
+    "description": "Values from one number to another, both included.",
+    "type": "object",
+    "properties": {
+        "from": {**NUMBER, "description": "The first value."},
+        "to": {**NUMBER, "description": "The last value."},
+        "count": {"type": "integer", "minimum": 2, "description": "How many values."},
+        "log": {
+            "type": "boolean",
+            "default": False,
+            "description": "Equal ratios between them instead of equal distances.",
+        },
+    },
+    "required": ["from", "to", "count"],
+    "additionalProperties": False,
+}
+DISTRIBUTION: Schema = {
+    "description": f"Random values: {', '.join(DISTRIBUTIONS.values())}.",
+    "type": "object",
+    "propertyNames": {"enum": [*DISTRIBUTIONS]},
+    "additionalProperties": {"type": "array", "items": {"anyOf": [NUMBER, TEXT]}},
+    "minProperties": 1,
+    "maxProperties": 1,
+}
+
+
 class Variations(ScanValues):
     """What varies, and over which values: `0.3,0.6`, `0.1..1:10`, `log:1e-4..1e-1:7`, `uniform(0.3, 1)`."""
+
+    @property
+    def form(self) -> Schema:
+        plain: list[Schema] = [NUMBER, TEXT, {"type": "boolean"}]
+        listed: Schema = {"anyOf": [*plain, {"type": "array", "items": NUMBER}]}
+        values = [*plain, {"type": "array", "items": listed}, SPAN_FORM, DISTRIBUTION]
+        return {"type": "object", "additionalProperties": {"anyOf": values}}
+
+    def read(self, value: object, reader: Reader) -> object:
+        if not isinstance(value, dict):
+            raise ExpectedError("a mapping")
+        ways = {"model": reader.model, "ctrl_from": reader.input}
+        texts: dict[str, str] = {}
+        misfits = Misfits()
+        for path, setting in cast("dict[str, object]", value).items():
+            with misfits.at(path):
+                text = self.text(setting)
+                texts[path] = with_paths(text, ways[path]) if path in ways else text
+        misfits.raise_if_any()
+        return texts
 
     def text(self, setting: object) -> str:
         match setting:

@@ -31,6 +31,8 @@ RIGS = {
     "look": "look:from=0/-2/1,at=box",
 }
 CORNERS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
+GHOST_MOTIONS = ("key", "trace", "recording")  # settings of a ghost, each of which says how it moves
+NO_MAP = "none"  # of a ghost's table
 QUALITIES = ("draft", "model", "high")
 RENDERERS = ("classic", "filament")
 CALIBRATION_FORMATS = ("mjrun", "nerfstudio", "bop", "ros")

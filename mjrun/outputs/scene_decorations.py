@@ -15,7 +15,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.recording_reader import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
-from mjrun.options.view import ViewOptions
+from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions
 from mjrun.outputs.view_settings import visual_of
 from mjrun.physics.motion import Motion
 from mjrun.physics.replay import require_model, require_timestep, states_at
@@ -25,8 +25,6 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline, rational
 
 SETTINGS = ("offset", "opacity", "key", "trace", "recording", "map")
-MOTIONS = SETTINGS[2:5]  # each says how a ghost moves
-NO_MAP = "none"
 OPACITY = 0.35
 TRAIL_RATE = Fraction(240)  # [Hz], of the positions on a trail
 DRAFT_LIMIT = 150  # capsules of a trail in a draft
@@ -133,7 +131,7 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
         if not equals or not value or name in settings:
             raise UsageError(f"{option('ghost')}: write {clean(name)}=VALUE, once")
         settings[name] = value
-    motions = [name for name in MOTIONS if name in settings]
+    motions = [name for name in GHOST_MOTIONS if name in settings]
     if len(motions) > 1:
         raise UsageError(f"{option('ghost')}: {' and '.join(motions)} exclude each other: each says how it moves")
     if "map" in settings and "trace" not in settings:

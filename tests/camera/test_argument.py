@@ -176,7 +176,7 @@ def test_a_script_is_called_as_its_text_begins(text: str, name: str) -> None:
         ("orbit:box", "no setting 'box' in camera orbit\nsettings: lookat, distance, azimuth, elevation, roll, fovy"),
         ("orbit:ease=cubic", "no ease 'cubic' in camera orbit\neases: linear, cosine"),
         ("orbit:fovy=180", "camera orbit:fovy=180: fovy: '180' is not an angle between 0 and 180 degrees"),
-        ("orbit:fovy=20..0", "is not an angle between 0 and 180 degrees"),
+        ("orbit:fovy=20..0", "camera orbit: fovy: '0' is not a positive number of degrees"),
         ("free:ease=in", "no setting 'ease' in camera free"),
         ("free:heading", "no setting 'heading' in camera free"),
         ("track", "which object? write track:BODY"),

@@ -1,46 +1,64 @@
 """Small documents and their models, for the tests of reading."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import BaseModel, Field
 
-from mjrun.document.document_model import DocumentModel, Name, Omittable, Positive
+from mjrun.document import reader
 from mjrun.errors import DocumentError, FileError
+from mjrun.options.kinds import Integer, Kind, Optional, Reader, Real, Text, Values
+from mjrun.options.option import Options, option, options, required
+from mjrun.options.record import ListOf, Record
 
 ANCHOR = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
 
 
-class Anything(BaseModel):
+class AnyKind(Kind[Any, Any]):
+    """Any value."""
+
+    def __call__(self, value: Any) -> Any:
+        return value
+
+    def read(self, value: object, reader: Reader) -> object:
+        return value
+
+
+@options
+class Nothing(Options):
+    """A document without options."""
+
+
+@options
+class Anything(Options):
     """A document that says one thing, whatever it is."""
 
-    a: Any
+    a: Any = required(converter=AnyKind(), help="Anything.")
 
 
-class Film(DocumentModel):
+@options
+class Film(Options):
     """A part of a document."""
 
-    fps: Positive = 60.0
-    """Frames per second."""
-    title: Omittable[str] = None
-    """A text."""
+    fps: float = option(converter=Real(above=0), default=60.0, help="Frames per second.")
+    title: str | None = option(converter=Optional(Text()), default=None, help="A text.")
 
 
-class Run(DocumentModel):
+@options
+class Run(Options):
     """A document as the ones to come will be."""
 
-    duration: Positive = 1.0
-    """How long [s]."""
-    steps: Omittable[int] = None
-    """How many."""
-    model: Name = "m.xml"
-    """A file."""
-    films: list[Film] = Field([])
-    """Films."""
-    start: dict[str, float] = Field({})
-    """Numbers by name."""
+    duration: float = option(converter=Real(above=0), default=1.0, help="How long [s].")
+    steps: int | None = option(converter=Optional(Integer(None)), default=None, help="How many.")
+    model: str = option(converter=Text(), default="m.xml", help="A file.")
+    films: tuple[Film, ...] = option(converter=ListOf[Film](Record(Film, Film)), default=(), help="Films.")
+    start: Any = option(converter=Values(), default={}, help="Numbers by name.")
+
+
+def read(path: Path | str, declared: type[Options], assignments: Sequence[str] = (), *, variables: bool = False) -> Any:
+    """The document at `path` as the options that it holds."""
+    return reader.read(path, Record(declared, declared), None, assignments, variables=variables)[0]
 
 
 def put(text: str | bytes, name: str = "d.yaml") -> Path:

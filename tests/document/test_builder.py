@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.builder import DocumentBuilder, fault_at
+from mjrun.document.builder import DocumentBuilder
+from mjrun.document.faults import option_fault
 from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.tree import MappingNode, Mark
 from mjrun.document.yaml_parser import LineIndex, compose
@@ -35,7 +36,7 @@ def tree(text: str) -> MappingNode:
 def test_a_fault_stands_at_its_option(
     declared: type[Options], text: str, path: tuple[str | int, ...], expected: str
 ) -> None:
-    fault = fault_at(tree(text), (), UsageError("wrong", path), lambda _: declared)
+    fault = option_fault(tree(text), (), UsageError("wrong", path), lambda _: declared)
     assert (f"{fault.mark} {fault.path}", fault.message) == (expected, "wrong")
 
 

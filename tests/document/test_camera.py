@@ -12,10 +12,11 @@ from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
+from mjrun.camera.rigs.registry import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Event, Fit, Shot
 from mjrun.camera.shake import Shake
-from mjrun.document.camera import RIGS, read_camera
+from mjrun.document.camera import read_camera
 from mjrun.errors import DocumentError
 
 
@@ -124,6 +125,7 @@ def test_a_rig_is_what_the_document_says(text: str, rig: Rig) -> None:
     ("text", "shot"),
     [
         ("until: 2.5", Shot(ModelRig("a"), until=Fraction(5, 2))),
+        ("until: 1/3", Shot(ModelRig("a"), until=Fraction(1, 3))),
         ("until: 1e-3", Shot(ModelRig("a"), until=Fraction(1, 1000))),
         ("duration: 0.3", Shot(ModelRig("a"), lasting=Fraction(3, 10))),
         ("speed: 0.1", Shot(ModelRig("a"), speed=Fraction(1, 10))),
@@ -208,7 +210,7 @@ WRONG = [
     ("shot: [{free: }]",
      ["1:1: 'shots' is missing", "1:1: unknown key 'shot' (did you mean 'shots'?); keys: speed, shots"]),
     ("speed: 0\nshots: [{free: }]", ["1:8: speed: expected a positive number, got 0"]),
-    ("speed: 1/4\nshots: [{free: }]", ["1:8: speed: expected a number, got '1/4'"]),
+    ("speed: 1/0\nshots: [{free: }]", ["1:8: speed: expected a positive number, got '1/0'"]),
     ("shots:\n- orbti:\n", [f"2:3: shots[0]: unknown key 'orbti' (did you mean 'orbit'?); {SHOT_KEYS}"]),
     ("shots:\n- speed: 1\n", ["2:3: shots[0]: expected one of camera, free, orbit, track, look, path, got none"]),
     ("shots:\n- zoom: 1\n",
@@ -288,15 +290,15 @@ WRONG = [
       "1:38: shots[0].path.pace: expected 'constant' or 'time', got 'tim' (did you mean 'time'?)"]),
     ("shots: [{free: , until: 0}]", ["1:25: shots[0].until: expected a positive number, got 0"]),
     ("shots: [{free: , until: end}]",
-     ["1:25: shots[0].until: expected a time [s] or {when, nth, offset, else}, got 'end'"]),
+     ["1:25: shots[0].until: expected a positive number, got 'end'"]),
     ("shots: [{free: , until: {nth: 1}}]", ["1:25: shots[0].until: 'when' is missing"]),
-    ("shots: [{free: , until: {when: a, nth: 0, offset: '1', else: never}}]",
-     ["1:40: shots[0].until.nth: expected a number of at least 1, got 0",
-      "1:51: shots[0].until.offset: expected a number, got '1'",
-      "1:62: shots[0].until.else: expected 'end', got 'never'"]),
+    ("shots: [{free: , until: {when: a, nth: 0, offset: 'a', else: never}}]",
+     ["1:40: shots[0].until.nth: expected a positive number, got 0",
+      "1:51: shots[0].until.offset: expected a number, got 'a'",
+      "1:62: shots[0].until.else: expected a time [s] from 0 on, or end, got 'never'"]),
     ("shots: [{free: , until: {when: a, nth: true, else: -1}}]",
      ["1:40: shots[0].until.nth: expected a whole number, got true",
-      "1:52: shots[0].until.else: expected a number of at least 0, got -1"]),
+      "1:52: shots[0].until.else: expected a time [s] from 0 on, or end, got -1"]),
     ("shots:\n- free:\n  until: 2\n  duration: 1\n",
      ["4:13: shots[0].duration: a shot ends by until or after a duration, not both"]),
     ("shots:\n- free:\n- free:\n", ["2:3: shots[0]: when does this shot end? all but the last say until or duration"]),
@@ -304,7 +306,7 @@ WRONG = [
      ["3:19: shots[1].until: expected a time later than 2, when the shot begins",
       "5:19: shots[3].until: expected a time later than 3, when the shot begins"]),
     ("shots: [{free: , duration: -1}]", ["1:28: shots[0].duration: expected a positive number, got -1"]),
-    ("shots: [{free: , speed: fast}]", ["1:25: shots[0].speed: expected a number, got 'fast'"]),
+    ("shots: [{free: , speed: fast}]", ["1:25: shots[0].speed: expected a positive number, got 'fast'"]),
     ("shots: [{free: , blend: 1}]", ["1:25: shots[0].blend: there is no shot before the first to blend with"]),
     ("shots: [{free: , until: 1}, {free: , blend: cosin}]",
      [f"1:45: shots[1].blend: {SHAPES}, got 'cosin' (did you mean 'cosine'?)"]),
@@ -316,9 +318,9 @@ WRONG = [
     ("shots: [{free: , roll: {from: a, to: b}}]",
      ["1:31: shots[0].roll.from: expected a number, got 'a'", "1:38: shots[0].roll.to: expected a number, got 'b'"]),
     ("shots: [{free: , fovy: -45}]", ["1:24: shots[0].fovy: expected a positive number, got -45"]),
-    ("shots: [{free: , shake: {angle: 0, seed: 1.5}}]",
-     ["1:33: shots[0].shake.angle: expected a positive number, got 0",
-      "1:42: shots[0].shake.seed: expected a whole number, got 1.5"]),
+    ("shots: [{free: , shake: {angle: -1, seed: 1.5}}]",
+     ["1:33: shots[0].shake.angle: expected a number of at least 0, got -1",
+      "1:43: shots[0].shake.seed: expected a whole number, got 1.5"]),
     ("shots: [{free: , shake: true}]",
      ["1:25: shots[0].shake: expected a mapping with angle, frequency, seed, got true"]),
     ("shots: [{free: , fit: {margin: .5}}]",
@@ -346,7 +348,7 @@ shots:
     blend: sigmoidal
 """
     assert problems(text) == [
-        "1:8: speed: expected a number, got 'slow'",
+        "1:8: speed: expected a positive number, got 'slow'",
         "3:38: shots[0].orbit.distance: expected a positive number, got -1",
         "3:51: shots[0].orbit.azimuth: 'to' is missing",
         "3:63: shots[0].orbit.azimuth: unknown key 'too' (did you mean 'to'?); keys: from, to, ease",

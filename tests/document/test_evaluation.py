@@ -3,13 +3,13 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from mjrun.document.evaluation import evaluated_task, read_evaluation
-from mjrun.document.evaluation_writer import evaluation_text
+from mjrun.document.evaluation import evaluated_task, evaluation_text, read_evaluation
 from mjrun.errors import DocumentError, MjrunError, UsageError
 from mjrun.evaluation.evaluation import Evaluation
-from tests.evaluation.tasks import XML
+from tests.evaluation.tasks import XML, cart_task
 
 TEXT = """\
 task: tasks/cart.yaml
@@ -90,3 +90,19 @@ def test_a_threshold_of_what_there_is_not_is_told_at_its_line(document: Path) ->
 def test_only_documents_have_values_that_change(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="gym:Ant-v5 is no document"):
         evaluated_task("gym:Ant-v5", ["duration=1"])
+
+
+def test_only_what_is_not_the_default_is_written(tmp_path: Path) -> None:
+    task = cart_task(tmp_path)
+    text = evaluation_text(
+        Evaluation(task, "out", policy="zero", episodes=7), ["duration=1", "duration=2"], "mjrun eval"
+    )
+    path = task.text
+    assert text == f"# mjrun eval\ntask: {path}\nchanges: {{duration: 2}}\noutput: out\nepisodes: 7\npolicy: zero\n"
+
+
+def test_code_is_no_part_of_a_document(tmp_path: Path) -> None:
+    task = cart_task(tmp_path)
+    for policy in ("act.py:act", np.zeros_like):
+        with pytest.raises(UsageError, match="code stays on the command line"):
+            evaluation_text(Evaluation(task, "out", policy=policy))

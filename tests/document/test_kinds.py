@@ -6,24 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.camera import CameraDocument, read_camera
-from mjrun.document.document_model import DocumentModel
-from mjrun.document.evaluation import EvaluationDocument, read_evaluation
-from mjrun.document.fit import FitDocument, read_fit
+from mjrun.document.camera import CAMERA, read_camera
+from mjrun.document.evaluation import EVALUATION, read_evaluation
+from mjrun.document.fit import FIT, read_fit
 from mjrun.document.kinds import KINDS, kind_of_file
-from mjrun.document.run import RunDocument, read_run
-from mjrun.document.study import StudyDocument, read_study
-from mjrun.document.task import TaskDocument, read_task
+from mjrun.document.run import RUN, read_run
+from mjrun.document.study import STUDY, read_study
+from mjrun.document.task import TASK, read_task
 from mjrun.errors import DocumentError
 
-MODELS: list[type[DocumentModel]] = [
-    RunDocument,
-    StudyDocument,
-    FitDocument,
-    TaskDocument,
-    EvaluationDocument,
-    CameraDocument,
-]
+RECORDS = {record.name: record for record in (RUN, STUDY.record, FIT.record, TASK, EVALUATION, CAMERA)}
 READERS: dict[str, Callable[[Path], object]] = {
     "Run": read_run,
     "Study": read_study,
@@ -43,12 +35,11 @@ DOCUMENTS = {
 
 
 def test_each_kind_is_known_by_keys_that_no_other_kind_has() -> None:
-    assert {model.__name__ for model in MODELS} == {*KINDS}
+    assert {*RECORDS} == {*KINDS}
     for name, kind in KINDS.items():
         own_too = (name, "Evaluation" if name == "Study" else name)  # which varies what a study does
-        of_others = {key for model in MODELS if model.__name__ not in own_too for key in model.key_names()}
-        own = next(model for model in MODELS if model.__name__ == name)
-        assert kind.keys <= {*own.key_names()}
+        of_others = {key for other, record in RECORDS.items() if other not in own_too for key in record.keys}
+        assert kind.keys <= {*RECORDS[name].keys}
         assert not kind.keys & of_others
 
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mjrun.document import error_messages, yaml_parser
-from mjrun.document.reader import LARGEST, read
+from mjrun.document import faults, yaml_parser
+from mjrun.document.reader import LARGEST
 from mjrun.errors import FAULTS, DocumentError, FileError, clean
-from tests.document.documents import ANCHOR, Anything, Run, outcome, problems, put
+from tests.document.documents import ANCHOR, Anything, Run, outcome, problems, put, read
 
 # --- files -------------------------------------------------------------------------------------------
 
@@ -87,7 +87,7 @@ def test_what_is_wrong_in_defaults_is_told_in_their_own_lines_after_the_document
         "below.yaml:1:11: duration: expected a positive number, got -1",
         "below.yaml:2:8: model: no variable 'm'; there are no vars",
         "below.yaml:3:1: defaults have no defaults of their own",
-        "below.yaml:4:15: start.knee: expected a number, got 'up'",
+        "below.yaml:4:15: start.knee: expected a number or a list of numbers, got 'up'",
         f"below.yaml:5:1: unknown key 'foo'; {keys}",
         "below.yaml:6:1: 'start' is given twice; first in line 4",
     ]
@@ -129,7 +129,7 @@ def test_what_is_no_document_is_not_cited() -> None:
 
 def test_thousands_of_unknown_keys_are_compared_as_far_as_they_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     compared: list[str] = []
-    monkeypatch.setattr(error_messages, "suggestion", lambda key, keys: compared.extend([key] if keys else []) or "")
+    monkeypatch.setattr(faults, "suggestion", lambda key, keys: compared.extend([key] if keys else []) or "")
     with pytest.raises(DocumentError) as caught:
         read(put("".join(f"step{i}: 1\n" for i in range(2000))), Run)
     assert len(caught.value.problems) == 2000

@@ -305,7 +305,7 @@ def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
 
 # --- what is wrong -----------------------------------------------------------------------------------
 
-RUN_KEYS = f"keys: {listing([*run.RunDocument.key_names(), 'vars', 'defaults'])}"
+RUN_KEYS = f"keys: {listing([*run.RUN.keys, 'vars', 'defaults'])}"
 NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings, keyframes"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
@@ -415,8 +415,8 @@ WRONG = [
     (f"{HEAD}images: [{{output: a.png, time: 1, step: 5}}]",
      ["2:41: images[0].step: time and step exclude each other: both say when"]),
     (f"{HEAD}images: [{{output: a.png, time: -1}}, {{output: b.png, time: soon}}, {{output: c.png, time: {{nth: 1}}}}]",
-     ["2:32: images[0].time: expected a number of at least 0, got -1",
-      "2:59: images[1].time: expected a number of at least 0, got 'soon'", "2:88: images[2].time: 'when' is missing"]),
+     ["2:32: images[0].time: expected a number from 0 on, got -1",
+      "2:59: images[1].time: expected a number from 0 on, got 'soon'", "2:88: images[2].time: 'when' is missing"]),
     (f"{HEAD}images: [{{output: a.png, time: [1]}}, {{output: d.png, step: -1, legend: no}}]",
      ["2:32: images[0].time: expected a time [s] or {when, nth, offset, else}, got a list",
       "2:60: images[1].step: expected a number of at least 0, got -1",

@@ -7,6 +7,7 @@ import pytest
 from mjrun.document.simulation_document import SimulationDocument
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.fit import FitOptions
+from mjrun.options.option import options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import write_model
@@ -20,11 +21,12 @@ def make(simulation: Simulation, **values: object) -> Made:
     return simulation, values
 
 
+@options
 class Every(FitOptions, SimulationOptions):
     """All options of the document."""
 
 
-DOCUMENT = SimulationDocument[Made]("Sample", "A sample.", FitOptions, Every, make)
+DOCUMENT = SimulationDocument[Made]("Sample", FitOptions, Every, make)
 
 
 def read(folder: Path, text: str, *assignments: str) -> Made:

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from mjrun.cli.console import Console
 from mjrun.cli.main import group
-from mjrun.document.study import read_study
-from mjrun.document.study_writer import study_text
+from mjrun.document.study import portable_document, read_study, study_document, study_text
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.sweep import MOST_POINTS
 from mjrun.simulation.simulation import Simulation
@@ -221,3 +220,28 @@ def test_a_command_line_and_its_document_are_the_same_study(words: list[str], mo
         CliRunner().invoke(group, ["sweep", *arguments, "--dry-run"], obj=Console())
     assert len(made) == 2
     assert made[0] == made[1]
+
+
+def written_study(model: str = "models/a.xml") -> Study:
+    vary = {"model": "models/a.xml,scene:dominos", "ctrl_from": "tables/a.csv", "seed": "1,2"}
+    return Study(Simulation(model, steps=3), "study", vary=vary, metric={"low": "min(qpos/ball/z)"})
+
+
+def test_it_holds_what_is_not_the_default() -> None:
+    vary = {"model": "models/a.xml,scene:dominos", "ctrl_from": "tables/a.csv", "seed": [1, 2]}
+    metrics = {"low": "min(qpos/ball/z)"}
+    written = study_document(written_study())
+    assert written == {"model": "models/a.xml", "steps": 3, "output": "study", "vary": vary, "metrics": metrics}
+    assert study_text(written_study(), "mjrun …").startswith("# mjrun …\nmodel: models/a.xml\n")
+
+
+def test_in_another_folder_its_files_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    written = portable_document(written_study(), Path("deep/er"))
+    assert written["model"] == "../../models/a.xml"
+    assert written["vary"] == {
+        "model": "../../models/a.xml,scene:dominos", "ctrl_from": "../../tables/a.csv", "seed": [1, 2]
+    }  # fmt: skip
+    assert "output" not in written
+    with pytest.raises(UsageError, match="standard input is gone"):
+        portable_document(written_study("-"), Path("deep"))

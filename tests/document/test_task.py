@@ -214,7 +214,7 @@ def test_the_name_in_python_is_the_function() -> None:
             "not constant and table",
         ),
         ("commands: {goal: {constant: 1, every: 2}}", "6:39: commands.goal.every: every goes with random"),
-        ("commands: {goal: {schedule: [[1, 2]]}}", "6:29: commands.goal.schedule: '[1, 2.0]' is not a list of [time,"),
+        ("commands: {goal: {schedule: [[1, 2]]}}", "6:29: commands.goal.schedule: '[1, 2]' is not a list of [time,"),
         ("commands: {goal: {random: [a]}}", "6:28: commands.goal.random[0]: a is neither a number nor a distribution"),
         ("rewards: {far: {weight: 2}}", "6:16: rewards.far: 'value' is missing"),
         ("rewards: {far: }", "6:15: rewards.far: expected an expression, or a mapping with value and weight, got noth"),

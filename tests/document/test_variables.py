@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from mjrun.document import variables
-from mjrun.document.reader import read
-from tests.document.documents import Anything, Film, Run, problems, put
+from tests.document.documents import Anything, Film, Run, problems, put, read
 
 
 def resolved(text: str, *assignments: str) -> Any:

@@ -2,8 +2,7 @@
 
 import pytest
 
-from mjrun.document.reader import read
-from tests.document.documents import ANCHOR, Anything, problems, put
+from tests.document.documents import ANCHOR, Anything, problems, put, read
 
 QUOTES = "text that holds ': ' goes in quotes"
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.document.reader import read
-from tests.document.documents import Anything, Run, problems, put
+from tests.document.documents import Anything, Run, problems, put, read
 
 values = st.recursive(
     st.none()

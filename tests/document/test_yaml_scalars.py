@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.document.reader import read
-from tests.document.documents import Anything, put
+from tests.document.documents import Anything, put, read
 
 SCALARS = [
     ("", None), ("~", None), ("null", None), ("Null", None), ("NULL", None), ("nuLL", "nuLL"),

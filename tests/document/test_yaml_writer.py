@@ -8,12 +8,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mjrun.document.reader import read
 from mjrun.document.yaml_writer import exact, number, yaml_text
 from mjrun.errors import UsageError
 from mjrun.timeline import rational
 from tests.document.camera_strategies import names, positives, texts
-from tests.document.documents import Anything
+from tests.document.documents import Anything, read
 
 exacts = (
     st.fractions(min_value=Fraction(1, 10**6), max_value=10**6)

@@ -82,7 +82,7 @@ def modules_of_mjrun() -> list[str]:
     """All that a run may import of mjrun, and what that imports in turn; not what OpenGL needs."""
     names = [module.name for module in pkgutil.walk_packages([str(ROOT / "mjrun")], "mjrun.")]
     left_out = ("__main__", "gym", "backend_trial", "worker")
-    return ["yaml", "pydantic", "orjson", "PIL.Image", "rich.table", "pyarrow.parquet"] + [
+    return ["yaml", "orjson", "PIL.Image", "rich.table", "pyarrow.parquet"] + [
         name for name in names if not any(part in name for part in left_out)
     ]
 

@@ -2,41 +2,29 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.easing import EASINGS, Ramp
+from mjrun.camera.kinds import ObjectName, PlaceKind, RampKind
 from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
-from mjrun.camera.rigs.settings import ErrorPath, Setting
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import concerning
+from mjrun.options.kinds import Choice, Flag, Optional, Point
+from mjrun.options.option import option, options, required
+from mjrun.options.schema import Path
 
-DISTANCE = Setting(
-    "ramp",
-    "How far away the camera is [m]; as MuJoCo's free camera if left out.",
-    positive=True,
-    unit="metres",
-)
+DISTANCE = "How far away the camera is [m]; as MuJoCo's free camera if left out."
 DIRECTION = "Where the camera looks, counter-clockwise from above [deg]"
-AZIMUTH = Setting("ramp", f"{DIRECTION}: 0 along x, 90 along y.")
-ELEVATION = Setting("ramp", "How far the camera looks up [deg]: -90 looks straight down.")
-LOOKAT = Setting(
-    "place", "What is looked at: an object, as in box, geom:edge, site:tip or subtree:torso, or a point [m]."
-)
-HEADING = Setting(
-    "flag",
-    "Whether the azimuth turns with the object, as that of a chase camera; 0 looks along the object's own x then.",
-)
-OFFSET = Setting(
-    "point",
-    "Of the point that is looked at from the target [m], in the world; turned with the object if heading is true.",
-)
+AZIMUTH = f"{DIRECTION}: 0 along x, 90 along y."
+ELEVATION = "How far the camera looks up [deg]: -90 looks straight down."
+LOOKAT = "What is looked at: an object, as in box, geom:edge, site:tip or subtree:torso, or a point [m]."
 
 
-@dataclass(frozen=True)
+@options
 class FreeRig(Rig):
     """MuJoCo's free camera, around a point or an object."""
 
@@ -44,18 +32,17 @@ class FreeRig(Rig):
     help: ClassVar[str] = "MuJoCo's free camera."
     argument: ClassVar[str] = "free"
 
-    lookat: Annotated[Place | None, LOOKAT] = None
-    distance: Annotated[Ramp | None, DISTANCE] = None
-    azimuth: Annotated[Ramp | None, AZIMUTH] = None
-    elevation: Annotated[Ramp | None, ELEVATION] = None
+    lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
+    distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
+    azimuth: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
+    elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
-        self.check(where)
         azimuth = self.azimuth or Ramp.still(cameras.free.azimuth)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
 
-@dataclass(frozen=True)
+@options
 class OrbitRig(Rig):
     """Around a point or an object: once, or from one azimuth to another."""
 
@@ -64,27 +51,31 @@ class OrbitRig(Rig):
     argument: ClassVar[str] = "orbit:…"
     eased: ClassVar[bool] = True
 
-    lookat: Annotated[Place | None, LOOKAT] = None
-    distance: Annotated[Ramp | None, DISTANCE] = None
-    azimuth: Annotated[Ramp | None, Setting("ramp", f"{DIRECTION}; once round if left out.")] = None
-    elevation: Annotated[Ramp | None, ELEVATION] = None
-    ease: Annotated[
-        str, Setting("choice", "How it goes once round; an azimuth has an ease of its own.", choices=tuple(EASINGS))
-    ] = "linear"
+    lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
+    distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
+    azimuth: Ramp | None = option(
+        converter=Optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; once round if left out."
+    )
+    elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    ease: str = option(
+        converter=Choice((*EASINGS,)),
+        default="linear",
+        kw_only=False,
+        help="How it goes once round; an azimuth has an ease of its own.",
+    )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
-        self.check(where)
         start = cameras.free.azimuth
         azimuth = self.azimuth or Ramp(start, start + 360, self.ease)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
     @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         if "ease" in values and "azimuth" in values:
             yield ("ease",), "set the ease within azimuth: {from, to, ease}"
 
 
-@dataclass(frozen=True)
+@options
 class TrackRig(Rig):
     """Goes with an object."""
 
@@ -93,15 +84,28 @@ class TrackRig(Rig):
     argument: ClassVar[str] = "track:BODY"
     eased: ClassVar[bool] = True
 
-    target: Annotated[str, Setting("object", "The object: box, geom:edge, site:tip or subtree:torso.")]
-    distance: Annotated[Ramp | None, DISTANCE] = None
-    azimuth: Annotated[Ramp | None, AZIMUTH] = None
-    elevation: Annotated[Ramp | None, ELEVATION] = None
-    heading: Annotated[bool, HEADING] = False
-    offset: Annotated[Vector, OFFSET] = (0.0, 0.0, 0.0)
+    target: str = required(
+        converter=ObjectName(), kw_only=False, help="The object: box, geom:edge, site:tip or subtree:torso."
+    )
+    distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
+    azimuth: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
+    elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    heading: bool = option(
+        converter=Flag(),
+        default=False,
+        kw_only=False,
+        help="Whether the azimuth turns with the object, as that of a chase camera; 0 looks along the object's own x "
+        "then.",
+    )
+    offset: Vector = option(
+        converter=Point(),
+        default=(0.0, 0.0, 0.0),
+        kw_only=False,
+        help="Of the point that is looked at from the target [m], in the world; turned with the object if heading is "
+        "true.",
+    )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
-        self.check(where)
         azimuth = self.azimuth or Ramp.still(cameras.free.azimuth)
         return _bound("target", self.target, self.distance, azimuth, self.elevation, cameras, self.heading, self.offset)
 

@@ -2,18 +2,20 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import mujoco
 
+from mjrun.camera.kinds import PlaceKind
 from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
-from mjrun.camera.rigs.settings import ErrorPath, Setting
 from mjrun.camera.targets import Place, Target, find_target
 from mjrun.errors import concerning
+from mjrun.options.option import options, required
+from mjrun.options.schema import Path
 
 
-@dataclass(frozen=True)
+@options
 class LookRig(Rig):
     """From one place at another, upright; each stands still or moves."""
 
@@ -21,11 +23,14 @@ class LookRig(Rig):
     help: ClassVar[str] = "From one place at another."
     argument: ClassVar[str] = "look:from=PLACE,at=PLACE"
 
-    eye: Annotated[Place, Setting("place", "Where the camera is: an object, or a point [m].", key="from")]
-    target: Annotated[Place, Setting("place", "What is looked at: an object, or a point [m].", key="at")]
+    eye: Place = required(
+        converter=PlaceKind(), key="from", kw_only=False, help="Where the camera is: an object, or a point [m]."
+    )
+    target: Place = required(
+        converter=PlaceKind(), key="at", kw_only=False, help="What is looked at: an object, or a point [m]."
+    )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundLookRig":
-        self.check(where)
         with concerning("from"):
             eye = find_target(self.eye, cameras.model)
         with concerning("at"):
@@ -33,7 +38,7 @@ class LookRig(Rig):
         return BoundLookRig(eye, target, cameras.frustum, where)
 
     @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         if "from" in values and values["from"] == values.get("at"):
             yield ("at",), "the camera cannot look at where it is"
 

@@ -1,27 +1,47 @@
 """A camera that is declared in the model."""
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import mujoco
 
 from mjrun.camera.pose import Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
-from mjrun.camera.rigs.settings import Setting
 from mjrun.model.names import identify
+from mjrun.options.kinds import AnyKind, Key, Kind, Reader
+from mjrun.options.option import options, required
+from mjrun.options.schema import Schema
+
+_KEY = Key(expected="the name or index of a camera")
 
 
-@dataclass(frozen=True)
+@options
 class ModelRig(Rig):
     """A camera of the model."""
 
     kind: ClassVar[str] = "camera"
     help: ClassVar[str] = "A camera of the model, by name or index."
 
-    camera: Annotated[str, Setting("object", "The name or index of the camera.")]
+    camera: str = required(converter=_KEY, kw_only=False, help="The name or index of the camera.")
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundModelRig":
         return BoundModelRig(cameras, identify(cameras.model, "camera", self.camera))
+
+    @classmethod
+    def form(cls) -> AnyKind:
+        return _CameraForm()
+
+
+class _CameraForm(Kind[ModelRig, ModelRig]):
+    """A camera of the model, as documents write it: by name or index alone."""
+
+    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+        return _KEY.form
+
+    def read(self, value: object, reader: Reader) -> object:
+        return ModelRig(str(_KEY.read(value, reader)))
+
+    def plain(self, value: ModelRig) -> object:
+        return value.camera
 
 
 class BoundModelRig:

@@ -2,51 +2,62 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.curve import SAME_POINT, ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 from mjrun.camera.easing import EASINGS
+from mjrun.camera.kinds import PlaceKind
 from mjrun.camera.pose import Pose, around, heading, rotation
-from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at, mappings_in
-from mjrun.camera.rigs.settings import ErrorPath, Setting
+from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import UsageError, concerning
+from mjrun.options.kinds import Choice, Optional, Point, Real
+from mjrun.options.option import Options, option, options, required
+from mjrun.options.record import ListOf, Record, mappings_in
+from mjrun.options.schema import Path
 
 CURVES = ("spline", "linear")
 PACES = ("constant", "time")
 AROUND = ("distance", "azimuth", "elevation")
 
 
-@dataclass(frozen=True)
-class Waypoint:
+@options
+class Waypoint(Options):
     """A point on the camera's path: an eye, or distance, azimuth and elevation around what is looked at."""
 
-    eye: Annotated[Vector | None, Setting("point", "Where the camera is [m].")] = None
-    distance: Annotated[
-        float | None, Setting("number", "How far from what is looked at [m].", positive=True, unit="metres")
-    ] = None
-    azimuth: Annotated[
-        float | None, Setting("number", "Where the camera looks, counter-clockwise from above [deg].")
-    ] = None
-    elevation: Annotated[float | None, Setting("number", "How far the camera looks up [deg].")] = None
-    lookat: Annotated[
-        Place | None,
-        Setting("place", "What is looked at from here: an object, or a point [m]; what the path looks at if left out."),
-    ] = None
-    at: Annotated[
-        float | None,
-        Setting(
-            "number", "When the camera is here [s], from the beginning of the shot; only with pace: time.", least=0
-        ),
-    ] = None
+    eye: Vector | None = option(
+        converter=Optional(Point()), default=None, kw_only=False, help="Where the camera is [m]."
+    )
+    distance: float | None = option(
+        converter=Optional(Real(above=0)), default=None, kw_only=False, help="How far from what is looked at [m]."
+    )
+    azimuth: float | None = option(
+        converter=Optional(Real(least=None)),
+        default=None,
+        kw_only=False,
+        help="Where the camera looks, counter-clockwise from above [deg].",
+    )
+    elevation: float | None = option(
+        converter=Optional(Real(least=None)), default=None, kw_only=False, help="How far the camera looks up [deg]."
+    )
+    lookat: Place | None = option(
+        converter=Optional(PlaceKind()),
+        default=None,
+        kw_only=False,
+        help="What is looked at from here: an object, or a point [m]; what the path looks at if left out.",
+    )
+    at: float | None = option(
+        converter=Optional(Real()),
+        default=None,
+        kw_only=False,
+        help="When the camera is here [s], from the beginning of the shot; only with pace: time.",
+    )
 
     @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
-        """What is wrong with the combination of values, as of `Declared.conflicts`."""
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         present = [key for key in AROUND if key in values]
         if "eye" in values:
             yield from (((key,), f"an eye has no {key} beside it") for key in present)
@@ -55,45 +66,48 @@ class Waypoint:
             yield (), f"expected eye, or distance, azimuth and elevation, got {text}"
 
 
-@dataclass(frozen=True)
+@options
 class PathRig(Rig):
     """Along a path through waypoints."""
 
     kind: ClassVar[str] = "path"
     help: ClassVar[str] = "Through waypoints."
 
-    waypoints: Annotated[
-        Sequence[Waypoint],
-        Setting(
-            "records",
-            "The points, in order; all by eye, or all by distance, azimuth and elevation.",
-            record=Waypoint,
-            length=2,
-        ),
-    ]
-    lookat: Annotated[
-        Place | None,
-        Setting("place", "What is looked at on the way: an object, or a point [m]; where the path leads if left out."),
-    ] = None
-    curve: Annotated[
-        str,
-        Setting("choice", "What is between waypoints: a smooth curve, or straight lines.", choices=CURVES),
-    ] = "spline"
-    pace: Annotated[
-        str,
-        Setting("choice", "Constant speed along the path, or by the times of the waypoints.", choices=PACES),
-    ] = "constant"
-    ease: Annotated[
-        str,
-        Setting("choice", "How the camera starts and stops; with pace: constant only.", choices=tuple(EASINGS)),
-    ] = "linear"
+    waypoints: tuple[Waypoint, ...] = required(
+        converter=ListOf[Waypoint](Record(Waypoint, Waypoint), least=2),
+        kw_only=False,
+        help="The points, in order; all by eye, or all by distance, azimuth and elevation.",
+    )
+    lookat: Place | None = option(
+        converter=Optional(PlaceKind()),
+        default=None,
+        kw_only=False,
+        help="What is looked at on the way: an object, or a point [m]; where the path leads if left out.",
+    )
+    curve: str = option(
+        converter=Choice(CURVES),
+        default="spline",
+        kw_only=False,
+        help="What is between waypoints: a smooth curve, or straight lines.",
+    )
+    pace: str = option(
+        converter=Choice(PACES),
+        default="constant",
+        kw_only=False,
+        help="Constant speed along the path, or by the times of the waypoints.",
+    )
+    ease: str = option(
+        converter=Choice((*EASINGS,)),
+        default="linear",
+        kw_only=False,
+        help="How the camera starts and stops; with pace: constant only.",
+    )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundPathRig":
-        self.check(where)
         return BoundPathRig(self, cameras, where)
 
     @classmethod
-    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[ErrorPath, str]]:
+    def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         timed = values.get("pace") == "time"
         if timed and "ease" in values:
             yield ("ease",), "ease is for pace: constant; with pace: time the waypoints' times say it all"
@@ -101,13 +115,13 @@ class PathRig(Rig):
         yield from _mixed_waypoints(points, "lookat" in values)
         for i, point in enumerate(points):
             if ("at" in point) != timed:
-                where: ErrorPath = ("waypoints", i) if timed else ("waypoints", i, "at")
+                where: Path = ("waypoints", i) if timed else ("waypoints", i, "at")
                 yield where, "with pace: time each waypoint needs its at [s]" if timed else "at needs pace: time"
         if timed:
             yield from _unordered_times(points)
 
 
-def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -> Iterator[tuple[ErrorPath, str]]:
+def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -> Iterator[tuple[Path, str]]:
     """What waypoints of one path must have in common."""
     for i, point in enumerate(points):
         if ("eye" in point) != ("eye" in points[0]) and {"eye", "distance"} & point.keys():
@@ -118,7 +132,7 @@ def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -
             yield ("waypoints", i), "what is looked at from here? give it a lookat, or the path"
 
 
-def _unordered_times(points: Sequence[Mapping[str, object]]) -> Iterator[tuple[ErrorPath, str]]:
+def _unordered_times(points: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, str]]:
     latest = -math.inf
     for i, point in enumerate(points):
         time = point.get("at")

@@ -65,7 +65,7 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     evaluation, changes, located = _evaluation(console, command_line)
     with located():
         if options.print_document:
-            from mjrun.document.evaluation_writer import evaluation_text
+            from mjrun.document.evaluation import evaluation_text
 
             console.result(evaluation_text(evaluation, changes, console.command).rstrip("\n"))
         else:

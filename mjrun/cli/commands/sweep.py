@@ -88,7 +88,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
     study, located = _study(console, command_line)
     with located():
         if options.print_document:
-            from mjrun.document.study_writer import study_text
+            from mjrun.document.study import study_text
 
             console.result(study_text(study, console.command).rstrip("\n"))
         elif options.dry_run:
@@ -187,7 +187,7 @@ def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
 
 def _with_document(study: "Study", *, required: bool = False) -> "Study":
     """The study with its document for the manifest, if one can hold it."""
-    from mjrun.document.study_writer import portable_document
+    from mjrun.document.study import portable_document
 
     with nullcontext() if required else suppress(UsageError):
         return replace(study, document=portable_document(study, Path(study.output)))

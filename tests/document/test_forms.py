@@ -1,13 +1,15 @@
 """Cameras, ghosts and pushes may be written where they are used."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.document.inline_values import InlineCamera, InlineGhost, ghost_text
+from mjrun.document.forms import CameraForm, InlineGhost, ghost_text
 from mjrun.errors import DocumentError
+from mjrun.options.kinds import Reader
 from mjrun.simulation.simulation import Simulation
 from tests.document.run_documents import jobs, problems
 
@@ -30,9 +32,9 @@ def test_a_ghost_cannot_go_through_a_file_in_a_folder_with_a_comma() -> None:
         ({"recording": "a.npz", "opacity": 1}, "opacity=1.0,recording=study/a.npz"),
     ],
 )
-def test_a_ghost_in_a_mapping_is_that_of_the_command_line(mapping: dict[str, object], text: str) -> None:
-    ghost = InlineGhost.model_validate(mapping)
-    assert ghost_text(ghost, lambda path: f"study/{path}") == text
+def test_a_ghost_in_a_mapping_is_that_of_the_command_line(mapping: dict[str, Any], text: str) -> None:
+    ghost = InlineGhost(**mapping)
+    assert ghost_text(ghost.text(), lambda path: f"study/{path}") == text
 
 
 def test_the_files_of_a_ghost_in_a_text_are_resolved_too() -> None:
@@ -40,9 +42,10 @@ def test_the_files_of_a_ghost_in_a_text_are_resolved_too() -> None:
 
 
 def test_an_inline_camera_has_a_name_of_its_own() -> None:
-    camera = InlineCamera.model_validate({"name": "fly", "shots": [{"camera": "top"}]})
-    assert camera.script(camera.name) == CameraScript("fly", [Shot(ModelRig("top"))])
-    assert InlineCamera.model_validate({"shots": [{"camera": "top"}]}).name == "script"
+    shots = [{"camera": "top"}]
+    camera = CameraForm().read({"name": "fly", "shots": shots}, Reader())
+    assert camera == CameraScript("fly", [Shot(ModelRig("top"))])
+    assert CameraForm().read({"shots": shots}, Reader()) == CameraScript("script", [Shot(ModelRig("top"))])
 
 
 @pytest.mark.parametrize(
