@@ -20,6 +20,7 @@ import mjrun
 from mjrun.options.kinds import AnyKind, Camera, Choice, Instant, Kind, Optional, Processes, Several
 from mjrun.options.option import Options, options_of
 from mjrun.options.policy import PolicyKind
+from mjrun.options.record import OneOf
 
 STUB = Path(mjrun.__file__).with_name("__init__.pyi")
 HEADER = '''"""MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
@@ -59,7 +60,7 @@ def accepted(kind: AnyKind) -> str:
         case _ if type(kind) in ACCEPTED:
             return ACCEPTED[type(kind)]
     bases = [base for home in type(kind).__mro__ for base in vars(home).get("__orig_bases__", ())]
-    return written(next(get_args(base)[0] for base in bases if get_origin(base) is Kind))
+    return written(next(get_args(base)[0] for base in bases if get_origin(base) in (Kind, OneOf)))
 
 
 def written(annotation: Any) -> str:

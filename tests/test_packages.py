@@ -21,6 +21,8 @@ CLAUSES = [
     *(f"~={release}" for release in RELEASES if "." in release),
 ]
 
+SCENES = Path(__file__).parents[1] / "scenes"
+
 
 def test_a_version_is_allowed_where_packaging_allows_it() -> None:
     pairs = [">=1.2,<2", "<15,>=13.7", ">1,!=1.2.*", ""]
@@ -146,11 +148,11 @@ def test_a_package_that_another_one_has_damaged_is_to_be_installed_again(tmp_pat
 
 
 def test_another_package_is_named_when_it_fails(tmp_path: Path) -> None:
-    planted(tmp_path, "click", "8.0.0", code="")
-    done = run_with(tmp_path, "-m", "mjrun", "schema", "run")
+    planted(tmp_path, "orjson", "1.0.0", code="")
+    done = run_with(tmp_path, "-m", "mjrun", "trace", str(SCENES / "dominos.xml"), "--steps", "1")
     assert done.returncode == 2
-    assert done.stderr.startswith("mjrun: error: mjrun needs click>=")
-    assert "but click 8.0.0 is installed\n  pip install 'click>=" in done.stderr
+    assert done.stderr.startswith("mjrun: error: mjrun needs orjson>=")
+    assert "but orjson 1.0.0 is installed\n  pip install 'orjson>=" in done.stderr
 
 
 def test_a_package_that_is_missing_is_named(tmp_path: Path) -> None:
