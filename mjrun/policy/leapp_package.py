@@ -4,6 +4,7 @@ Source: `leapp/leapp.py`, `leapp/inference_manager.py` and `leapp/utils/tensor_d
 """
 
 import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ import yaml
 
 from mjrun.errors import FileError, UsageError, clean, listing, quoted
 from mjrun.formats.input_file import cut, decoding, is_file, is_folder, opened
-from mjrun.policy.safetensors_file import read_safetensors
 from mjrun.suffixes import YAML, is_yaml
 
 TYPES = {
@@ -31,6 +31,22 @@ TYPES = {
 LARGEST, VALUES = 2**22, 1_000_000  # bytes of a description, and values in it
 TEMPORAL = "__temporal_axis__"
 ONNX = "onnx"
+# Tensors in a file of the format safetensors: a header in JSON, and the numbers after it.
+# Source: https://huggingface.co/docs/safetensors, "Format".
+SAFETENSORS = (".safetensors",)
+TENSOR_TYPES = {
+    "F64": "<f8",
+    "F32": "<f4",
+    "F16": "<f2",
+    "I64": "<i8",
+    "I32": "<i4",
+    "I16": "<i2",
+    "I8": "i1",
+    "U8": "u1",
+    "BOOL": "?",
+}
+HEADER = 8  # bytes that say how long the header is
+LONGEST = 100_000_000  # bytes of a header
 
 
 @dataclass(frozen=True)
@@ -307,3 +323,29 @@ class _Reader:
 
     def _refuse(self, message: str) -> NoReturn:
         raise FileError(self._path, f"is no LEAPP package: {clean(message)}")
+
+
+def read_safetensors(path: Path) -> dict[str, np.ndarray]:
+    """The tensors at `path`, by name.
+
+    Raises:
+      FileError: it cannot be read, is damaged, or holds a type that NumPy lacks.
+    """
+    with opened(path, "file of tensors", SAFETENSORS) as file, decoding(path, "cannot be read as safetensors"):
+        length = int.from_bytes(file.read(HEADER), "little")
+        if length > LONGEST:
+            raise ValueError("its header is too long")
+        text = file.read(length)
+        if len(text) < length:
+            raise ValueError("it ends within its header")
+        header = cast("dict[str, dict[str, object]]", json.loads(text))
+        content = file.read()
+        return {name: _tensor(entry, content) for name, entry in header.items() if name != "__metadata__"}
+
+
+def _tensor(entry: dict[str, object], content: bytes) -> np.ndarray:
+    start, end = cast("list[int]", entry["data_offsets"])
+    if not 0 <= start <= end <= len(content):
+        raise ValueError("a tensor is outside of the file")
+    numbers = np.frombuffer(content[start:end], TENSOR_TYPES[str(entry["dtype"])])
+    return numbers.reshape(cast("list[int]", entry["shape"]))

@@ -4,14 +4,40 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from mjrun.errors import UsageError, clean, option, suggestion
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
-from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
 from mjrun.policy.loaders import loader_of, loaders
 from mjrun.policy.normalization import normalized
-from mjrun.policy.policy import Policy
+from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.policy.python_policy import PythonPolicy, load_python
+
+STREAM = 1_886_350_441  # keeps the random numbers of policies apart from those of tasks
+
+
+class RandomPolicy(Policy):
+    """Actions that are uniform within the clip of the task, or within [-1, 1] where there is none."""
+
+    def __init__(self) -> None:
+        super().__init__(RANDOM)
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        low = np.where(np.isfinite(actions.low), actions.low, np.minimum(-1, actions.high - 2))
+        high = np.where(np.isfinite(actions.high), actions.high, np.maximum(1, low + 2))
+        generator = np.random.default_rng([seed, STREAM])
+        return lambda observation: generator.uniform(low, high)
+
+
+class ZeroPolicy(Policy):
+    """Zeros, whatever is observed."""
+
+    def __init__(self) -> None:
+        super().__init__(ZERO)
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        return lambda observation: np.zeros(len(actions.names))
 
 
 def load_policy(

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, overload, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
+from mjrun.errors import InvalidActionError
 from mjrun.physics.replay import RecordedStates, ReplayStepper
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode import EpisodeValues
@@ -33,7 +34,7 @@ class Ending:
         return self.kind != "timeout"
 
 
-class Endings(Sequence[Ending]):
+class Endings(tuple[Ending, ...]):
     """All endings that episodes of a task can have, by their codes. An episode that goes on has the code −1.
 
     Args:
@@ -45,23 +46,17 @@ class Endings(Sequence[Ending]):
       terminated, truncated: of each code, the last for −1 `(n + 1,)` bool.
     """
 
-    def __init__(self, own: Iterable[Ending], timeout: Ending, unstable: Ending) -> None:
-        self._all = (*own, timeout, unstable)
-        self.timeout, self.unstable = len(self._all) - 2, len(self._all) - 1
-        self.terminated = np.array([*(ending.terminated for ending in self._all), False])
-        self.truncated = np.array([*(not ending.terminated for ending in self._all), False])
+    timeout: int
+    unstable: int
+    terminated: np.ndarray
+    truncated: np.ndarray
 
-    @overload
-    def __getitem__(self, code: int) -> Ending: ...
-
-    @overload
-    def __getitem__(self, code: slice) -> Sequence[Ending]: ...
-
-    def __getitem__(self, code: int | slice) -> Ending | Sequence[Ending]:
-        return self._all[code]
-
-    def __len__(self) -> int:
-        return len(self._all)
+    def __new__(cls, own: Iterable[Ending], timeout: Ending, unstable: Ending) -> "Endings":
+        self = super().__new__(cls, (*own, timeout, unstable))
+        self.timeout, self.unstable = len(self) - 2, len(self) - 1
+        self.terminated = np.array([*(ending.terminated for ending in self), False])
+        self.truncated = np.array([*(not ending.terminated for ending in self), False])
+        return self
 
 
 @dataclass(frozen=True)
@@ -84,6 +79,24 @@ class ControlInstant(EpisodeValues):
     """What holds from a control instant until the next, and how the episode ended here, if it did."""
 
     ending: Ending | None = None
+
+
+def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, time: float, policy: str) -> np.ndarray:
+    """The action of a policy on an observation.
+
+    Args:
+      names: of the numbers of an action.
+      step, time: of the control instant.
+      policy: the name of the policy.
+
+    Raises:
+      InvalidActionError: a number of it is not finite.
+    """
+    action = np.asarray(actor(observation), float).ravel()
+    if not np.isfinite(action).all():
+        wrong = {n: v for n, v in zip(names, action.tolist(), strict=False) if not np.isfinite(v)}
+        raise InvalidActionError(step, time, policy, wrong)
+    return action
 
 
 @runtime_checkable

@@ -11,13 +11,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.errors import ControllerError, FailedStepError, InvalidActionError, MjrunError, UsageError, clean, option
+from mjrun.errors import ControllerError, FailedStepError, MjrunError, UsageError, clean, option
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.sources.gym import GymSource, control_steps, make_environment, mujoco_environment
 from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.probe.fields import extents, field_probe
-from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, EpisodeOver
+from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, EpisodeOver, ask
 from mjrun.task.terms import TIMED_OUT
 from mjrun.timeline import rational
 
@@ -296,10 +296,8 @@ class EnvironmentStepper:
 
     def _ask(self, observation: np.ndarray) -> tuple[EnvironmentStep, np.ndarray]:
         """The action of the policy on `observation`, and what the environment makes of it."""
-        action = np.asarray(self._actor(observation), float).ravel()
-        if not np.isfinite(action).all():
-            wrong = {n: v for n, v in zip(self.environment.action_names, action, strict=False) if not np.isfinite(v)}
-            raise InvalidActionError(self._begin, self._begin * self._timestep, self._policy, wrong)
+        names, time = self.environment.action_names, self._begin * self._timestep
+        action = ask(self._actor, observation, names, self._begin, time, self._policy)
         return self.environment.step(action), action
 
     def _driven(self) -> np.ndarray:

@@ -43,38 +43,39 @@ Read = Callable[[Rows, np.ndarray], None]  # of some worlds, into `(k, columns)`
 
 
 @dataclass(frozen=True, eq=False)
-class _Gathered:
-    """Numbers of a field, by their places in it."""
+class _OfField:
+    """Numbers of a field, by their places in it.
+
+    Attributes:
+      is_left_out: whether a step leaves the field out, so that it is computed on an MjData.
+    """
 
     field: str
     places: np.ndarray
+    is_left_out: bool
+
+    @property
+    def is_whole(self) -> bool:
+        return self.is_left_out
+
+    @property
+    def count(self) -> int:
+        return len(self.places)
 
 
 @dataclass(frozen=True, eq=False)
-class _Computed:
-    """Numbers that a probe computes."""
+class _OfProbe:
+    """Numbers that a probe computes from fields, or measures on an MjData."""
 
-    probe: FieldProbe
+    probe: FieldProbe | InstantProbe
     count: int
 
-
-@dataclass(frozen=True, eq=False)
-class _Completed:
-    """Numbers of a field that a step leaves out, by their places in it."""
-
-    field: str
-    places: np.ndarray
+    @property
+    def is_whole(self) -> bool:
+        return isinstance(self.probe, InstantProbe)
 
 
-@dataclass(frozen=True, eq=False)
-class _Measured:
-    """Numbers that a probe measures on an MjData."""
-
-    probe: InstantProbe
-    count: int
-
-
-_Piece = _Gathered | _Computed | _Completed | _Measured
+_Piece = _OfField | _OfProbe
 
 
 class MeasurementPlan:
@@ -87,6 +88,7 @@ class MeasurementPlan:
 
     Attributes:
       columns: in that order.
+      pieces: that they are read by.
       sensed: the fields for which it must get such sensors.
       stage: up to which MuJoCo must compute, `mjtStage`.
       is_whole: whether some columns need a whole MjData for each world.
@@ -97,27 +99,17 @@ class MeasurementPlan:
         self._model = model
         self._group = cache(self._group_of)
         self.columns = [self._column(name) for name in names]
-        pieces = list(self._merged(names, can_sense))
-        if any(isinstance(piece, _Completed | _Measured) for piece in pieces):
-            pieces = list(self._merged(names, can_sense=False))  # where an MjData is needed anyhow, sensors are not
-        self._pieces = pieces
-        self.is_whole = any(isinstance(piece, _Completed | _Measured) for piece in pieces)
+        self.pieces = list(self._merged(names, can_sense))
+        self.is_whole = any(piece.is_whole for piece in self.pieces)
+        if self.is_whole:  # where an MjData is needed anyhow, sensors are not
+            self.pieces = list(self._merged(names, can_sense=False))
 
-        self.sensed = tuple(
-            dict.fromkeys(p.field for p in self._pieces if isinstance(p, _Gathered) and p.field in LAZY)
-        )
-        fields = [field for piece in self._pieces for field in _fields(piece)]
+        fields = [field for piece in self.pieces for field in _fields(piece)]
+        gathered = [piece.field for piece in self.pieces if isinstance(piece, _OfField) and not piece.is_left_out]
+        self.sensed = tuple(dict.fromkeys(field for field in gathered if field in LAZY))
         self.stage = max((self._stage(field) for field in fields), default=NONE)
         self.stage = ACCELERATION if self.is_whole else self.stage
         self.needs_energy = "energy" in fields
-
-    def measurement(self, batch: Batch, model_of: Callable[[int], mujoco.MjModel]) -> "Measurement":
-        """The columns of the worlds of `batch`.
-
-        Args:
-          model_of: the model of a world.
-        """
-        return Measurement(batch, self._pieces, self.columns, model_of)
 
     def _column(self, name: str) -> Column:
         columns, _ = self._group(_group_name(name))
@@ -143,11 +135,11 @@ class MeasurementPlan:
             field = ALIASES.get(group, group)
             if field in extents():
                 is_left_out = field in LAZY and not (can_sense and field in SENSED)
-                yield _Completed(field, indices) if is_left_out else _Gathered(field, indices)
+                yield _OfField(field, indices, is_left_out)
             elif isinstance(probe, FieldProbe):
-                yield _Computed(probe.only(indices.tolist()), len(indices))
+                yield _OfProbe(probe.only(indices.tolist()), len(indices))
             else:
-                yield _Measured(probe.only(indices.tolist()), len(indices))
+                yield _OfProbe(probe.only(indices.tolist()), len(indices))
 
     def _stage(self, field: str) -> int:
         if field == "sensordata":
@@ -162,35 +154,28 @@ class Measurement:
       count: how many columns.
     """
 
-    def __init__(
-        self,
-        batch: Batch,
-        pieces: Sequence[_Piece],
-        columns: Sequence[Column],
-        model_of: Callable[[int], mujoco.MjModel],
-    ) -> None:
+    def __init__(self, batch: Batch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]) -> None:
         self._batch, self._model_of = batch, model_of
-        self.count = len(columns)
+        self.count = len(plan.columns)
         self._state_fields = state.fields(state.sizes(batch.model))
         self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that look at them
         self._runs: list[tuple[slice, np.ndarray]] = []  # views `(n, …)` of columns that follow each other in a field
         self._reads: list[tuple[slice, Read]] = []
-        completed: list[tuple[slice, _Completed]] = []
         self._measured: list[tuple[slice, InstantProbe]] = []
+        left_out: list[tuple[slice, _OfField]] = []
         start = 0
-        for piece in pieces:
-            count = piece.count if isinstance(piece, _Computed | _Measured) else len(piece.places)
-            place = slice(start, start := start + count)
+        for piece in plan.pieces:
+            place = slice(start, start := start + piece.count)
             match piece:
-                case _Gathered():
+                case _OfField(is_left_out=True):
+                    left_out.append((place, piece))
+                case _OfField():
                     self._gather(place, piece)
-                case _Computed():
-                    self._reads.append((place, self._compute(piece)))
-                case _Completed():
-                    completed.append((place, piece))
-                case _Measured():
-                    self._measured.append((place, piece.probe))
-        self._complete(completed)
+                case _OfProbe(probe=FieldProbe() as probe):
+                    self._reads.append((place, self._compute(probe)))
+                case _OfProbe(probe=InstantProbe() as probe):
+                    self._measured.append((place, probe))
+        self._complete(left_out)
 
     @property
     def memory(self) -> list[np.ndarray]:
@@ -227,7 +212,7 @@ class Measurement:
 
         return read_all
 
-    def _complete(self, pieces: Sequence[tuple[slice, _Completed]]) -> None:
+    def _complete(self, pieces: Sequence[tuple[slice, _OfField]]) -> None:
         """Prepares what is computed on an MjData of ours."""
         self._scratch = mujoco.MjData(self._batch.model)
         self._computations = list(dict.fromkeys(LAZY[piece.field] for _, piece in pieces))
@@ -247,7 +232,7 @@ class Measurement:
             for place, values, places in self._completed:
                 row[place] = values[places]
 
-    def _gather(self, place: slice, piece: _Gathered) -> None:
+    def _gather(self, place: slice, piece: _OfField) -> None:
         """Prepares what is read of a field into the columns `place`."""
         if piece.field in state.FIELDS:  # views of the states: gathered from there
             start = self._state_fields[piece.field].start
@@ -265,8 +250,7 @@ class Measurement:
 
         self._reads.append((place, gather))
 
-    def _compute(self, piece: _Computed) -> Read:
-        probe = piece.probe
+    def _compute(self, probe: FieldProbe) -> Read:
         fields = {name: self._batch.bind(name) for name in probe.fields}
         if probe.needs_initial:
             self._first |= {name: np.zeros_like(values) for name, values in fields.items()}
@@ -335,6 +319,6 @@ def _group_name(name: str) -> str:
 
 def _fields(piece: _Piece) -> Sequence[str]:
     """The fields that a piece reads; none of those that an MjData is needed for."""
-    if isinstance(piece, _Gathered):
-        return (piece.field,)
-    return piece.probe.fields if isinstance(piece, _Computed) else ()
+    if isinstance(piece, _OfField):
+        return () if piece.is_left_out else (piece.field,)
+    return piece.probe.fields if isinstance(piece.probe, FieldProbe) else ()

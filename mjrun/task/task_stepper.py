@@ -5,11 +5,11 @@ import copy
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedStepError, InvalidActionError, SimulationError, UnstableError
+from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import PhysicsStepper, instant_of
-from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames
+from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, ask
 from mjrun.task.worlds import TaskWorlds
 
 
@@ -124,10 +124,8 @@ class TaskStepper:
 
     def _ask(self, observation: np.ndarray) -> np.ndarray:
         """Asks the policy, and puts its answer in force."""
-        action = np.asarray(self._actor(observation), float)
-        if not np.isfinite(action).all():
-            wrong = {n: v for n, v in zip(self.names.actions, action.tolist(), strict=True) if not np.isfinite(v)}
-            raise InvalidActionError(self.step, self.step * self._timestep, self._policy, wrong)
+        time = self.step * self._timestep
+        action = ask(self._actor, observation, self.names.actions, self.step, time, self._policy)
         self._worlds.begin(action[None])
         return action
 

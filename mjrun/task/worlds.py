@@ -34,6 +34,7 @@ from mjrun.task.measurement import (
     ALL,
     NONE,
     POSITION,
+    Measurement,
     MeasurementPlan,
     Rows,
     SensingSource,
@@ -322,7 +323,7 @@ class TaskWorlds:
         measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
         each = self._each  # no method of these worlds: that would be a cycle, which only Python's collector frees
-        self._measurement = measured.measurement(self._batch, lambda world: each[world].model)
+        self._measurement = Measurement(self._batch, measured, lambda world: each[world].model)
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._counters = self._batch.warning
         self._warnings = self._counters[:, min(BAD) : max(BAD) + 1, 1]

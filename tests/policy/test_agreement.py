@@ -11,7 +11,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.policy.agreement import check_agreement
-from mjrun.policy.built_in import ZeroPolicy
+from mjrun.policy.load import ZeroPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
 from mjrun.task.task import Task

@@ -8,8 +8,7 @@ import pytest
 from scipy import stats
 
 from mjrun.errors import ControllerError, FileError, UsageError
-from mjrun.policy.built_in import RandomPolicy, ZeroPolicy
-from mjrun.policy.load import load_policy
+from mjrun.policy.load import RandomPolicy, ZeroPolicy, load_policy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.normalization import NormalizedPolicy
 from mjrun.policy.policy import ActionSpace, Actor, Policy, require_trusted_file

@@ -10,7 +10,7 @@ from mjrun.model.sources import parse_source
 from mjrun.probe.episode import EpisodeProbe
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select, selected_columns
-from mjrun.task.measurement import ALL, SENSED, MeasurementPlan, SensingSource, can_sense
+from mjrun.task.measurement import ALL, SENSED, Measurement, MeasurementPlan, SensingSource, can_sense
 
 SOURCE = parse_source("scene:dominos")
 MODEL = SOURCE.load()
@@ -50,7 +50,7 @@ def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
     plain = SOURCE.load()
     plain.opt.enableflags = model.opt.enableflags
     batch = Batch(model, 3, 2, plan.is_whole)
-    measurement = plan.measurement(batch, lambda world: model)
+    measurement = Measurement(batch, plan, lambda world: model)
     batch.qvel = np.random.default_rng(0).normal(size=(3, MODEL.nv))
     batch.forward()
     measurement.begin(ALL)
