@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli.page_layout import PageLayout
-from mjrun.cli.report import annotation
+from mjrun.cli.report import Report, annotation
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
 from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
@@ -26,6 +26,17 @@ if TYPE_CHECKING:
 ROWS = 24  # of a table, unless all are asked for
 NAMED = 4  # columns that differ in the first row
 ANNOTATED = 10  # differences: GitHub shows no more of a step
+
+
+def diff_report(result: "DiffResult", *, every: bool) -> Report:
+    """The report of a comparison; `every` column or value that differs."""
+    return Report(
+        "diff",
+        result,
+        summary=lambda: text(result, every=every),
+        forms={"github": lambda: "\n".join(annotations(result))},
+        remark=lambda: verdict(result),
+    )
 
 
 def text(result: "DiffResult", *, every: bool = False) -> str:
