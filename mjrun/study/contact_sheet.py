@@ -94,10 +94,11 @@ def write_contact_sheet(output: str, cells: Sequence[SheetCell], fps: Fraction, 
     """
     videos = [read_video(cell.video) for cell in cells]
     layout = sheet_layout(len(cells), videos[0].size)
+    clock_scale = (layout.height / layout.size[1]) ** 0.6  # as large as the captions, whatever the height of the sheet
     how = encoding(output)
     with VideoWriter(output, how, layout.size, fps) as writer:
         for index, frame in enumerate(_frames(cells, [iter(video) for video in videos], layout)):
-            stamp(frame, f"{float(index * speed / fps):.2f} s", "bottom-right", _clock_scale(layout))
+            stamp(frame, f"{float(index * speed / fps):.2f} s", "bottom-right", clock_scale)
             writer.write(frame)
         writer.count = writer.written
         return writer.publish()
@@ -141,8 +142,3 @@ def _shrunk(frame: np.ndarray, layout: SheetLayout) -> np.ndarray:
         blocks = frame[: height * step, : width * step].reshape(height, step, width, step, 3)
         frame = np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
     return np.pad(frame, ((0, layout.height - height), (0, layout.width - width), (0, 0)), "edge")
-
-
-def _clock_scale(layout: SheetLayout) -> float:
-    """The clock is as large as the captions, whatever the height of the sheet."""
-    return (layout.height / layout.size[1]) ** 0.6

@@ -1,7 +1,7 @@
 """Files of single points of a study: traces, recordings and videos of those that options choose."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from dataclasses import replace as replaced
@@ -86,10 +86,13 @@ class PointKeeper:
         outputs = {index: self._outputs(index, results[index]) for index in chosen}
         missing = [index for index, each in outputs.items() if each.missing()]
         failures: dict[int, str] = {}
-        for done, (index, message) in enumerate(_made({i: outputs[i] for i in missing}, jobs), 1):
-            if message:
-                failures[index] = clean(message)
-            reporter.progress(f"files of points{f', {len(failures)} failed' if failures else ''}", done, len(missing))
+        with ThreadPoolExecutor(available_cores() if jobs == AUTO else int(jobs)) as pool:
+            messages = pool.map(make_isolated, [outputs[index] for index in missing])
+            for done, (index, message) in enumerate(zip(missing, messages, strict=True), 1):
+                if message:
+                    failures[index] = clean(message)
+                failed = f", {len(failures)} failed" if failures else ""
+                reporter.progress(f"files of points{failed}", done, len(missing))
         sheet = self._contact_sheet([i for i in chosen if i not in failures], outputs, results, reporter)
         paths = [each.folder / NAMES[kind] for each in outputs.values() for kind in self.kinds]
         return KeptFiles(chosen, len(missing), [*(str(path) for path in paths if path.is_file()), *sheet], failures)
@@ -156,7 +159,10 @@ class PointChoice:
 
     def __init__(self, options: KeepOptions, parameters: Sequence[str], metrics: Sequence[str]) -> None:
         names = TableNames({**parameter_names(parameters), **dict(zip(metrics, metrics, strict=True))}, STATUSES)
-        self._conditions = [self._condition(i, text, names) for i, text in enumerate(options.keep_where)]
+        self._conditions: list[tuple[str, Condition]] = []
+        for index, text in enumerate(options.keep_where):
+            with concerning("keep_where", index):
+                self._conditions.append((text, parse_condition(with_flags(text), names, option("keep_where"))))
         ranked = (("keep_lowest", options.keep_lowest, 1), ("keep_highest", options.keep_highest, -1))
         self._ranked = [
             (*_ranked(name, index, text, metrics), sign)
@@ -194,10 +200,6 @@ class PointChoice:
             ranked.update(usable[order[:count]].tolist())
         return sorted(ranked)
 
-    def _condition(self, index: int, text: str, names: TableNames) -> tuple[str, Condition]:
-        with concerning("keep_where", index):
-            return text, parse_condition(with_flags(text), names, option("keep_where"))
-
 
 def _ranked(name: str, index: int, text: str, metrics: Sequence[str]) -> tuple[int, str]:
     """The count and the metric of `4:drift`."""
@@ -224,9 +226,3 @@ def _probes(options: KeepOptions, prepared: PreparedStudy) -> Sequence[str]:
 def _can_be_seen(result: PointResult) -> bool:
     """Whether a point can be simulated once more without losing the process, for a step at least."""
     return result.status == "ok" or (result.status == "unstable" and result.steps > 1)
-
-
-def _made(outputs: Mapping[int, PointOutputs], jobs: int | str) -> Iterator[tuple[int, str]]:
-    """Why the files of each point could not be made, or nothing, in their order."""
-    with ThreadPoolExecutor(available_cores() if jobs == AUTO else int(jobs)) as pool:
-        yield from zip(outputs, pool.map(make_isolated, outputs.values()), strict=True)

@@ -9,7 +9,7 @@ import mujoco
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
-from mjrun.options.kinds import ExpectedError, Numbers
+from mjrun.options.kinds import ExpectedError
 from mjrun.simulation.simulation import Simulation
 
 BY_NAME = ("qpos", "qvel", "ctrl")  # written `qpos/hip`
@@ -44,7 +44,7 @@ def simulation_at(
             continue
         key, value = _change(name, text, controllers)
         if key in BY_NAME:
-            entries = changes.setdefault(key, dict(_by_name(base)[key]))
+            entries = changes.setdefault(key, dict({"qpos": base.qpos, "qvel": base.qvel, "ctrl": base.ctrl}[key]))
             assert isinstance(entries, dict)
             entries |= dict([value])
         else:
@@ -80,10 +80,6 @@ def _change(name: str, text: str, controllers: Mapping[str, Callable[..., object
     valid = [*WHOLE, MODEL, CONTROLLER, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
     with concerning("vary", name):
         raise UnknownNameError("parameter", name, valid, where=option("vary"))
-
-
-def _by_name(base: Simulation) -> dict[str, Mapping[str, Numbers]]:
-    return {"qpos": base.qpos, "qvel": base.qvel, "ctrl": base.ctrl}
 
 
 def _value(name: str, text: str, of: str) -> object:
