@@ -317,14 +317,13 @@ class InvalidJobsError(UsageError):
 
 
 # Packages that share a folder with another one, so that what replaces that one by an older version removes their files.
-SHARING = {"mujoco": ("mujoco-core", "mujoco-studio")}
+SHARING = {"mujoco": "mujoco-core mujoco-studio"}
 
 
 def installation(package: str, specifier: str) -> str:
     """The command that installs a version of a package over whichever is installed."""
-    sharing = SHARING.get(package, ())
-    packages = " ".join(f"'{each}{specifier}'" for each in (package, *sharing))
-    return f"pip install {'--force-reinstall --no-deps ' if sharing else ''}{packages}"
+    removal = f"pip uninstall -y {package} {SHARING[package]} && " if package in SHARING else ""
+    return f"{removal}pip install '{package}{specifier}'"
 
 
 class MissingExtraError(UsageError):

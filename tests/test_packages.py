@@ -98,7 +98,7 @@ def old_mujoco(tmp_path: Path) -> Path:
 
 
 SENTENCE = "mjrun needs mujoco>=4, but mujoco 3.11.0 is installed, as required by some_lab 1.6.0 (mujoco~=3.11.0)"
-INSTALLATION = "pip install --force-reinstall --no-deps 'mujoco>=4' 'mujoco-core>=4' 'mujoco-studio>=4'"
+INSTALLATION = "pip uninstall -y mujoco mujoco-core mujoco-studio && pip install 'mujoco>=4'"
 REMEDY = f"to use only the models of some_lab: {INSTALLATION}, although pip warns"
 
 
@@ -143,7 +143,7 @@ def test_a_package_that_another_one_has_damaged_is_to_be_installed_again(tmp_pat
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == (
         "mjrun: error: mujoco 4.1 is damaged: core bindings are missing\n"
-        "  pip install --force-reinstall --no-deps 'mujoco==4.1' 'mujoco-core==4.1' 'mujoco-studio==4.1'\n"
+        "  pip uninstall -y mujoco mujoco-core mujoco-studio && pip install 'mujoco==4.1'\n"
     )
 
 
