@@ -49,7 +49,7 @@ _HOMES = {
     "Simulation": "mjrun.simulation.simulation",
     "Study": "mjrun.study.study",
     "StudyResult": "mjrun.study.study",
-    "Table": "mjrun.formats.table",
+    "Table": "mjrun.formats.table_reader",
     "TablePlot": "mjrun.plotting.table_plot",
     "TablePlotResult": "mjrun.plotting.table_plot",
     "Task": "mjrun.task.task",

@@ -51,7 +51,7 @@ LIBRARIES = {
     "h5py": ("formats.tables.hdf5",),
     "skimage": ("diff",),
     "orjson": ("formats.text_columns", "formats.tables"),
-    "pyarrow": ("formats.arrow_columns", "formats.tables", "formats.study_results", "study.chunk_files"),
+    "pyarrow": ("formats.arrow_columns", "formats.tables", "formats.study_folder", "study.chunk_files"),
     "distributed": ("study.executors",),
     "submitit": ("study.executors",),
     "scipy": (

@@ -7,7 +7,7 @@ from mjrun.diff.table_files import is_results
 from mjrun.errors import UsageError, clean
 from mjrun.formats import codecs, image_reader, tables
 from mjrun.formats.input_file import is_folder
-from mjrun.formats.recording_reader import ARRAYS
+from mjrun.formats.recording import ARRAYS
 from mjrun.formats.table_reader import STDIN
 
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"

@@ -12,7 +12,7 @@ from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerances
 from mjrun.errors import UsageError, clean, listing
-from mjrun.formats.sidecar import read_sidecar
+from mjrun.formats.manifest import read_sidecar
 from mjrun.formats.table_reader import open_table
 from mjrun.model.column import Column
 

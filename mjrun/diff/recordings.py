@@ -13,7 +13,7 @@ from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
 from mjrun.errors import UsageError, clean, option
-from mjrun.formats.recording_reader import RecordingReader
+from mjrun.formats.recording import RecordingReader
 from mjrun.model import state
 from mjrun.options.diff import TableDiffOptions
 from mjrun.probe.fields import state_columns

@@ -1,53 +1,63 @@
 """Columns as Apache Arrow holds them, for the formats that pyarrow writes and reads: Parquet and Feather.
 
 A text column is a dictionary of strings, null for no text; one of integers has 64 bits, null for NaN. The metadata of a
-field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifest under `mjrun`. pyarrow is imported
-inside functions: it is an extra.
+field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifest under `mjrun`. pyarrow and numpy are
+imported inside functions: one is an extra, and help, which lists the formats, loads neither.
 """
+
+from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-import numpy as np
-
 from mjrun.errors import FileError, clean
 from mjrun.expansion import require_expandable
-from mjrun.formats.column_checks import number_cells, select, shown, side_by_side, text_cells
 from mjrun.formats.input_file import cut
-from mjrun.formats.table_format import Cells, ColumnFilter
-from mjrun.formats.text_columns import exact_cells
+from mjrun.formats.table_format import (
+    PIECE,
+    Cells,
+    ColumnFilter,
+    number_cells,
+    select,
+    shown,
+    side_by_side,
+    text_cells,
+)
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
+    import numpy as np
     import pyarrow
     import pyarrow.parquet
 
 MANIFEST = "mjrun"  # the key of the manifest
-PIECE = 2**17  # values in a block that is read
 
 
-def schema(columns: Sequence[Column]) -> "pyarrow.Schema":
+def schema_of(columns: Sequence[Column]) -> pyarrow.Schema:
     """The Arrow schema of `columns`."""
     import pyarrow
 
     number, integer = pyarrow.float64(), pyarrow.int64()
     text = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
     kinds = [text if c.labels else integer if c.integer else number for c in columns]
-    pairs = zip(columns, kinds, strict=True)
-    return pyarrow.schema([pyarrow.field(column.name, kind, metadata=_metadata(column)) for column, kind in pairs])
+    fields: list[pyarrow.Field] = []
+    for column, kind in zip(columns, kinds, strict=True):
+        metadata = {"unit": column.unit, "meaning": column.meaning, "kind": column.kind, "id": str(column.id)}
+        fields.append(pyarrow.field(column.name, kind, metadata=metadata))
+    return pyarrow.schema(fields)
 
 
-def record_batch(group: np.ndarray, columns: Sequence[Column], schema: "pyarrow.Schema") -> "pyarrow.RecordBatch":
+def record_batch(group: np.ndarray, columns: Sequence[Column], schema: pyarrow.Schema) -> pyarrow.RecordBatch:
     """The rows in `group` `(columns, rows)`."""
     import pyarrow
 
     return pyarrow.record_batch([_array(*pair) for pair in zip(group, columns, strict=True)], schema=schema)
 
 
-def select_columns(path: Path, schema: "pyarrow.Schema", wanted: ColumnFilter, cells: Cells) -> dict[str, int]:
+def select_columns(path: Path, schema: pyarrow.Schema, wanted: ColumnFilter, cells: Cells) -> dict[str, int]:
     """The columns that the filter accepts, each with its index.
 
     Raises:
@@ -73,7 +83,7 @@ def block_rows(columns: int) -> int:
 
 
 def blocks(
-    path: Path, names: Sequence[str], batches: Iterable["pyarrow.RecordBatch"], cells: Cells
+    path: Path, names: Sequence[str], batches: Iterable[pyarrow.RecordBatch], cells: Cells
 ) -> Iterator[np.ndarray]:
     """The rows of `batches`, which hold the columns `names` and nothing else, in blocks `(n, columns)`.
 
@@ -90,14 +100,14 @@ def blocks(
             yield side_by_side(columns, piece.num_rows)
 
 
-def row_group_sizes(metadata: "pyarrow.parquet.FileMetaData", names: Collection[str]) -> list[int]:
+def row_group_sizes(metadata: pyarrow.parquet.FileMetaData, names: Collection[str]) -> list[int]:
     """Returns how many bytes the pages of columns take in each row group, decompressed, according to a Parquet file."""
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     chunks = [[group.column(index) for index in range(group.num_columns)] for group in groups]
     return [sum(each.total_uncompressed_size for each in row if each.path_in_schema in names) for row in chunks]
 
 
-def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> "pyarrow.Table":
+def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ()) -> pyarrow.Table:
     """Returns the table in a Parquet file.
 
     Args:
@@ -116,21 +126,18 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
     return content.read()
 
 
-def units(schema: "pyarrow.Schema", indices: dict[str, int]) -> dict[str, str]:
+def units(schema: pyarrow.Schema, indices: dict[str, int]) -> dict[str, str]:
     """The units of the selected columns, as far as mjrun wrote them."""
     metadata = {name: schema.field(index).metadata or {} for name, index in indices.items()}
     return {name: found.get(b"unit", b"").decode("utf-8", "replace") for name, found in metadata.items()}
 
 
-def _metadata(column: Column) -> dict[str, str]:
-    return {"unit": column.unit, "meaning": column.meaning, "kind": column.kind, "id": str(column.id)}
-
-
-def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> "pyarrow.Array":
+def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> pyarrow.Array:
     """An Arrow array of `values` `(n,)`; those that are not `valid` are null.
 
     `pyarrow.array` does the same, and imports pandas where it is installed, to see whether it is given any of that.
     """
+    import numpy as np
     import pyarrow
 
     mask = None
@@ -140,8 +147,9 @@ def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> "pyarro
     return pyarrow.Array.from_buffers(pyarrow.from_numpy_dtype(values.dtype), len(values), [mask, data])
 
 
-def text_array(texts: Sequence[str]) -> "pyarrow.Array":
+def text_array(texts: Sequence[str]) -> pyarrow.Array:
     """An Arrow array of texts."""
+    import numpy as np
     import pyarrow
 
     encoded = [text.encode() for text in texts]
@@ -152,7 +160,8 @@ def text_array(texts: Sequence[str]) -> "pyarrow.Array":
     )
 
 
-def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
+def _array(values: np.ndarray, column: Column) -> pyarrow.Array:
+    import numpy as np
     import pyarrow
 
     if column.integer:
@@ -164,7 +173,8 @@ def _array(values: np.ndarray, column: Column) -> "pyarrow.Array":
     return pyarrow.DictionaryArray.from_arrays(indices, text_array(column.labels))
 
 
-def _cells(path: Path, name: str, array: "pyarrow.Array", before: int, cells: Cells) -> np.ndarray:
+def _cells(path: Path, name: str, array: pyarrow.Array, before: int, cells: Cells) -> np.ndarray:
+    import numpy as np
     from pyarrow import types
 
     if types.is_dictionary(array.type) and _is_text(array.type.value_type):
@@ -174,6 +184,8 @@ def _cells(path: Path, name: str, array: "pyarrow.Array", before: int, cells: Ce
     if _is_text(plain.type):
         return text_cells(plain.to_pylist())
     if types.is_decimal(plain.type) and cells is Cells.ANY:
+        from mjrun.formats.text_columns import exact_cells
+
         return exact_cells(plain.to_pylist(), _decimal_floats)
     if not plain.null_count:
         return number_cells(plain.to_numpy(zero_copy_only=False), cells)
@@ -188,11 +200,13 @@ def _cells(path: Path, name: str, array: "pyarrow.Array", before: int, cells: Ce
     return values
 
 
-def _is_text(kind: "pyarrow.DataType") -> bool:
+def _is_text(kind: pyarrow.DataType) -> bool:
     from pyarrow import types
 
     return types.is_string(kind) or types.is_large_string(kind)
 
 
-def _decimal_floats(values: "list[Decimal | None]") -> np.ndarray:
+def _decimal_floats(values: list[Decimal | None]) -> np.ndarray:
+    import numpy as np
+
     return np.array([np.nan if value is None else float(value) for value in values])

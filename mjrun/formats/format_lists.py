@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
-from mjrun.formats import codecs, figure_format, image_format, tables
+from mjrun.formats import codecs, image_format, tables
 from mjrun.options.output import CODECS, DEPTH_IMAGES, PLOTS, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
 
 
@@ -45,5 +45,5 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     RGB_IMAGES: lambda: _images("rgb"),
     DEPTH_IMAGES: lambda: _images("depth"),
     SEGMENTATION_IMAGES: lambda: _images("seg"),
-    PLOTS: lambda: [*_images("rgb"), *figure_format.DRAWINGS],
+    PLOTS: lambda: [*_images("rgb"), *image_format.DRAWINGS],
 }

@@ -23,6 +23,8 @@ Encoders import numpy and Pillow when they are called, so that help, which lists
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +38,11 @@ if TYPE_CHECKING:
 
 CONTENTS = {"rgb": "colours", "depth": "exact depth", "seg": "exact segmentation"}
 BLACK = bytes(3)
+MAGIC = struct.pack("<ii", 20000630, 2)
+ZIP = 3
+BLOCK_LINES = 16  # in a block of ZIP compression
+FLOAT = 2
+DRAWINGS = ("svg", "pdf")  # each with the suffix of its name
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,6 @@ def _clipped_share(pixels: np.ndarray) -> float:
 
 
 def _exr(image: ImageData) -> bytes:
-    from mjrun.formats.exr import encode_exr
 
     return encode_exr(image.pixels, image.tags)
 
@@ -228,3 +234,84 @@ def _is_known(suffix: str) -> bool:
 
 def _cannot_hold(what: str, view: str, valid: Sequence[str], hint: str) -> UsageError:
     return UsageError(f"{what} cannot hold {CONTENTS[view]}\n{', '.join(valid)} can" + (f"\n{hint}" if hint else ""))
+
+
+def encode_exr(values: np.ndarray, tags: Mapping[str, str] | None = None, channel: str = "Y") -> bytes:
+    """A file of `values` `(h, w)` float32, infinities and NaN included.
+
+    Args:
+      tags: texts, stored as attributes of these names, in UTF-8.
+      channel: its name. ffmpeg reads a single channel if it is called `Y`, but not `Z`.
+    """
+    import numpy as np
+
+    height, width = values.shape
+    lines = np.ascontiguousarray(values, "<f4").view(np.uint8).reshape(height, -1)
+    blocks = [_block(y, lines[y : y + BLOCK_LINES].ravel()) for y in range(0, height, BLOCK_LINES)]
+    head = MAGIC + _header(width, height, channel, tags or {})
+    sizes = [len(head) + 8 * len(blocks), *map(len, blocks)]
+    return b"".join([head, np.cumsum(sizes, dtype="<u8")[:-1].tobytes(), *blocks])
+
+
+def _header(width: int, height: int, channel: str, tags: Mapping[str, str]) -> bytes:
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    required = [
+        ("channels", "chlist", channel.encode() + b"\0" + struct.pack("<iB3xii", FLOAT, 0, 1, 1) + b"\0"),
+        ("compression", "compression", bytes([ZIP])),
+        ("dataWindow", "box2i", window),
+        ("displayWindow", "box2i", window),
+        ("lineOrder", "lineOrder", b"\0"),
+        ("pixelAspectRatio", "float", struct.pack("<f", 1)),
+        ("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
+        ("screenWindowWidth", "float", struct.pack("<f", 1)),
+    ]
+    texts = [(name, "string", text.encode("utf-8", "replace")) for name, text in tags.items()]
+    attributes = [
+        f"{name}\0{kind}\0".encode() + struct.pack("<i", len(value)) + value for name, kind, value in required + texts
+    ]
+    return b"".join(attributes) + b"\0"
+
+
+def _block(y: int, raw: np.ndarray) -> bytes:
+    """A chunk of the file: its first line, its size, and its bytes compressed, or as they are if that is shorter."""
+    import numpy as np
+
+    halves = np.concatenate([raw[::2], raw[1::2]])  # bytes of like meaning lie together, and differ little
+    steps = halves.copy()
+    steps[1:] = halves[1:] - halves[:-1] + 128
+    packed = zlib.compress(steps.tobytes())
+    data = packed if len(packed) < raw.size else raw.tobytes()
+    return struct.pack("<ii", y, len(data)) + data
+
+
+def figure_suffixes() -> list[str]:
+    """The suffixes of figures."""
+    return [*suffixes("rgb"), *(f".{name}" for name in DRAWINGS)]
+
+
+def figure_format(output: str | None, format: str | None = None) -> str:  # noqa: A002
+    """The name of the format meant by the suffix of `output` or by the option `format`.
+
+    Args:
+      output: a file, or None for standard output, which is png by default.
+
+    Raises:
+      UnknownNameError: there is no such format or suffix; the message lists those there are.
+      UsageError: the format cannot hold a figure, or the suffix is that of another format.
+    """
+    suffix = "" if output is None else Path(output).suffix.lower()
+    by_suffix = suffix[1:] if suffix[1:] in DRAWINGS else None
+    named = format.lower().removeprefix(".") if format is not None else None
+    if named in DRAWINGS or (by_suffix and named is None):
+        drawing = named or by_suffix
+        if suffix in figure_suffixes() and drawing != by_suffix:
+            raise UsageError(f"{option('format')} {drawing} and the suffix of {clean(str(output))} disagree")
+        assert drawing
+        return drawing
+    if by_suffix:
+        raise UsageError(f"{option('format')} {clean(str(format))} and the suffix of {clean(str(output))} disagree")
+    try:
+        return image_format(output, "rgb", format)
+    except UnknownNameError as error:
+        where = f"{option('format')} {error.name}" if error.name == format else clean(str(output))
+        raise UnknownNameError("figure format", error.name, figure_suffixes(), where=where) from None

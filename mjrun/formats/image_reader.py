@@ -9,7 +9,6 @@ from PIL import Image
 from mjrun.errors import FileError, UnknownNameError
 from mjrun.expansion import require_expandable
 from mjrun.formats import ffmpeg, npy_header
-from mjrun.formats.column_checks import unreadable
 from mjrun.formats.input_file import decoding, require_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")
@@ -48,7 +47,7 @@ def read_image(path: str | Path, *, indices: bool = False) -> np.ndarray:
     if suffix not in SUFFIXES:
         raise UnknownNameError("image format", suffix, SUFFIXES, where=str(path))
     try:
-        with decoding(path, unreadable(path)):
+        with decoding(path):
             if suffix == ".npy":
                 return _npy(path)
             return _exr(path) if suffix == ".exr" else _picture(path, indices)
@@ -61,7 +60,7 @@ def read_palette(path: str | Path) -> bytes:
     path = Path(path)
     if path.suffix.lower() != ".png":
         return b""
-    with decoding(path, unreadable(path)), open_image(path) as image:
+    with decoding(path), open_image(path) as image:
         return bytes(image.getpalette() or b"") if image.mode == "P" else b""
 
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from mjrun.errors import BadValueError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
-from mjrun.formats.coco import CocoDocument
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_format import FORMATS, ImageData
-from mjrun.formats.labels import LabelsWriter
+from mjrun.formats.segmentation import LabelsWriter
 from mjrun.formats.uint16_pixels import check_segment_count
 from mjrun.model.rendered_view import Segment
 

@@ -2,12 +2,13 @@
 
 import contextlib
 import errno
+import json
 import os
 import stat
 import warnings
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.errors import FileError, MjrunError, clean, suggestion
@@ -90,11 +91,11 @@ def _check(path: Path, mode: int, what: str, hint: str) -> None:
 
 
 @contextlib.contextmanager
-def decoding(path: Path, fault: str, hint: str = "") -> Iterator[None]:
+def decoding(path: Path, fault: str = "", hint: str = "") -> Iterator[None]:
     """Turns whatever a library raises on a file that it cannot decode, which is documented nowhere, into a FileError.
 
     Args:
-      fault: what is wrong with such a file, `cannot be read as .npz`.
+      fault: what is wrong with such a file; `cannot be read as .npz` by default, with its suffix.
       hint: what the user can do then.
 
     Raises:
@@ -112,18 +113,28 @@ def decoding(path: Path, fault: str, hint: str = "") -> Iterator[None]:
         if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
             raise
         reason = (str(error) or "it ends early").splitlines()[0]  # StopIteration and EOFError say nothing
+        fault = fault or f"cannot be read as {path.suffix.lower()}"
         raise FileError(path, f"{fault}: {clean(cut(reason))}", hint) from error
 
 
-def decoded(path: Path, fault: str, items: Iterator[T]) -> Iterator[T]:
+def decoded(path: Path, items: Iterator[T]) -> Iterator[T]:
     """The items that a library decodes one after another, each within `decoding`."""
     end = object()
     while True:
-        with decoding(path, fault):
+        with decoding(path):
             item = next(items, end)
         if item is end:
             return
         yield item  # type: ignore[misc]
+
+
+def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:
+    """The manifest in a file, or None if there is none; the file is not trusted, and may say anything."""
+    try:
+        manifest = json.loads(text or "null")
+    except (ValueError, RecursionError):
+        return None
+    return manifest if isinstance(manifest, dict) else None
 
 
 def _siblings(folder: Path, suffixes: Collection[str]) -> list[str]:

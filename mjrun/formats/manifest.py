@@ -8,6 +8,10 @@ from typing import Any
 
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
+from mjrun.formats.input_file import parse_manifest
+from mjrun.formats.tables import format_of_suffix
+
+MOST = 2**24  # bytes of a sidecar that are read, at most
 
 
 class ManifestWriter(OutputWriter):
@@ -44,17 +48,49 @@ def with_fingerprints(facts: Mapping[str, Any], files: Iterable[Path]) -> dict[s
     return {**facts, "outputs": [fingerprint(file) for file in files]}
 
 
-def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:
-    """The manifest in a file, or None if there is none; the file is not trusted, and may say anything."""
-    try:
-        manifest = json.loads(text or "null")
-    except (ValueError, RecursionError):
-        return None
-    return manifest if isinstance(manifest, dict) else None
-
-
 def fingerprint(path: Path) -> dict[str, object]:
     """Path, size [bytes] and SHA-256 of a file."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
         return {"path": str(path), "bytes": file.tell(), "sha256": digest.hexdigest()}
+
+
+def sidecar_path(table: Path) -> Path | None:
+    """Where the manifest of a table is; None if its format holds the manifest itself."""
+    known = format_of_suffix(table.suffix)
+    return None if known is None or known.holds_manifest else table.with_name(f"{table.name}.json")
+
+
+def read_sidecar(table: Path) -> dict[str, Any] | None:
+    """The manifest beside a table; None if there is none, or if the table is not the one that it was written for."""
+    path = sidecar_path(table)
+    try:
+        if path is None or path.stat().st_size > MOST:
+            return None
+        manifest = parse_manifest(path.read_bytes())
+        if manifest is None or not _describes(manifest.get("outputs"), table):
+            return None
+    except OSError:
+        return None
+    return manifest
+
+
+def _describes(outputs: object, table: Path) -> bool:
+    """Whether one of the outputs that a manifest lists is `table`, as it is now."""
+    if not isinstance(outputs, list):
+        return False
+    size = table.stat().st_size
+    same_size = [output for output in outputs if isinstance(output, dict) and output.get("bytes") == size]
+    return bool(same_size) and fingerprint(table)["sha256"] in [output.get("sha256") for output in same_size]
+
+
+class SidecarWriter(ManifestWriter):
+    """Writes the manifest of a table that is finished before it, and published with it."""
+
+    def __init__(self, table: OutputWriter, path: Path, facts: Mapping[str, Any]) -> None:
+        super().__init__(str(path))
+        self._table, self._facts = table.destination, facts
+
+    def complete(self) -> None:
+        table = {**fingerprint(Path(self._table.path)), "path": str(self._table.shown)}
+        self.write_document({**self._facts, "outputs": [table]})

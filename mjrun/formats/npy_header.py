@@ -1,19 +1,21 @@
 """NumPy's .npy, read without unpickling anything: the header of an array, and arrays in an archive by their names."""
 
+from __future__ import annotations
+
 import io
 import math
 import zipfile
 from collections.abc import Collection
 from pathlib import Path
-from typing import IO, BinaryIO
-
-import numpy as np
+from typing import IO, TYPE_CHECKING, BinaryIO
 
 from mjrun.expansion import require_expandable
 
+if TYPE_CHECKING:
+    import numpy as np
+
 NUMERIC = "biuf"  # the kinds of types that hold numbers: booleans, integers, floats
 _CONTENTS = {"U": "text", "S": "text", "O": "objects", "c": "complex values"}
-_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _LENGTHS = {(1, 0): 2, (2, 0): 4}  # bytes that hold the length of a header
 _LONGEST = 2**16  # bytes of a header that are read; NumPy would first read as many as the file says, up to 4 GiB
 
@@ -24,12 +26,16 @@ def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     Raises:
       ValueError: this is no array, or of a version that mjrun does not know.
     """
-    version = np.lib.format.read_magic(file)
-    if version not in _HEADERS:
+    import numpy as np
+
+    npy = np.lib.format
+    version = npy.read_magic(file)
+    if version not in _LENGTHS:
         raise ValueError(f"an array is of the unknown version {version}")
     length = file.read(_LENGTHS[version])
     header = file.read(min(int.from_bytes(length, "little"), _LONGEST))
-    return _HEADERS[version](io.BytesIO(length + header))
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    return read(io.BytesIO(length + header))
 
 
 def read_arrays(path: Path, file: BinaryIO, names: Collection[str]) -> dict[str, np.ndarray]:
@@ -42,7 +48,9 @@ def read_arrays(path: Path, file: BinaryIO, names: Collection[str]) -> dict[str,
       FileError: together they would fill the memory.
       ValueError: one holds no numbers, or is damaged.
     """
-    arrays = dict[str, np.ndarray]()
+    import numpy as np
+
+    arrays: dict[str, np.ndarray] = {}
     with zipfile.ZipFile(file) as archive:
         members = {name: archive.NameToInfo[f"{name}.npy"] for name in names if f"{name}.npy" in archive.NameToInfo}
         require_expandable(path, sum(info.file_size for info in members.values()))

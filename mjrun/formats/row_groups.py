@@ -1,15 +1,22 @@
 """Rows turned into columns, for the formats that hold a table by column.
 
 Rows arrive in blocks and are transposed in groups of bounded size. Parquet and Feather take one group after the
-other; npz and mat need whole columns, so their groups wait in an unnamed file beside the table.
+other; npz, mat and hdf5 need whole columns, so their groups wait in an unnamed file beside the table.
 """
+
+from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-import numpy as np
+from mjrun.formats.table_format import RowWriter
+from mjrun.model.column import Column
+
+if TYPE_CHECKING:
+    import numpy as np
 
 GROUP = 2**21  # values in a group: 16 MiB
 FIRST_ROWS = 2**9  # rows for which there is room at first: a short table needs little memory
@@ -19,6 +26,8 @@ class RowGroups:
     """Takes rows, yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
 
     def __init__(self, columns: int) -> None:
+        import numpy as np
+
         self._rows = max(1, GROUP // columns)  # in a full group
         self._group = np.empty((columns, min(self._rows, FIRST_ROWS)))
         self._filled = 0
@@ -26,7 +35,7 @@ class RowGroups:
     def add(self, block: np.ndarray) -> Iterator[np.ndarray]:
         """Takes the rows of `block` `(n, columns)` and yields every group they fill."""
         while len(block):
-            part, block = np.split(block, [self._rows - self._filled])
+            part, block = block[: self._rows - self._filled], block[self._rows - self._filled :]
             end = self._filled + len(part)
             if end > self._group.shape[1]:
                 self._grow(end)
@@ -44,57 +53,105 @@ class RowGroups:
 
     def close(self) -> None:
         """Frees the memory, which would otherwise last as long as anything refers to the writer of the table."""
-        self._group = np.empty((0, 0))
+        self._group = self._group[:0, :0].copy()
 
     def _grow(self, rows: int) -> None:
         """Makes room for `rows` rows and, as more are to come, for twice as many as before."""
+        import numpy as np
+
         before = self._group
         self._group = np.empty((len(before), min(self._rows, max(rows, 2 * before.shape[1]))))
         self._group[:, : self._filled] = before[:, : self._filled]
 
 
-class ColumnSpill:
-    """A table on disk, written by row and read by column, in a file without a name, which no failure leaves behind.
+class GroupWriter(RowWriter):
+    """Base of the writers that take one group after the other.
 
-    Args:
-      folder: where the file is; that of the table, whose disk must have the space.
+    Attributes:
+      writer: of the library, which `close` closes whatever has happened.
     """
 
-    def __init__(self, folder: Path, columns: int) -> None:
-        self.rows = 0
-        self._groups = RowGroups(columns)
-        self._sizes: list[int] = []  # rows in each group
-        self._columns = columns
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by close)
+    writer: Any
+
+    def __init__(self, columns: Sequence[Column]) -> None:
+        self.columns, self._groups = columns, RowGroups(len(columns))
 
     def write(self, block: np.ndarray) -> None:
-        """Adds the rows of `block` `(n, columns)`."""
-        self.rows += len(block)
-        self._store(self._groups.add(block))
+        for group in self._groups.add(block):
+            self.write_group(group)
 
-    def end(self) -> None:
-        """Stores the last rows; `column` can be called then."""
-        self._store(self._groups.rest())
-
-    def column(self, index: int) -> Iterator[np.ndarray]:
-        """The values of one column, in pieces."""
-        before = 0
-        for size in self._sizes:
-            self._file.seek(8 * (self._columns * before + index * size))
-            yield np.frombuffer(self._file.read(8 * size))
-            before += size
-
-    def is_complete(self, index: int) -> bool:
-        """Whether no number of a column is missing."""
-        return not any(np.isnan(piece).any() for piece in self.column(index))
+    def finish(self, manifest: str) -> None:
+        for group in self._groups.rest():
+            self.write_group(group)
+        self.end(manifest)
+        self.writer.close()
 
     def close(self) -> None:
-        """Frees memory and disk space."""
+        self._groups.close()
+        with contextlib.suppress(Exception):  # it may have stopped anywhere
+            self.writer.close()
+
+    def write_group(self, group: np.ndarray) -> None:
+        """Writes the rows of `group` `(columns, rows)`."""
+        raise NotImplementedError
+
+    def end(self, manifest: str) -> None:
+        """Writes what comes after the last group."""
+
+
+class ColumnWriter(RowWriter):
+    """Base of the writers that need whole columns.
+
+    Rows wait in a file without a name, which no failure leaves behind. It is beside the table, whose disk must have the
+    space.
+
+    Attributes:
+      rows: so far.
+    """
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        self.file, self.columns, self.rows = file, columns, 0
+        self._groups = RowGroups(len(columns))
+        self._sizes: list[int] = []  # rows in each group
+        self._stored = tempfile.TemporaryFile(dir=Path(file.name).parent)  # noqa: SIM115  (closed by close)
+
+    def write(self, block: np.ndarray) -> None:
+        self.rows += len(block)
+        for group in self._groups.add(block):
+            self._store(group)
+
+    def finish(self, manifest: str) -> None:
+        for group in self._groups.rest():
+            self._store(group)
+        self.save(manifest)
+
+    def close(self) -> None:
         self._groups.close()
         with contextlib.suppress(OSError):
-            self._file.close()
+            self._stored.close()
 
-    def _store(self, groups: Iterable[np.ndarray]) -> None:
-        for group in groups:
-            self._file.write(np.ascontiguousarray(group).data)
-            self._sizes.append(group.shape[1])
+    def save(self, manifest: str) -> None:
+        """Writes the table, whose columns are known now."""
+        raise NotImplementedError
+
+    def values(self, index: int) -> Iterator[np.ndarray]:
+        """The values of one column, in pieces."""
+        import numpy as np
+
+        before = 0
+        for size in self._sizes:
+            self._stored.seek(8 * (len(self.columns) * before + index * size))
+            yield np.frombuffer(self._stored.read(8 * size))
+            before += size
+
+    def is_whole(self, index: int) -> bool:
+        """Whether a column has integers, and none is missing."""
+        import numpy as np
+
+        return self.columns[index].integer and not any(np.isnan(piece).any() for piece in self.values(index))
+
+    def _store(self, group: np.ndarray) -> None:
+        import numpy as np
+
+        self._stored.write(np.ascontiguousarray(group).data)
+        self._sizes.append(group.shape[1])

@@ -12,6 +12,7 @@ import contextlib
 import io
 import sys
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
@@ -19,9 +20,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.expansion import require_expandable
 from mjrun.formats.input_file import require_file
-from mjrun.formats.table import Table
 from mjrun.formats.table_format import Cells, ColumnFilter, TableFormat
-from mjrun.formats.tables import formats, input_format, readable_suffixes
+from mjrun.formats.tables import formats, input_format, suffixes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -57,7 +57,6 @@ class TableReader:
             self._all_names[name] = None
             return accept(name)
 
-        assert form.reader  # its format can be read
         with self._failing():
             contents = form.reader(path, file, wanted, cells)
         self.names = tuple(contents.names)
@@ -150,7 +149,7 @@ def open_table(
     Raises:
       FileError: there is no such file, it cannot be decoded, or two of the columns have the same name.
       UnknownNameError: no format has this suffix, or a column that is named is missing.
-      UsageError: the format can be written, but not read; standard input is a terminal.
+      UsageError: standard input is a terminal.
       MissingExtraError: the library of the format is not installed.
     """
     cells = Cells.ANY if exact else Cells.GAPS if missing == "nan" else Cells.NUMBERS
@@ -159,7 +158,7 @@ def open_table(
         return TableReader(STDIN_LABEL, _text_format(file), file, columns, cells)
 
     path = Path(path)
-    require_file(path, "table", readable_suffixes())
+    require_file(path, "table", suffixes())
     form = input_format(path)
     try:
         file = path.open("rb")
@@ -187,7 +186,6 @@ def read_table(
       FileError: there is no such file, it is not complete, two of the columns have the same name or differ in
         length, or a cell is not a number; the message says at which line, counted from 1, or row, counted from 0.
       UnknownNameError: no format has this suffix, or a column that is named is missing.
-      UsageError: the format can be written, but not read.
       MissingExtraError: the library of the format is not installed.
     """
     import numpy as np
@@ -246,3 +244,46 @@ def _text_format(file: io.BufferedReader) -> TableFormat:
     """The format of the text in `file`, of which nothing is taken: JSON begins with a bracket."""
     begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()
     return formats()["jsonl" if begin.startswith((b"{", b"[")) else "csv"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
+
+    Iterating yields the names of the columns, in the order of the file.
+
+    Attributes:
+      columns: float64 `(n,)` by name.
+      units: by name, as in `m/s`; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
+    """
+
+    columns: dict[str, np.ndarray]
+    units: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "units", {name: self.units.get(name, "") for name in self.columns})
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the columns, in the order of the file."""
+        return list(self.columns)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The column `name`.
+
+        Raises:
+          UnknownNameError: there is none; the message lists those there are.
+        """
+        if name not in self.columns:
+            raise UnknownNameError("column", name, self.names)
+        return self.columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        """The number of columns."""
+        return len(self.columns)

@@ -1,18 +1,23 @@
-"""Numbers as text, for the formats with a row on each line."""
+"""Numbers as text, for the formats with a row on each line.
+
+numpy and orjson are imported inside functions, as help, which lists the formats, loads neither.
+"""
+
+from __future__ import annotations
 
 import itertools
 import math
 import re
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
-import orjson
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import CellError, FileError
-from mjrun.formats.column_checks import EXACT, shown, side_by_side
+from mjrun.formats.table_format import EXACT, shown, side_by_side
 from mjrun.model.column import Column
+
+if TYPE_CHECKING:
+    import numpy as np
 
 PIECE = 2**16  # values turned into text at a time
 ROWS = 2**9  # rows turned into numbers at a time, while they are in the processor's cache
@@ -26,6 +31,8 @@ LINE = 2**24  # bytes in a line of text, at most
 
 def pieces(block: np.ndarray) -> Iterator[np.ndarray]:
     """The rows of `block` `(n, columns)`, a few at a time, contiguous in memory."""
+    import numpy as np
+
     rows = max(1, PIECE // block.shape[1])
     for start in range(0, len(block), rows):
         yield np.ascontiguousarray(block[start : start + rows])
@@ -33,11 +40,15 @@ def pieces(block: np.ndarray) -> Iterator[np.ndarray]:
 
 def number_text(piece: np.ndarray) -> bytes:
     """`a,b],[c,d` for the rows `(a, b), (c, d)`, each number the shortest text that reads back; not finite: `null`."""
+    import orjson
+
     return orjson.dumps(piece, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
 
 
 def label_text(columns: Sequence[Column], encode: Callable[[str], bytes], empty: bytes) -> dict[int, np.ndarray]:
     """The encoded labels of each text column, by its index; `empty` comes last, for −1."""
+    import numpy as np
+
     return {i: np.array([*map(encode, c.labels), empty], object) for i, c in enumerate(columns) if c.labels}
 
 
@@ -79,6 +90,8 @@ class LinePieces:
         return self
 
     def __next__(self) -> tuple[int, bytes]:
+        import numpy as np
+
         piece = self._file.read(BYTES)
         if not piece:
             raise StopIteration
@@ -91,7 +104,7 @@ class LinePieces:
         self._before += int(np.count_nonzero(np.frombuffer(piece, np.uint8) == NEWLINE))  # faster than bytes count
         return before, piece
 
-    def skip_equal(self, other: "LinePieces") -> int:
+    def skip_equal(self, other: LinePieces) -> int:
         """Passes over lines that have the same bytes in both, without parsing them, and returns how many.
 
         It passes over whole lines with the right number of cells, none of them in quotes, and only now and then tries
@@ -107,7 +120,7 @@ class LinePieces:
         self._wait = 0 if skipped else min(2 * self._wait + 1, PATIENCE)
         return skipped
 
-    def _skip_piece(self, other: "LinePieces") -> int:
+    def _skip_piece(self, other: LinePieces) -> int:
         files = self._file, other._file
         if not all(file.seekable() for file in files):
             return 0
@@ -125,6 +138,8 @@ class LinePieces:
 
 def _plain_lines(piece: bytes, end: int, width: int) -> int:
     """How many lines end before `end`; 0 unless all have so many cells, more than one, and none is in quotes."""
+    import numpy as np
+
     if width < 2 or piece.find(b'"', 0, end) >= 0:
         return 0
     characters = np.frombuffer(piece, np.uint8, end)  # which numpy counts faster than bytes do, where there are many
@@ -134,6 +149,8 @@ def _plain_lines(piece: bytes, end: int, width: int) -> int:
 
 def _common(a: bytes, b: bytes) -> int:
     """How many bytes are the same at the beginning."""
+    import numpy as np
+
     length = min(len(a), len(b))
     differ = np.frombuffer(a, np.uint8, length) != np.frombuffer(b, np.uint8, length)
     return int(differ.argmax()) if differ.any() else length
@@ -176,6 +193,8 @@ def exact_cells(cells: Sequence[Any], convert: Callable[[list[Any]], np.ndarray]
     Args:
       convert: turns numbers and gaps into float64, or raises ValueError.
     """
+    import numpy as np
+
     try:
         numbers = convert([*cells])
         if not (np.abs(numbers) >= EXACT).any():

@@ -16,7 +16,6 @@ from PIL import ImageSequence
 from mjrun.errors import FileError, UsageError, clean
 from mjrun.expansion import require_expandable
 from mjrun.formats import codecs, ffmpeg
-from mjrun.formats.column_checks import unreadable
 from mjrun.formats.image_reader import open_image
 from mjrun.formats.input_file import decoding, require_file
 
@@ -124,7 +123,7 @@ class VideoReader:
     @contextlib.contextmanager
     def _decoding(self) -> Iterator[None]:
         try:
-            with decoding(self._path, unreadable(self._path)):
+            with decoding(self._path):
                 yield
         except OSError as error:
             raise FileError(self._path, f"cannot be read: {error.strerror or error}") from None

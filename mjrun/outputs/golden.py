@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.errors import FileError, UsageError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.input_file import exists
-from mjrun.formats.sidecar import SidecarWriter, sidecar_path
+from mjrun.formats.manifest import SidecarWriter, sidecar_path
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import input_format, output_format
 from mjrun.model.column import Column

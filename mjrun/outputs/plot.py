@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import UsageError, concerning, option, quoted
-from mjrun.formats.figure_format import figure_format
+from mjrun.formats.image_format import figure_format
 from mjrun.options.option import options
 from mjrun.options.plot import PlotOptions
 from mjrun.outputs.output import (

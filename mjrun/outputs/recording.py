@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mjrun.formats.recording_writer import RecordingWriter
+from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.options.option import options

@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.camera.argument import parse_point
 from mjrun.camera.targets import identify_objects
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.formats.recording_reader import RecordingReader, is_recording
+from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions

@@ -9,8 +9,7 @@ from pathlib import Path
 from mjrun.errors import BadValueError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
-from mjrun.formats.figure_format import DRAWINGS
-from mjrun.formats.image_format import FORMATS, ImageData
+from mjrun.formats.image_format import DRAWINGS, FORMATS, ImageData
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.panel_grid import PanelGrid
@@ -30,7 +29,7 @@ class FigureWriter(OutputWriter):
 
     Args:
       output: a file, or None for standard output.
-      format: a name from `mjrun.formats.figure_format`.
+      format: a name from `mjrun.formats.image_format`.
       size: width and height [pixels].
       tags: title, comment and description, embedded where the format can hold them.
 

@@ -7,7 +7,7 @@ from typing import cast
 from mjrun.errors import BadValueError, FileError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
-from mjrun.formats.manifest import parse_manifest
+from mjrun.formats.input_file import parse_manifest
 from mjrun.plotting.html_page import Page, PageFile, html_page, page_file
 from mjrun.plotting.page_manifest import PageManifest
 from mjrun.probe.verdict import Verdict

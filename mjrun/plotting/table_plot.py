@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option
 from mjrun.formats.atomic_output import publish_together
-from mjrun.formats.figure_format import figure_format
+from mjrun.formats.image_format import figure_format
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import options
 from mjrun.options.plot import TablePlotOptions

@@ -12,7 +12,7 @@ import mujoco
 
 from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.manifest import fingerprint
-from mjrun.formats.recording_reader import RecordingReader, is_recording
+from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.formats.table_reader import STDIN, read_table
 from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.errors import FailedStepError, UsageError, clean, concerning, listing, option
 from mjrun.formats.input_file import cut
-from mjrun.formats.recording_reader import RecordingReader, is_recording
+from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings, without_timers

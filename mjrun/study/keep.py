@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design import parameter_names
 from mjrun.experiment.results_table import TableNames
-from mjrun.formats.point_manifest import values_in_words
+from mjrun.formats.study_folder import values_in_words
 from mjrun.options.keep import KeepOptions
 from mjrun.options.kinds import AUTO
 from mjrun.platform.cores import available_cores

@@ -10,7 +10,7 @@ from typing import cast
 
 from mjrun.errors import MjrunError
 from mjrun.formats.atomic_output import written_file
-from mjrun.formats.point_manifest import NAME, read_point
+from mjrun.formats.study_folder import NAME, read_point
 from mjrun.options.keep import KeepOptions
 from mjrun.options.option import options_of
 from mjrun.outputs.output import Job, OutputResult

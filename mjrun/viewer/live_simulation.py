@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import SimulationError
-from mjrun.formats.recording_writer import RecordingWriter
+from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
 from mjrun.physics.replay import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper

@@ -9,8 +9,8 @@ import pytest
 from mjrun.diff.recordings import compare_recordings
 from mjrun.diff.result import TableDifference
 from mjrun.errors import FileError, UnknownNameError, UsageError
-from mjrun.formats import recording_reader
-from mjrun.formats.recording_writer import RecordingWriter
+from mjrun.formats import recording
+from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
 from mjrun.options.diff import TableDiffOptions
 
@@ -58,7 +58,7 @@ def test_the_first_step_that_differs_is_told_with_its_joint(
     knee = state.fields(state.sizes(model))["qvel"].start + 1
     changed[137:, knee] = np.nextafter(changed[137:, knee], np.inf)
     b = record(tmp_path / "b.npz", changed, model)
-    monkeypatch.setattr(recording_reader, "PIECE", 1000)  # bytes
+    monkeypatch.setattr(recording, "PIECE", 1000)  # bytes
     table = compare(a, b, model)
     assert (table.aligned, table.rows) == ("step", 200)
     differing = [column for column in table.columns if column.first]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.formats import row_groups
-from mjrun.formats.row_groups import ColumnSpill, RowGroups
+from mjrun.formats.row_groups import ColumnWriter, RowGroups
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import formats
 from mjrun.model.column import Column
@@ -32,18 +32,26 @@ def test_groups_are_the_transposed_rows_however_these_are_cut(columns: int, cuts
     assert list(groups.rest()) == []
 
 
-def test_a_spill_gives_every_column_and_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+class Spilled(ColumnWriter):
+    """Columns that wait until they are whole."""
+
+    def save(self, manifest: str) -> None:
+        self.saved = [np.concatenate(list(self.values(index))) for index in (2, 0, 1, 2)]
+
+
+def test_whole_columns_leave_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(row_groups, "GROUP", 12)
     rows = np.random.default_rng(0).standard_normal((25, 3))
-    spill = ColumnSpill(tmp_path, 3)
-    for block in np.array_split(rows, 4):
-        spill.write(block)
-    assert list(tmp_path.iterdir()) == []
-    spill.end()
-    assert spill.rows == 25
-    for index in (2, 0, 1, 2):
-        assert np.array_equal(np.concatenate(list(spill.column(index))), rows[:, index])
-    spill.close()
+    with (tmp_path / "t").open("wb") as file:
+        writer = Spilled(file, [Column("a"), Column("b", integer=True), Column("c")], "")
+        for block in np.array_split(rows, 4):
+            writer.write(block)
+        assert [path.name for path in tmp_path.iterdir()] == ["t"]
+        writer.finish("")
+    assert writer.rows == 25
+    assert np.array_equal(writer.saved, rows.T[[2, 0, 1, 2]])
+    assert [writer.is_whole(index) for index in range(3)] == [False, True, False]
+    writer.close()
 
 
 def write(path: Path, columns: int = 20) -> TableWriter:

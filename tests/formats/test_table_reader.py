@@ -26,12 +26,12 @@ import scipy.sparse
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import mjrun
 from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, UsageError, clean
-from mjrun.formats import text_columns
+from mjrun.formats import table_format, text_columns
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import npz as npz_format
-from mjrun.formats.tables import output_format, readable_suffixes
+from mjrun.formats.tables import output_format, suffixes
 from mjrun.model.column import Column
 from tests.formats.table_files import BROKEN, bits
 
@@ -70,7 +70,7 @@ def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece, so that small tables have many."""
     monkeypatch.setattr(text_columns, "ROWS", 3)
-    monkeypatch.setattr(npz_format, "PIECE", 5)
+    monkeypatch.setattr(table_format, "PIECE", 5)
 
 
 floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
@@ -472,7 +472,7 @@ def test_what_is_no_file_is_told(tmp_path: Path) -> None:
         read_table(tmp_path / "\0.csv", everything)
 
 
-@pytest.mark.parametrize("suffix", readable_suffixes())
+@pytest.mark.parametrize("suffix", suffixes())
 def test_a_file_that_may_not_be_opened_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")
@@ -488,7 +488,7 @@ def test_a_suffix_that_means_no_format_is_told_with_those_that_do(tmp_path: Path
     path = put(tmp_path / "t.xlsx", "")
     with pytest.raises(UnknownNameError) as error:
         read_table(path, everything)
-    assert str(error.value) == f"no table format '.xlsx' in {path}\ntable formats: " + ", ".join(readable_suffixes())
+    assert str(error.value) == f"no table format '.xlsx' in {path}\ntable formats: " + ", ".join(suffixes())
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".feather", ".arrow"])
@@ -658,3 +658,23 @@ def test_rows_of_a_wide_array_are_read_in_blocks_of_bounded_size(tmp_path: Path)
         assert tracemalloc.get_traced_memory()[1] < wide.nbytes / 4
     finally:
         tracemalloc.stop()
+
+
+TABLE = mjrun.Table({"time": np.arange(3.0), "qpos/knee": np.ones(3)}, {"qpos/knee": "rad", "other": "m"})
+
+
+def test_columns_are_found_by_name_in_their_order() -> None:
+    assert TABLE["time"].tolist() == [0, 1, 2]
+    assert TABLE.names == list(TABLE) == ["time", "qpos/knee"]
+    assert len(TABLE) == 2
+    assert "time" in TABLE
+    assert "other" not in TABLE
+
+
+def test_every_column_has_a_unit_and_nothing_else_has() -> None:
+    assert TABLE.units == {"time": "", "qpos/knee": "rad"}
+
+
+def test_a_column_that_is_missing_is_told_with_those_there_are() -> None:
+    with pytest.raises(UnknownNameError, match=r"no column 'qpos/kne' \(did you mean 'qpos/knee'\?\)\ncolumns: time, "):
+        _ = TABLE["qpos/kne"]

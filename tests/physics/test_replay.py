@@ -15,8 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FailedStepError, UsageError
-from mjrun.formats.recording_reader import RecordingReader
-from mjrun.formats.recording_writer import RecordingWriter
+from mjrun.formats.recording import RecordingReader, RecordingWriter
 from mjrun.model import state
 from mjrun.physics.control import Controller, ControlSignal, PeriodicController
 from mjrun.physics.observe import Tap, observe

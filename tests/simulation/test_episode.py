@@ -17,7 +17,7 @@ from mjrun.camera.script import Event
 from mjrun.document.run import read_run
 from mjrun.document.task import read_task
 from mjrun.errors import DocumentError, InvalidActionError, UsageError
-from mjrun.formats.recording_reader import RecordingReader
+from mjrun.formats.recording import RecordingReader
 from mjrun.formats.table_reader import read_table
 from mjrun.model import state
 from mjrun.model.sources import parse_source

@@ -15,7 +15,7 @@ import scipy.io
 from scipy.spatial.transform import Rotation
 
 from mjrun.errors import FileError, MjrunError, UsageError
-from mjrun.formats.recording_reader import is_recording
+from mjrun.formats.recording import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.physics.motion import Motion

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FailedStepError, FileError, UsageError
-from mjrun.formats.recording_writer import RecordingWriter
+from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
 from mjrun.options.push import PushKind
 from mjrun.outputs.recording import Recording

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import BadValueError, FailedPointsError, LostFilesError, UnknownNameError, UsageError
-from mjrun.formats.study_results import read_study
+from mjrun.formats.study_folder import read_study
 from mjrun.formats.video_reader import read_video
 from mjrun.options.keep import KeepOptions
 from mjrun.outputs.trace import Trace

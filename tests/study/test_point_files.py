@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from mjrun.formats.point_manifest import read_point
+from mjrun.formats.study_folder import read_point
 from mjrun.options.keep import KEPT, KeepOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UsageError
-from mjrun.formats.recording_reader import RecordingReader
+from mjrun.formats.recording import RecordingReader
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation

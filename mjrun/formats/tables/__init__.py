@@ -34,13 +34,8 @@ def formats() -> dict[str, TableFormat]:
 
 
 def suffixes() -> list[str]:
-    """The suffixes of tables that can be written."""
+    """The suffixes of tables."""
     return [suffix for known in formats().values() for suffix in known.suffixes]
-
-
-def readable_suffixes() -> list[str]:
-    """The suffixes of tables that can be read."""
-    return [suffix for known in formats().values() if known.reader for suffix in known.suffixes]
 
 
 def format_of_suffix(suffix: str) -> TableFormat | None:
@@ -71,17 +66,13 @@ def input_format(path: Path) -> TableFormat:
     """The format of a table to read, from its suffix.
 
     Raises:
-      UnknownNameError: no format has this suffix; the message lists those that can be read.
-      UsageError: tables of this format can be written, but not read.
+      UnknownNameError: no format has this suffix; the message lists those there are.
       MissingExtraError: the library of the format is not installed.
     """
     suffix = path.suffix.lower()
     known = format_of_suffix(suffix)
     if known is None:
-        raise UnknownNameError("table format", suffix, readable_suffixes(), where=str(path))
-    if known.reader is None:
-        able = ", ".join(readable_suffixes())
-        raise UsageError(f"{clean(str(path))}: {suffix} tables can be written, but not read\nreadable: {able}")
+        raise UnknownNameError("table format", suffix, suffixes(), where=str(path))
     if not known.reads_alone:
         known.require_library(f"reading {suffix}")
     return known

@@ -23,13 +23,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import EXACT, Cells, ColumnFilter, RowWriter, TableContents, TableFormat, select, shown
+from mjrun.formats.text_columns import (
+    LinePieces,
+    exact_cells,
+    integer_text,
+    is_number,
+    label_text,
+    number_blocks,
+    number_text,
+    pieces,
+)
+from mjrun.formats.text_columns import lines as lines_of
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from mjrun.formats.text_columns import LinePieces
 
 FORMULA = ("=", "+", "-", "@")  # a cell that starts so is a formula to a spreadsheet
 # The same in full width, as in Japan, and after a semicolon, which separates cells where a comma is decimal.
@@ -41,20 +50,16 @@ NEGATIVE_ZERO = re.compile(rb"-0\s*(,|\n|\Z)")
 LONE_RETURN = re.compile(rb"\r(?!\n)")
 
 
-class CsvWriter:
+class CsvWriter(RowWriter):
     """Writes the header with the first row, so that a failure before it prints nothing."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        from mjrun.formats.text_columns import label_text
-
         self._file = file
         self._header = b",".join(_cell(column.name) for column in columns) + b"\n"
         self._labels = label_text(columns, _label_cell, b"")
         self._integers = {i for i, column in enumerate(columns) if column.integer}
 
     def write(self, block: np.ndarray) -> None:
-        from mjrun.formats.text_columns import pieces
-
         self._write_header()
         for piece in pieces(block):
             mixed = self._labels or self._integers
@@ -62,9 +67,6 @@ class CsvWriter:
 
     def finish(self, manifest: str) -> None:
         self._write_header()
-
-    def close(self) -> None:
-        pass
 
     def _write_header(self) -> None:
         self._file.write(self._header)
@@ -85,8 +87,6 @@ def _label_cell(label: str) -> bytes:
 def _lines(piece: np.ndarray) -> bytes:
     import numpy as np
 
-    from mjrun.formats.text_columns import number_text
-
     text = number_text(piece).replace(b"],[", b"\n") + b"\n"
     not_finite = piece[~np.isfinite(piece)]
     if not not_finite.size:
@@ -103,8 +103,6 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: 
     """The lines of a piece with texts and integers: the numbers between those are printed together."""
     import numpy as np
 
-    from mjrun.formats.text_columns import integer_text
-
     cells: list[list[bytes]] = []
     alone = {*labels, *integers}
     for index, run in itertools.groupby(range(piece.shape[1]), key=lambda i: i if i in alone else -1):
@@ -120,9 +118,6 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts."""
-    from mjrun.formats.column_checks import select
-    from mjrun.formats.text_columns import LinePieces
-
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
     names = [name.strip(" \t") for name in header]
@@ -154,9 +149,7 @@ class _Lines:
         return text
 
     def _split(self, path: Path, file: BinaryIO) -> Iterator[str]:
-        from mjrun.formats.text_columns import lines
-
-        for line in lines(path, file, self.count):
+        for line in lines_of(path, file, self.count):
             self.buffered = b"\r" in line[:-2]
             yield from _texts(line if self.count else line.removeprefix(codecs.BOM_UTF8))
 
@@ -171,9 +164,6 @@ def _blocks(
 ) -> Iterator[np.ndarray]:
     """The rows after the header: plain numbers are parsed by the piece, all else cell by cell."""
     import numpy as np
-
-    from mjrun.formats.column_checks import EXACT
-    from mjrun.formats.text_columns import number_blocks
 
     convert = (_floats, _floats_or_nan, _exact)[cells]
 
@@ -244,9 +234,6 @@ def _rows(path: Path, lines: Iterable[str], before: int = 0, width: int = -1) ->
 
 def _require_header(path: Path, line: int, names: Sequence[str]) -> None:
     """Raises FileError if `names` cannot be a header."""
-    from mjrun.formats.column_checks import shown
-    from mjrun.formats.text_columns import is_number
-
     place = f"{path}:{line}"
     if not names:
         raise FileError(path, "is empty: a table begins with the names of its columns")
@@ -272,8 +259,6 @@ def _floats_or_nan(cells: list[str]) -> np.ndarray:
 
 
 def _exact(cells: list[str]) -> np.ndarray:
-    from mjrun.formats.text_columns import exact_cells
-
     return exact_cells(cells, _floats_or_nan)
 
 

@@ -5,11 +5,16 @@ The schema comes first in the file, and the manifest with it.
 
 from __future__ import annotations
 
-import contextlib
+import os
+import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from mjrun.expansion import require_expandable
+from mjrun.formats.arrow_columns import MANIFEST, blocks, record_batch, schema_of, select_columns, units
+from mjrun.formats.input_file import decoded, decoding, parse_manifest
+from mjrun.formats.row_groups import GroupWriter
 from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
 from mjrun.model.column import Column
 
@@ -17,59 +22,37 @@ if TYPE_CHECKING:
     import numpy as np
     import pyarrow
 
+MAGIC = b"ARROW1"
+MARK = 0xFFFFFFFF  # before the length of metadata, since version 0.15
+DICTIONARY_BATCH = 2  # type of a message
+LENGTH = 8  # bytes before a compressed buffer, which hold its size; -1 if it is not compressed after all
 
-class FeatherWriter:
+
+class FeatherWriter(GroupWriter):
     """Writes record batches of bounded size."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import pyarrow
 
-        from mjrun.formats.arrow_columns import MANIFEST, schema
-        from mjrun.formats.row_groups import RowGroups
-
-        self._columns, self._groups = columns, RowGroups(len(columns))
-        self._schema = schema(columns).with_metadata({MANIFEST: manifest})
+        super().__init__(columns)
+        self._schema = schema_of(columns).with_metadata({MANIFEST: manifest})
         options = pyarrow.ipc.IpcWriteOptions(compression="lz4")
-        self._writer = pyarrow.ipc.new_file(file, self._schema, options=options)
+        self.writer = pyarrow.ipc.new_file(file, self._schema, options=options)
 
-    def write(self, block: np.ndarray) -> None:
-        for group in self._groups.add(block):
-            self._write(group)
-
-    def finish(self, manifest: str) -> None:
-        for group in self._groups.rest():
-            self._write(group)
-        self._writer.close()
-
-    def close(self) -> None:
-        self._groups.close()
-        with contextlib.suppress(Exception):  # it may have stopped anywhere
-            self._writer.close()
-
-    def _write(self, group: np.ndarray) -> None:
-        from mjrun.formats.arrow_columns import record_batch
-
-        self._writer.write_batch(record_batch(group, self._columns, self._schema))
+    def write_group(self, group: np.ndarray) -> None:
+        self.writer.write_batch(record_batch(group, self.columns, self._schema))
 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts."""
     from pyarrow import ipc
 
-    from mjrun.expansion import require_expandable
-    from mjrun.formats.arrow_columns import MANIFEST, blocks, select_columns, units
-    from mjrun.formats.arrow_sizes import batch_sizes
-    from mjrun.formats.column_checks import unreadable
-    from mjrun.formats.input_file import decoded, decoding
-    from mjrun.formats.manifest import parse_manifest
-
-    with decoding(path, unreadable(path)):
+    with decoding(path):
         require_expandable(path, max(batch_sizes(file)))  # dictionaries, or a batch, are whole in memory
         file.seek(0)
         schema = ipc.open_file(file).schema
     indices = select_columns(path, schema, wanted, cells)
-    batches = _batches(file, list(indices.values()))
-    rows = decoded(path, unreadable(path), blocks(path, list(indices), batches, cells))
+    rows = decoded(path, blocks(path, list(indices), _batches(file, list(indices.values())), cells))
     manifest = parse_manifest((schema.metadata or {}).get(MANIFEST.encode()))
     return TableContents(list(indices), rows, units(schema, indices), manifest)
 
@@ -85,6 +68,97 @@ def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]
         batch = arrow.get_batch(index)
         batch.validate(full=True)
         yield batch
+
+
+def batch_sizes(file: BinaryIO) -> list[int]:
+    """Returns the bytes that the dictionaries of a file take together, and those of each batch, decompressed.
+
+    Raises:
+      ValueError: the file is damaged.
+    """
+    end = file.seek(0, os.SEEK_END) - len(MAGIC)
+    (length,) = struct.unpack("<i", _bytes(file, end - 4, 4))
+    footer = _Table.root(_bytes(file, end - 4 - length, length))
+    dictionaries, batches = ([_size(file, *block) for block in _blocks(footer, field)] for field in (2, 3))
+    return [sum(dictionaries), *batches]
+
+
+class _Table:
+    """A table of a FlatBuffer, at a position in its bytes."""
+
+    def __init__(self, content: bytes, at: int) -> None:
+        self.content, self.at = content, at
+
+    @classmethod
+    def root(cls, content: bytes) -> _Table:
+        table = cls(content, 0)
+        return cls(content, table.number("<I", 0))
+
+    def field(self, number: int) -> int | None:
+        """The position of a field; None if it has its default."""
+        fields = self.at - self.number("<i", self.at)
+        if 4 + 2 * number >= self.number("<H", fields):
+            return None
+        offset = self.number("<H", fields + 4 + 2 * number)
+        return self.at + offset if offset else None
+
+    def table(self, number: int) -> _Table | None:
+        """The table that a field refers to."""
+        at = self.field(number)
+        return None if at is None else _Table(self.content, at + self.number("<I", at))
+
+    def structures(self, number: int, layout: str) -> Iterator[tuple[int, ...]]:
+        """The structures in the vector that a field refers to."""
+        if (vector := self.table(number)) is None:
+            return
+        count = self.number("<I", vector.at)
+        size = struct.calcsize(layout)
+        if vector.at + 4 + count * size > len(self.content):
+            raise ValueError("its metadata end early")
+        yield from struct.iter_unpack(layout, self.content[vector.at + 4 :][: count * size])
+
+    def number(self, layout: str, at: int) -> int:
+        if not 0 <= at <= len(self.content) - struct.calcsize(layout):
+            raise ValueError("its metadata end early")
+        (value,) = struct.unpack_from(layout, self.content, at)
+        return value
+
+
+def _blocks(footer: _Table, field: int) -> Iterator[tuple[int, int]]:
+    """Offset of each message, and bytes of its metadata."""
+    yield from ((offset, length) for offset, length, _ in footer.structures(field, "<qi4xq"))
+
+
+def _size(file: BinaryIO, offset: int, length: int) -> int:
+    """The bytes that the buffers of the message at `offset` take, decompressed."""
+    content = _bytes(file, offset, length)
+    is_marked = content[:4] == struct.pack("<I", MARK)
+    message = _Table.root(content[8 if is_marked else 4 :])
+    kind = message.field(1)
+    batch = message.table(2)
+    if batch is not None and kind is not None and message.content[kind] == DICTIONARY_BATCH:
+        batch = batch.table(1)
+    if batch is None:
+        return 0
+    places = [(offset + length + at, size) for at, size in batch.structures(2, "<qq")]
+    if batch.table(3) is None:
+        return sum(size for _, size in places)
+    sizes = [struct.unpack("<q", _bytes(file, at, LENGTH))[0] if size else 0 for at, size in places]
+    if min(sizes, default=0) < -1:
+        raise ValueError("a buffer has less than no bytes")
+    return sum(size if unpacked == -1 else unpacked for unpacked, (_, size) in zip(sizes, places, strict=True))
+
+
+def _bytes(file: BinaryIO, at: int, count: int) -> bytes:
+    """The bytes at a place of the file.
+
+    Raises:
+      ValueError: it has not so many there.
+    """
+    if at < 0 or count < 0 or at + count > os.fstat(file.fileno()).st_size:
+        raise ValueError("its metadata lead outside of the file")
+    file.seek(at)
+    return file.read(count)
 
 
 FORMAT = TableFormat("feather", (".feather", ".arrow"), FeatherWriter, read, library="pyarrow", extra="parquet")

@@ -18,47 +18,54 @@ Columns are written whole, so rows wait in an unnamed file beside the table unti
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
+from mjrun.expansion import require_expandable
+from mjrun.formats.input_file import decoded, decoding, parse_manifest
+from mjrun.formats.npy_header import NUMERIC, content_name
+from mjrun.formats.row_groups import ColumnWriter
+from mjrun.formats.table_format import (
+    Cells,
+    ColumnFilter,
+    TableContents,
+    TableFormat,
+    number_cells,
+    require_equal_lengths,
+    require_plausible_size,
+    require_vector,
+    row_blocks,
+    select_parts,
+    shown,
+)
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     import h5py
     import numpy as np
 
-PIECE = 2**17  # values in a block that is read
 LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 takes 64 KiB
 DEEPEST = 32  # groups within each other that are looked into
 
 
-class Hdf5Writer:
+class Hdf5Writer(ColumnWriter):
     """Writes the datasets once all rows are there."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import h5py  # noqa: F401  (a broken installation shows before the first step)
 
-        from mjrun.formats.row_groups import ColumnSpill
+        super().__init__(file, columns, manifest)
 
-        self._path, self._columns = Path(file.name), columns
-        self._spill = ColumnSpill(self._path.parent, len(columns))
-
-    def write(self, block: np.ndarray) -> None:
-        self._spill.write(block)
-
-    def finish(self, manifest: str) -> None:
+    def save(self, manifest: str) -> None:
         import h5py
 
-        self._spill.end()
-        names = [column.name for column in self._columns]
-        with self._path.open("r+b") as file, h5py.File(file, "w") as archive:
-            for index, (path, column) in enumerate(zip(paths(names), self._columns, strict=True)):
-                number = "<i8" if column.integer and self._spill.is_complete(index) else "<f8"
-                dataset = _create(archive, path, column, number, self._spill.rows, self._spill.column(index))
+        names = [column.name for column in self.columns]
+        with Path(self.file.name).open("r+b") as file, h5py.File(file, "w") as archive:
+            for index, (path, column) in enumerate(zip(paths(names), self.columns, strict=True)):
+                dataset = self._create(archive, path, index)
                 dataset.attrs["index"] = index
                 texts = {"unit": column.unit, "name": column.name if path != column.name else ""}
                 for key, text in texts.items():
@@ -66,8 +73,19 @@ class Hdf5Writer:
             for start in range(0, len(manifest), LONGEST):
                 _write_text(archive, _part(start // LONGEST), manifest[start : start + LONGEST])
 
-    def close(self) -> None:
-        self._spill.close()
+    def _create(self, archive: h5py.File, path: str, index: int) -> h5py.Dataset:
+        """Makes the dataset of a column."""
+        import h5py
+        import numpy as np
+
+        labels = self.columns[index].labels
+        texts = np.array([*labels, ""], object)  # the last is for −1
+        kind = h5py.string_dtype() if labels else "<i8" if self.is_whole(index) else "<f8"
+        dataset, start = archive.create_dataset(path, (self.rows,), kind), 0
+        for piece in self.values(index):
+            dataset[start : start + len(piece)] = texts[piece.astype(int)] if labels else piece
+            start += len(piece)
+        return dataset
 
 
 def _write_text(item: h5py.File | h5py.Dataset, key: str, text: str) -> None:
@@ -81,21 +99,6 @@ def _write_text(item: h5py.File | h5py.Dataset, key: str, text: str) -> None:
 def _part(number: int) -> str:
     """The attribute with this part of the manifest."""
     return f"manifest_{number}" if number else "manifest"
-
-
-def _create(
-    archive: h5py.File, path: str, column: Column, number: str, rows: int, pieces: Iterable[np.ndarray]
-) -> h5py.Dataset:
-    import h5py
-    import numpy as np
-
-    texts = np.array([*column.labels, ""], object)  # the last is for −1
-    dataset = archive.create_dataset(path, (rows,), h5py.string_dtype() if column.labels else number)
-    start = 0
-    for piece in pieces:
-        dataset[start : start + len(piece)] = texts[piece.astype(int)] if column.labels else piece
-        start += len(piece)
-    return dataset
 
 
 def paths(names: Sequence[str]) -> list[str]:
@@ -118,38 +121,33 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
     """The columns that the filter accepts."""
     import h5py
 
-    from mjrun.expansion import require_expandable
-    from mjrun.formats.column_checks import (
-        column_names,
-        require_equal_lengths,
-        require_plausible_size,
-        select,
-        unreadable,
-    )
-    from mjrun.formats.input_file import decoded, decoding
-    from mjrun.formats.manifest import parse_manifest
-
-    with decoding(path, unreadable(path)):
+    with decoding(path):
         archive = h5py.File(file, "r")
         datasets = dict(sorted(_datasets(archive), key=lambda item: _index(item[1])))
-        columns = [
-            (column, dataset, part)
-            for name, dataset in datasets.items()
-            for part, column in enumerate(column_names(name, dataset.shape or ()))
-        ]
+        arrays = [(name, dataset.shape or (), dataset) for name, dataset in datasets.items()]
         manifest = parse_manifest("".join(_manifest(archive)))
-    chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
+    columns = select_parts(path, arrays, wanted)
 
-    with decoding(path, unreadable(path)):
-        units = {column: _text(dataset, "unit") for column, dataset, _ in chosen}
-        for column, dataset, _ in chosen:
+    with decoding(path):
+        units = {column: _text(dataset, "unit") for column, (dataset, _) in columns.items()}
+        for column, (dataset, _) in columns.items():
             _require_numbers(path, column, dataset)
             if dataset.chunks:  # whole in memory, though one row of it is asked for
                 require_expandable(path, math.prod(dataset.chunks) * dataset.dtype.itemsize)
-    require_equal_lengths(path, {column: len(dataset) for column, dataset, _ in chosen})
-    require_plausible_size(path, len(chosen[0][1]) if chosen else 0, len(chosen))
-    blocks = decoded(path, unreadable(path), _blocks([(dataset, part) for _, dataset, part in chosen], cells))
-    return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
+    lengths = {column: len(dataset) for column, (dataset, _) in columns.items()}
+    require_equal_lengths(path, lengths)
+    rows = next(iter(lengths.values()), 0)
+    require_plausible_size(path, rows, len(columns))
+
+    def read_rows(start: int, count: int) -> list[np.ndarray]:
+        values: list[np.ndarray] = []
+        for dataset, group in groupby(columns.values(), key=lambda column: column[0]):
+            part = dataset[start : start + count].reshape(count, -1)
+            values += [number_cells(part[:, column], cells) for _, column in group]
+        return values
+
+    width = sum(math.prod(dataset.shape[1:]) for dataset in {dataset for dataset, _ in columns.values()})
+    return TableContents(list(columns), decoded(path, row_blocks(rows, width, read_rows)), units, manifest)
 
 
 def _datasets(
@@ -187,33 +185,12 @@ def _manifest(archive: h5py.File) -> Iterator[str]:
 
 
 def _require_numbers(path: Path, name: str, dataset: h5py.Dataset) -> None:
-    from mjrun.formats import npy_header
-    from mjrun.formats.column_checks import column_names, shown
-
-    if dataset.dtype.kind not in npy_header.NUMERIC:
-        content = "text" if dataset.dtype.kind == "O" else npy_header.content_name(dataset.dtype)
+    if dataset.dtype.kind not in NUMERIC:
+        content = "text" if dataset.dtype.kind == "O" else content_name(dataset.dtype)
         raise FileError(path, f"column {shown(name)} holds {content}, not numbers")
-    shape = dataset.shape or ()
-    if not shape or (shape[1:] not in ((), (1,)) and len(column_names("", shape)) == 1):
-        raise FileError(path, f"column {shown(name)} has the shape {shape}, not (n,) or (n, k)")
+    require_vector(path, name, dataset.shape or ())
     if dataset.is_virtual or dataset.external:
         raise FileError(path, f"column {shown(name)} is in another file, which is not read")
-
-
-def _blocks(columns: Sequence[tuple[h5py.Dataset, int]], cells: Cells) -> Iterator[np.ndarray]:
-    """The datasets side by side, of each the columns that are asked for."""
-    from mjrun.formats.column_checks import number_cells, side_by_side
-
-    rows = len(columns[0][0]) if columns else 0
-    widths = {dataset: math.prod((dataset.shape or ())[1:]) for dataset, _ in columns}
-    size = max(1, PIECE // max(1, sum(widths.values())))
-    for start in range(0, rows, size):
-        count = min(size, rows - start)
-        values: list[np.ndarray] = []
-        for dataset, group in groupby(columns, key=lambda column: column[0]):
-            part = dataset[start : start + size].reshape(count, -1)
-            values += [number_cells(part[:, column], cells) for _, column in group]
-        yield side_by_side(values, count)
 
 
 def _text(item: h5py.File | h5py.Dataset, key: str) -> str:

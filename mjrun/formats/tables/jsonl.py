@@ -18,7 +18,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
+from mjrun.formats.table_format import Cells, ColumnFilter, RowWriter, TableContents, TableFormat, select, shown
+from mjrun.formats.text_columns import (
+    exact_cells,
+    integer_text,
+    label_text,
+    lines,
+    number_blocks,
+    number_text,
+    pieces,
+)
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
@@ -27,12 +36,10 @@ if TYPE_CHECKING:
 LONG_INTEGER = re.compile(rb"\d{19}")
 
 
-class JsonlWriter:
+class JsonlWriter(RowWriter):
     """Writes an object with the same keys for each row."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        from mjrun.formats.text_columns import label_text
-
         self._file = file
         first, *others = (_string(column.name) + b":" for column in columns)
         self._before = [b"}\n{" + first, *(b"," + key for key in others)]
@@ -40,8 +47,6 @@ class JsonlWriter:
         self._integers = [i for i, column in enumerate(columns) if column.integer]
 
     def write(self, block: np.ndarray) -> None:
-        from mjrun.formats.text_columns import integer_text, number_text, pieces
-
         for piece in pieces(block):
             parts = [b""] * (2 * piece.size)
             parts[::2] = self._before * len(piece)
@@ -53,12 +58,6 @@ class JsonlWriter:
             parts[0] = parts[0].removeprefix(b"}\n")
             self._file.write(b"".join(parts) + b"}\n")
 
-    def finish(self, manifest: str) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
 
 def _string(text: str) -> bytes:
     return json.dumps(text, ensure_ascii=clean(text) != text).encode()
@@ -66,9 +65,6 @@ def _string(text: str) -> bytes:
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts. Where there may be gaps, a key may be missing too."""
-    from mjrun.formats.column_checks import select
-    from mjrun.formats.text_columns import number_blocks
-
     rows = _rows(path, file, cells)
     first = next(rows, None)
     if first is None:
@@ -83,8 +79,6 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
 def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[str, Any]]]:
     """Every object, with its line; blank lines are skipped, and the keys of the first row are unique."""
     import orjson
-
-    from mjrun.formats.text_columns import lines
 
     first = True
     for number, text in enumerate(lines(path, file), 1):
@@ -109,8 +103,6 @@ def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[
 
 def _require_unique_keys(place: str, line: bytes) -> None:
     """Raises FileError if two keys of the object in `line` are alike, of which orjson would keep the last."""
-    from mjrun.formats.column_checks import shown
-
     with contextlib.suppress(RecursionError):  # orjson goes deeper
         names = Counter(name for name, _ in json.loads(line, object_pairs_hook=list, parse_int=float))
         name, count = names.most_common(1)[0] if names else ("", 0)
@@ -122,8 +114,6 @@ def _with_keys(
     path: Path, rows: Iterable[tuple[int, dict[str, Any]]], names: KeysView[str], wanted: ColumnFilter, gaps: bool
 ) -> Iterator[tuple[int, dict[str, Any]]]:
     """`rows`, whose wanted keys are checked to be those in `names`; what is missing is None where there may be gaps."""
-    from mjrun.formats.column_checks import shown
-
     for line, row in rows:
         if row.keys() != names:
             for name in (*names, *row):
@@ -147,8 +137,6 @@ def _floats_or_nan(cells: list[Any]) -> np.ndarray:
 
 
 def _exact(cells: list[Any]) -> np.ndarray:
-    from mjrun.formats.text_columns import exact_cells
-
     return exact_cells(cells, _floats_or_nan)
 
 

@@ -6,77 +6,98 @@ Variables are named as MATLAB allows: `qpos/knee` is `qpos_knee`. The cells `col
 the exact names, the variables and the units in order; the text `manifest` is JSON. The format holds 2 GiB for each
 variable; more rows are refused as they arrive, counting every text as the longest label.
 
-When reading a file that mjrun did not write, every variable is a column. scipy writes, `mat_file` reads.
+When reading a file that mjrun did not write, every variable is a column. scipy writes; it does not read, as it follows
+types and sizes in the file unchecked, and one flipped byte can crash the process. The parser here checks every size.
+The format is described in MathWorks' "MAT-File Format".
 """
 
 from __future__ import annotations
 
 import errno
 import math
+import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError
-from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
+from mjrun.expansion import largest_expansion, require_expandable
+from mjrun.formats.input_file import decoding, parse_manifest
+from mjrun.formats.row_groups import ColumnWriter
+from mjrun.formats.table_format import (
+    Cells,
+    ColumnFilter,
+    TableContents,
+    TableFormat,
+    number_cells,
+    require_equal_lengths,
+    require_vector,
+    row_blocks,
+    select_parts,
+    shown,
+    text_cells,
+)
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from mjrun.formats.mat_parser import MatParser, Matrix
-
-PIECE = 2**17  # values in a block that is read
 LIMIT = 2**31  # bytes in one variable
 CELL = 64  # bytes that a text in a cell takes besides its characters, of which each takes at most 4
 LONGEST_NAME = 63  # characters in the name of a variable
 RESERVED = ("columns", "variables", "units", "manifest")
 HEADER = 116  # bytes of text at the start of the file
+HEAD = 128  # bytes before the first variable
+BEGIN = 2**12  # bytes of a variable that hold its name
+ORDERS = {b"\0\1IM": "<", b"\1\0MI": ">"}  # version and byte order
+MATRIX, COMPRESSED = 14, 15  # types of data
+TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+CODECS = {1: "utf-8", 2: "utf-8", 4: "utf-16-{}", 16: "utf-8", 17: "utf-16-{}", 18: "utf-32-{}"}
+NUMERIC_KINDS, OPAQUE = range(6, 16), 17  # kinds of matrices
+KINDS = {1: "cells", 2: "a structure", 4: "text", 5: "a sparse matrix"}
+IMAGINARY = 0x800
 
 
-class MatWriter:
-    """Writes the variables once all rows are there; they wait in an unnamed file beside the table."""
+class MatWriter(ColumnWriter):
+    """Writes the variables once all rows are there."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import scipy.io  # noqa: F401  (a broken installation shows before the first step)
 
-        from mjrun.formats.row_groups import ColumnSpill
-
-        self._file, self._columns = file, columns
-        self._spill = ColumnSpill(Path(file.name).parent, len(columns))
+        super().__init__(file, columns, manifest)
         self._widest = max([8, *(CELL + 4 * len(label) for column in columns for label in column.labels)])
 
     def write(self, block: np.ndarray) -> None:
-        if self._widest * (self._spill.rows + len(block)) >= LIMIT:
+        if self._widest * (self.rows + len(block)) >= LIMIT:
             raise OSError(errno.EFBIG, "a .mat file holds at most 2 GiB per column; .parquet and .npz hold more")
-        self._spill.write(block)
+        super().write(block)
 
-    def finish(self, manifest: str) -> None:
+    def save(self, manifest: str) -> None:
         import numpy as np
 
-        self._spill.end()
-        variables = identifiers([column.name for column in self._columns])
-        for index, (variable, column) in enumerate(zip(variables, self._columns, strict=True)):
-            values = np.concatenate([np.empty(0), *self._spill.column(index)])[:, None]
-            if column.integer and self._spill.is_complete(index):
-                values = values.astype(np.int64)
-            self._save(variable, _cells([*column.labels, ""])[values.astype(int)] if column.labels else values)
-        self._save("columns", _cells(column.name for column in self._columns))
-        self._save("variables", _cells(variables))
-        self._save("units", _cells(column.unit for column in self._columns))
+        variables = identifiers([column.name for column in self.columns])
+        for index, (variable, column) in enumerate(zip(variables, self.columns, strict=True)):
+            values = np.concatenate([np.empty(0), *self.values(index)])[:, None]
+            if column.labels:
+                values = np.array([*column.labels, ""], object)[values.astype(int)]
+            self._save(variable, values.astype(np.int64) if self.is_whole(index) else values)
+        self._save("columns", np.array([column.name for column in self.columns], object))
+        self._save("variables", np.array(variables, object))
+        self._save("units", np.array([column.unit for column in self.columns], object))
         self._save("manifest", manifest)
-        self._file.seek(0)  # scipy writes the time of day there
-        self._file.write(b"MATLAB 5.0 MAT-file, written by mjrun".ljust(HEADER))
-
-    def close(self) -> None:
-        self._spill.close()
+        self.file.seek(0)  # scipy writes the time of day there
+        self.file.write(b"MATLAB 5.0 MAT-file, written by mjrun".ljust(HEADER))
 
     def _save(self, variable: str, value: np.ndarray | str) -> None:
         import scipy.io
 
-        scipy.io.savemat(self._file, {variable: value}, oned_as="column")  # appends, after the first
+        scipy.io.savemat(self.file, {variable: value}, oned_as="column")  # appends, after the first
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
@@ -93,44 +114,23 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def _cells(texts: Iterable[str]) -> np.ndarray:
-    import numpy as np
-
-    return np.array(list(texts), object)
-
-
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts. A variable is whole in memory, as it may be compressed."""
-    from mjrun.expansion import require_expandable
-    from mjrun.formats.column_checks import (
-        number_cells,
-        require_equal_lengths,
-        select,
-        side_by_side,
-        text_cells,
-        unreadable,
-    )
-    from mjrun.formats.input_file import decoding
-    from mjrun.formats.manifest import parse_manifest
-    from mjrun.formats.mat_parser import MatParser
-
-    with decoding(path, unreadable(path)):
+    with decoding(path):
         mat = MatParser(file)
-        variables, units, manifest = mat.columns(), mat.units(), parse_manifest(mat.manifest())
-        columns = [
-            (column, index, part) for name, index in variables for part, column in enumerate(_names(mat, name, index))
-        ]
-    chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
+        units, manifest = mat.units(), parse_manifest(mat.manifest())
+        arrays = [(name, _shape(mat.header(index)), index) for name, index in mat.columns()]
+    columns = select_parts(path, arrays, wanted)
 
-    with decoding(path, unreadable(path)):
-        shapes = [mat.header(index).shape for index in {index: None for _, index, _ in chosen}]
+    with decoding(path):
+        shapes = [mat.header(index).shape for index in {index: None for index, _ in columns.values()}]
         require_expandable(path, 8 * sum(map(math.prod, shapes)))
 
     def blocks() -> Iterator[np.ndarray]:
         values: dict[str, np.ndarray] = {}
-        for index, group in groupby(chosen, key=lambda column: column[1]):
-            parts = {column: part for column, _, part in group}
-            with decoding(path, unreadable(path)):
+        for index, group in groupby(columns.items(), key=lambda column: column[1][0]):
+            parts = {name: part for name, (_, part) in group}
+            with decoding(path):
                 matrix = mat.read(index)
                 if cells is Cells.ANY and (texts := mat.texts(matrix)) is not None:
                     array = text_cells(texts)[:, None]
@@ -139,40 +139,166 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
             values |= {column: array[:, part] for column, part in parts.items()}
         require_equal_lengths(path, {name: len(column) for name, column in values.items()})
 
-        size = max(1, PIECE // max(1, len(values)))
-        for start in range(0, max(map(len, values.values()), default=0), size):
-            pieces = [column[start : start + size] for column in values.values()]
-            columns = [piece if piece.dtype == object else number_cells(piece, cells) for piece in pieces]
-            yield side_by_side(columns, len(columns[0]))
+        def read_rows(start: int, count: int) -> list[np.ndarray]:
+            pieces = [column[start : start + count] for column in values.values()]
+            return [piece if piece.dtype == object else number_cells(piece, cells) for piece in pieces]
 
-    return TableContents([column for column, _, _ in chosen], blocks(), units, manifest)
+        yield from row_blocks(max(map(len, values.values()), default=0), len(values), read_rows)
+
+    return TableContents(list(columns), blocks(), units, manifest)
 
 
-def _names(mat: MatParser, name: str, index: int) -> list[str]:
-    """The columns of a variable: one for a vector, lying or standing, and for what is no matrix of numbers."""
-    from mjrun.formats.column_checks import column_names
-    from mjrun.formats.mat_parser import NUMERIC_KINDS
-
-    matrix = mat.header(index)
-    return column_names(name, matrix.shape) if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else [name]
+def _shape(matrix: Matrix) -> tuple[int, ...]:
+    """The shape of a matrix of numbers; empty for a vector, lying or standing, and for anything else: one column."""
+    return matrix.shape if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else ()
 
 
 def _numbers(path: Path, name: str, matrix: Matrix) -> np.ndarray:
     """The columns of a matrix of numbers of any type, `(n, columns)`."""
-    from mjrun.formats.column_checks import column_names, shown
-    from mjrun.formats.mat_parser import KINDS, NUMERIC_KINDS
-
     if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
         content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")
         raise FileError(path, f"column {shown(name)} holds {content}, not numbers")
-    vector = len(matrix.shape) == 2 and 1 in matrix.shape
-    if not vector and len(column_names("", matrix.shape)) == 1:
-        raise FileError(path, f"column {shown(name)} has the shape {matrix.shape}, not (n, 1), (1, n) or (n, k)")
+    require_vector(path, name, matrix.shape, lying=True)
     _, values = next(matrix.parts)
     if values.size != math.prod(matrix.shape):
         raise ValueError("the size of a matrix is not that of its shape")
-    columns = values.reshape((1, -1) if vector else matrix.shape[::-1])  # MATLAB stores column after column
+    columns = values.reshape((1, -1) if 1 in matrix.shape else matrix.shape[::-1])  # MATLAB stores column after column
     return columns.T
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A MATLAB array: what its header says, and the type and content of each part after it."""
+
+    kind: int
+    imaginary: bool
+    shape: tuple[int, ...]
+    name: str
+    parts: Iterator[tuple[int, np.ndarray]]
+
+
+class MatParser:
+    """The variables of a file of MATLAB 5 to 7.2, which also scipy and Octave write.
+
+    Raises:
+      ValueError: it is something else, or not complete.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, end = file, file.seek(0, os.SEEK_END)
+        self._largest = largest_expansion(end)
+        file.seek(0)
+        self._order = ORDERS.get(file.read(HEAD)[-4:], "")
+        if not self._order:
+            raise ValueError("it is not of MATLAB 5 to 7.2; MATLAB saves one with -v7")
+        self._places: list[tuple[int, int, int]] = []  # type, begin and size of each variable
+        at = HEAD
+        while at < end:
+            file.seek(at)
+            kind, size = self._tag(file.read(8))
+            self._places.append((kind, at + 8, size))
+            at += 8 + size
+        if at > end:
+            raise ValueError("it is cut off")
+
+    def columns(self) -> list[tuple[str, int]]:
+        """Columns by name, with the index of their variable: those that mjrun's cells name, or else all variables."""
+        indices = {name: index for index, name in enumerate(self._names)}
+        names, variables = self._cell("columns"), self._cell("variables")
+        if len(names) == len(variables) > 0:
+            if not indices.keys() >= set(variables):
+                raise ValueError("a column has no variable")
+            return [(name, indices[variable]) for name, variable in zip(names, variables, strict=True)]
+        return [(name, index) for index, name in enumerate(self._names) if name]  # without: of MATLAB's own
+
+    def units(self) -> dict[str, str]:
+        """The units of columns, if mjrun wrote the file."""
+        names = self._cell("columns")
+        units = self._cell("units") if names else []
+        return dict(zip(names, units, strict=True)) if len(names) == len(units) else {}
+
+    def manifest(self) -> str | None:
+        """The text of the variable `manifest`, if mjrun wrote the file."""
+        if not self._cell("columns") or "manifest" not in self._names:
+            return None
+        matrix = self.read(self._names.index("manifest"))
+        return "".join(map(self._text, matrix.parts)) if matrix.kind == 4 else None
+
+    def header(self, index: int) -> Matrix:
+        """The variable with this index, of which only the beginning is read."""
+        return self._matrix(self._body(index, BEGIN))
+
+    def read(self, index: int) -> Matrix:
+        """The variable with this index, whole."""
+        return self._matrix(self._body(index))
+
+    @cached_property
+    def _names(self) -> list[str]:
+        """The names of all variables."""
+        return [self._matrix(self._body(index, BEGIN)).name for index in range(len(self._places))]
+
+    def _cell(self, name: str) -> list[str]:
+        """The texts in the cell array `name`; none if there is no such variable, or it is something else."""
+        if name not in self._names:
+            return []
+        cell = self.read(len(self._names) - 1 - self._names[::-1].index(name))  # MATLAB takes the last of a name
+        return self.texts(cell) or []
+
+    def texts(self, cell: Matrix) -> list[str] | None:
+        """The texts in a cell array; None if it is something else, or holds something else."""
+        if cell.kind != 1:
+            return None
+        inner = [self._matrix(part) for kind, part in cell.parts if kind == MATRIX]
+        if any(matrix.kind not in (4, 6) or (matrix.kind == 6 and 0 not in matrix.shape) for matrix in inner):
+            return None
+        return ["".join(map(self._text, matrix.parts)) if matrix.kind == 4 else "" for matrix in inner]
+
+    def _text(self, part: tuple[int, np.ndarray]) -> str:
+        kind, content = part
+        return content.tobytes().decode(CODECS[kind].format("le" if self._order == "<" else "be"))
+
+    def _body(self, index: int, limit: int = 2**32) -> bytes:
+        """The content of a variable, of which the first `limit` bytes are enough."""
+        kind, begin, size = self._places[index]
+        self._file.seek(begin)
+        if kind == MATRIX:
+            return self._file.read(min(size, limit))
+        if kind != COMPRESSED:
+            raise ValueError(f"it holds data of the unknown type {kind}")
+        packed = zlib.decompressobj()
+        _, size = self._tag(packed.decompress(self._file.read(min(size, 2 * limit)), 8))
+        if min(size, limit) > self._largest:
+            raise ValueError(f"a variable would expand to {size / 1e9:,.3g} GB in memory")
+        body = packed.decompress(packed.unconsumed_tail, min(size, limit) + 1)  # one more, to see the end
+        if size <= limit and (len(body) != size or not packed.eof):
+            raise ValueError("a variable is cut off")
+        return body[:limit]
+
+    def _matrix(self, body: bytes | np.ndarray) -> Matrix:
+        import numpy as np
+
+        parts = self._parts(np.frombuffer(body, np.uint8))
+        _, (flags, *_) = next(parts)
+        kind = int(flags) & 0xFF
+        shape = () if kind == OPAQUE else tuple(next(parts)[1].tolist())
+        _, name = next(parts)
+        return Matrix(kind, bool(flags & IMAGINARY), shape, name.tobytes().decode("utf-8", "replace"), parts)
+
+    def _parts(self, body: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+        """Type and content of each data element in `body`."""
+        at = 0
+        while at < len(body):
+            kind, size = self._tag(body[at : at + 8].tobytes())
+            begin, after = at + 8, at + 8 + size + -size % 8
+            if kind >> 16:  # a small one, in the tag itself
+                kind, size, begin, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            if begin + size > min(after, len(body)):
+                raise ValueError("a part of a variable is longer than that")
+            yield kind, body[begin : begin + size].view(self._order + TYPES.get(kind, "u1"))
+            at = after
+
+    def _tag(self, head: bytes) -> tuple[int, int]:
+        return struct.unpack(self._order + "II", head)
 
 
 FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat", reads_alone=True)

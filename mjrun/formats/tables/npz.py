@@ -12,103 +12,91 @@ from __future__ import annotations
 import contextlib
 import json
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, BinaryIO
 
 from mjrun.errors import FileError
-from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
+from mjrun.expansion import require_expandable
+from mjrun.formats.input_file import decoded, decoding, parse_manifest
+from mjrun.formats.npy_header import NUMERIC, content_name, read_header
+from mjrun.formats.row_groups import ColumnWriter
+from mjrun.formats.table_format import (
+    Cells,
+    ColumnFilter,
+    TableContents,
+    TableFormat,
+    number_cells,
+    require_equal_lengths,
+    require_vector,
+    row_blocks,
+    select_parts,
+    shown,
+    text_cells,
+)
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     import numpy as np
 
-PIECE = 2**17  # values read at a time
 UNITS, MANIFEST = "__units__", "__manifest__"
 TEXT_SIZE = 2**24  # bytes of units, and of a manifest, that are read, at most
 
 
-class NpzWriter:
+class NpzWriter(ColumnWriter):
     """Writes the archive once all rows are there."""
 
-    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        from mjrun.formats.row_groups import ColumnSpill
-
-        self._file, self._columns = file, columns
-        self._spill = ColumnSpill(Path(file.name).parent, len(columns))
-
-    def write(self, block: np.ndarray) -> None:
-        self._spill.write(block)
-
-    def finish(self, manifest: str) -> None:
+    def save(self, manifest: str) -> None:
         import numpy as np
 
-        self._spill.end()
-        units = json.dumps({column.name: column.unit for column in self._columns})
-        with zipfile.ZipFile(self._file, "w") as archive:
-            for index, column in enumerate(self._columns):
+        units = json.dumps({column.name: column.unit for column in self.columns})
+        with zipfile.ZipFile(self.file, "w") as archive:
+            for index, column in enumerate(self.columns):
                 with _member(archive, column.name) as member:
-                    is_whole = column.integer and self._spill.is_complete(index)
-                    _write_array(member, column, self._spill.rows, self._spill.column(index), is_whole=is_whole)
+                    self._write_array(member, column, index)
             for name, text in ((UNITS, units), (MANIFEST, manifest)):
                 with _member(archive, name) as member:
                     np.lib.format.write_array(member, np.array(text), allow_pickle=False)
 
-    def close(self) -> None:
-        self._spill.close()
+    def _write_array(self, file: IO[bytes], column: Column, index: int) -> None:
+        import numpy as np
+
+        texts = np.array([*column.labels, ""])  # the last is for −1
+        descr = texts.dtype.str if column.labels else "<i8" if self.is_whole(index) else "<f8"
+        np.lib.format.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": (self.rows,)})
+        for piece in self.values(index):
+            file.write((texts[piece.astype(int)] if column.labels else piece.astype(descr)).data)
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> IO[bytes]:
     return archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True)  # dated 1980: same table, same bytes
 
 
-def _write_array(file: IO[bytes], column: Column, rows: int, pieces: Iterable[np.ndarray], *, is_whole: bool) -> None:
-    import numpy as np
-
-    texts = np.array([*column.labels, ""])  # the last is for −1
-    descr = texts.dtype.str if column.labels else "<i8" if is_whole else "<f8"
-    np.lib.format.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": (rows,)})
-    for piece in pieces:
-        file.write((texts[piece.astype(int)] if column.labels else piece.astype(descr)).data)
-
-
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
     """The columns that the filter accepts; those of an array with two dimensions are `name/0`, `name/1`, …"""
-    from mjrun.formats.column_checks import column_names, require_equal_lengths, select, unreadable
-    from mjrun.formats.input_file import decoded, decoding
-    from mjrun.formats.manifest import parse_manifest
-
-    with decoding(path, unreadable(path)):
+    with decoding(path):
         archive = zipfile.ZipFile(file)
-        arrays = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
-        arrays = [(name, info) for name, info in arrays if name not in (info.filename, UNITS, MANIFEST)]
-        shapes = [_shape(archive, info) for _, info in arrays]
-    columns = [
-        (column, index, part)
-        for index, (name, _) in enumerate(arrays)
-        for part, column in enumerate(column_names(name, shapes[index]))
-    ]
-    chosen = [columns[at] for at in select(path, [column for column, _, _ in columns], wanted).values()]
+        infos = [(info.filename.removesuffix(".npy"), info) for info in archive.infolist()]
+        infos = [(name, info) for name, info in infos if name not in (info.filename, UNITS, MANIFEST)]
+        arrays = [(name, _shape(archive, info), info) for name, info in infos]
+    columns = select_parts(path, arrays, wanted)
 
     members = []
-    for index, group in groupby(chosen, key=lambda column: column[1]):
-        parts = {column: part for column, _, part in group}
-        with decoding(path, unreadable(path)):
-            members.append(_Member(path, parts, archive.open(arrays[index][1]), cells))
+    for info, group in groupby(columns.items(), key=lambda column: column[1][0]):
+        parts = {name: part for name, (_, part) in group}
+        with decoding(path):
+            members.append(_Member(path, parts, archive.open(info), cells))
     require_equal_lengths(path, {next(iter(member.parts)): member.rows for member in members})
-    with decoding(path, unreadable(path)):
+    with decoding(path):
         units, manifest = _units(archive), parse_manifest(_text(archive, MANIFEST))
-    blocks = decoded(path, unreadable(path), _blocks(members))
-    return TableContents([column for column, _, _ in chosen], blocks, units, manifest)
+    return TableContents(list(columns), decoded(path, _blocks(members)), units, manifest)
 
 
 def _shape(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> tuple[int, ...]:
     """The shape of an array; none where it cannot be read, which shows if it is asked for."""
-    from mjrun.formats import npy_header
-
     with contextlib.suppress(Exception), archive.open(info) as member:
-        return npy_header.read_header(member)[0]
+        return read_header(member)[0]
     return ()
 
 
@@ -118,39 +106,31 @@ class _Member:
     Attributes:
       parts: the columns of it that are read, by name.
       rows: of each.
-      width: the number of columns in the array, whether they are read or not.
       numbers: how many of 8 bytes a row of the array is as large as.
     """
 
     def __init__(self, path: Path, parts: dict[str, int], file: IO[bytes], cells: Cells) -> None:
-        from mjrun.expansion import require_expandable
-        from mjrun.formats import npy_header
-        from mjrun.formats.column_checks import column_names, shown
-
-        shape, fortran, self._dtype = npy_header.read_header(file)
+        shape, fortran, self._dtype = read_header(file)
         first = next(iter(parts))
         self._cells = cells
-        if self._dtype.kind not in npy_header.NUMERIC + ("U" if cells is Cells.ANY else ""):
-            raise FileError(path, f"column {shown(first)} holds {npy_header.content_name(self._dtype)}, not numbers")
-        if not shape or (shape[1:] not in ((), (1,)) and len(column_names("", shape)) == 1):
-            raise FileError(path, f"column {shown(first)} has the shape {shape}, not (n,) or (n, k)")
+        if self._dtype.kind not in NUMERIC + ("U" if cells is Cells.ANY else ""):
+            raise FileError(path, f"column {shown(first)} holds {content_name(self._dtype)}, not numbers")
+        require_vector(path, first, shape)
         if min(shape) < 0:
             raise ValueError("an array has less than no rows")
         self.parts, self.rows, self._file = parts, shape[0], file
-        self.width = shape[1] if len(shape) == 2 else 1
-        self.numbers = self.width * max(1, self._dtype.itemsize // 8)
+        self._width = shape[1] if len(shape) == 2 else 1
+        self.numbers = self._width * max(1, self._dtype.itemsize // 8)
         self._columns: np.ndarray | None = None
-        if fortran and self.width > 1:  # column after column: all of it, to have rows
-            require_expandable(path, self.rows * self.width * self._dtype.itemsize)
-            self._columns = self._values(self.rows * self.width).reshape(self.width, self.rows).T
+        if fortran and self._width > 1:  # column after column: all of it, to have rows
+            require_expandable(path, self.rows * self._width * self._dtype.itemsize)
+            self._columns = self._values(self.rows * self._width).reshape(self._width, self.rows).T
         self._row = 0
 
     def read(self, count: int) -> list[np.ndarray]:
         """The next rows of its columns, each `(count,)`."""
-        from mjrun.formats.column_checks import number_cells, text_cells
-
         if self._columns is None:
-            rows = self._values(count * self.width).reshape(count, self.width)
+            rows = self._values(count * self._width).reshape(count, self._width)
         else:
             rows = self._columns[self._row : self._row + count]
         self._row += count
@@ -172,13 +152,11 @@ class _Member:
 
 def _blocks(members: Sequence[_Member]) -> Iterator[np.ndarray]:
     """The arrays side by side."""
-    from mjrun.formats.column_checks import side_by_side
 
-    rows = members[0].rows if members else 0
-    size = max(1, PIECE // max(1, sum(member.numbers for member in members)))
-    for start in range(0, rows, size):
-        count = min(size, rows - start)
-        yield side_by_side([column for member in members for column in member.read(count)], count)
+    def read_rows(_: int, count: int) -> list[np.ndarray]:
+        return [column for member in members for column in member.read(count)]
+
+    yield from row_blocks(members[0].rows if members else 0, sum(member.numbers for member in members), read_rows)
     for member in members:
         member.end()
 
@@ -193,13 +171,11 @@ def _text(archive: zipfile.ZipFile, name: str) -> str | None:
     """The text in a member, if there is one and it is not too long."""
     import numpy as np
 
-    from mjrun.formats import npy_header
-
     info = archive.NameToInfo.get(f"{name}.npy")
     if info is None or info.file_size > TEXT_SIZE:
         return None
     with archive.open(info) as member:
-        shape, _, dtype = npy_header.read_header(member)
+        shape, _, dtype = read_header(member)
         if shape or dtype.kind != "U":
             return None
         return str(np.frombuffer(member.read(dtype.itemsize), dtype)[0])

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.formats.point_manifest import point_values, values_in_words
-from mjrun.formats.study_results import StudyResults
-from mjrun.formats.table import Table
-from mjrun.formats.table_reader import open_table, read_table
+from mjrun.formats.study_folder import StudyResults, point_values, values_in_words
+from mjrun.formats.table_reader import Table, open_table, read_table
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
 from mjrun.plotting.study.figure_data import GraphPanel, Scale, Series, scale, y_scale
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
+from mjrun.formats import table_format
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import hdf5
+from mjrun.formats.tables.hdf5 import paths
 from mjrun.model.column import Column
 
 
@@ -53,7 +54,7 @@ def test_names_that_are_no_paths_read_back_all_the_same_in_order(tmp_path: Path,
     table = read_table(write(tmp_path / "t.h5", data, [Column(name) for name in names]))
     assert table.names == names
     assert np.array_equal(np.column_stack(list(table.columns.values())), data)
-    assert len(set(hdf5.paths(names))) == len(names)
+    assert len(set(paths(names))) == len(names)
 
 
 def test_a_manifest_and_columns_may_be_many(tmp_path: Path) -> None:
@@ -100,7 +101,7 @@ def test_files_of_others_are_read_with_groups_arrays_and_every_kind_of_number(tm
 
 
 def test_rows_are_read_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hdf5, "PIECE", 8)
+    monkeypatch.setattr(table_format, "PIECE", 8)
     data = np.random.default_rng(2).random((11, 3))
     write(tmp_path / "t.h5", data, [Column("a"), Column("b"), Column("c")])
     with open_table(tmp_path / "t.h5", ["a", "c"]) as table:

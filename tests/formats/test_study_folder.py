@@ -1,5 +1,6 @@
 """Results of studies, read back against pandas."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats.study_results import read_study
+from mjrun.formats.study_folder import NAME, point_values, read_point, read_study, values_in_words
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 
@@ -48,3 +49,19 @@ def test_a_folder_that_is_no_study_is_told(tmp_path: Path) -> None:
     (tmp_path / "results.parquet").write_text("nothing")
     with pytest.raises(FileError, match="cannot be read"):
         read_study(tmp_path)
+
+
+def test_values_have_the_shortest_names_that_tell_them_apart() -> None:
+    values = {"opt.timestep": "0.0100000", "geom/floor.friction[0]": "0.123456", "geom/ball.friction[0]": "2"}
+    assert values_in_words(values) == ["timestep 0.01", "floor.friction[0] 0.1235", "ball.friction[0] 2"]
+    assert values_in_words({"model": "models/car.xml", "seed": "3"}) == ["model car", "seed 3"]
+    assert values_in_words({"model": "models/arm.urdf", "ctrl_from": "a/b.csv"}) == ["model arm", "ctrl_from a/b.csv"]
+    assert values_in_words({"qpos/hip": "1", "qvel/hip": "2"}) == ["qpos/hip 1", "qvel/hip 2"]
+
+
+def test_a_manifest_that_is_not_there_or_broken_tells_nothing(tmp_path: Path) -> None:
+    assert read_point(tmp_path) == {}
+    (tmp_path / NAME).write_text("[1")
+    assert point_values(tmp_path) == {}
+    (tmp_path / NAME).write_text(json.dumps({"values": {"seed": "3"}}))
+    assert point_values(tmp_path) == {"seed": "3"}

@@ -11,6 +11,7 @@ import numpy as np
 from mjrun.errors import FileError, clean
 from mjrun.formats.arrow_columns import read_whole_parquet
 from mjrun.formats.input_file import decoding, opened
+from mjrun.suffixes import MODELS
 
 if TYPE_CHECKING:
     import pyarrow
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 RESULTS, TRACE = "results.parquet", "trace.parquet"  # of the study, and of a point
 FIRST, STATUS = "point", "status"  # the columns around what varies and the metrics
 _HINT = "a study is a folder that mjrun sweep has written"
+NAME = "point.json"
 
 
 @dataclass(frozen=True)
@@ -109,3 +111,39 @@ def _is_text(kind: "pyarrow.DataType") -> bool:
     from pyarrow import types
 
     return types.is_string((types.is_dictionary(kind) and kind.value_type) or kind)
+
+
+def read_point(folder: Path) -> Mapping[str, object]:
+    """What the manifest in a folder says; nothing if there is none that can be read."""
+    try:
+        document = json.loads((folder / NAME).read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def point_values(folder: Path) -> Mapping[str, str]:
+    """The values of what varies, by name; none if no manifest tells."""
+    values = read_point(folder).get("values")
+    return {str(name): str(text) for name, text in values.items()} if isinstance(values, dict) else {}
+
+
+def values_in_words(values: Mapping[str, str]) -> list[str]:
+    """`timestep 0.01`, `floor.friction[0] 0.5`: each value with the shortest end of its name that only it has."""
+    names = list(values)
+    return [f"{_short(name, names)} {_rounded(text)}" for name, text in values.items()]
+
+
+def _short(name: str, names: Sequence[str]) -> str:
+    for separator in (".", "/"):
+        end = name.rpartition(separator)[2].rpartition("/")[2]
+        if sum(other.endswith(end) for other in names) == 1:
+            return end
+    return name
+
+
+def _rounded(text: str) -> str:
+    try:
+        return f"{float(text):.4g}"
+    except ValueError:
+        return Path(text).stem if text.endswith(MODELS) else text
