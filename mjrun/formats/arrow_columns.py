@@ -1,8 +1,8 @@
 """Columns as Apache Arrow holds them, for the formats that pyarrow writes and reads: Parquet and Feather.
 
 A text column is a dictionary of strings, null for no text; one of integers has 64 bits, null for NaN. The metadata of a
-field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifest under `mjrun`. pyarrow and numpy are
-imported inside functions: one is an extra, and help, which lists the formats, loads neither.
+field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifest under `mjrun`. pyarrow is imported
+inside functions: it is an extra.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
 
 from mjrun.errors import FileError, clean
 from mjrun.expansion import require_expandable
@@ -24,12 +26,12 @@ from mjrun.formats.table_format import (
     side_by_side,
     text_cells,
 )
+from mjrun.formats.text_columns import exact_cells
 from mjrun.model.column import Column
 
 if TYPE_CHECKING:
     from decimal import Decimal
 
-    import numpy as np
     import pyarrow
     import pyarrow.parquet
 
@@ -137,7 +139,6 @@ def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> pyarrow
 
     `pyarrow.array` does the same, and imports pandas where it is installed, to see whether it is given any of that.
     """
-    import numpy as np
     import pyarrow
 
     mask = None
@@ -149,7 +150,6 @@ def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> pyarrow
 
 def text_array(texts: Sequence[str]) -> pyarrow.Array:
     """An Arrow array of texts."""
-    import numpy as np
     import pyarrow
 
     encoded = [text.encode() for text in texts]
@@ -161,7 +161,6 @@ def text_array(texts: Sequence[str]) -> pyarrow.Array:
 
 
 def _array(values: np.ndarray, column: Column) -> pyarrow.Array:
-    import numpy as np
     import pyarrow
 
     if column.integer:
@@ -174,7 +173,6 @@ def _array(values: np.ndarray, column: Column) -> pyarrow.Array:
 
 
 def _cells(path: Path, name: str, array: pyarrow.Array, before: int, cells: Cells) -> np.ndarray:
-    import numpy as np
     from pyarrow import types
 
     if types.is_dictionary(array.type) and _is_text(array.type.value_type):
@@ -184,8 +182,6 @@ def _cells(path: Path, name: str, array: pyarrow.Array, before: int, cells: Cell
     if _is_text(plain.type):
         return text_cells(plain.to_pylist())
     if types.is_decimal(plain.type) and cells is Cells.ANY:
-        from mjrun.formats.text_columns import exact_cells
-
         return exact_cells(plain.to_pylist(), _decimal_floats)
     if not plain.null_count:
         return number_cells(plain.to_numpy(zero_copy_only=False), cells)
@@ -207,6 +203,4 @@ def _is_text(kind: pyarrow.DataType) -> bool:
 
 
 def _decimal_floats(values: list[Decimal | None]) -> np.ndarray:
-    import numpy as np
-
     return np.array([np.nan if value is None else float(value) for value in values])

@@ -7,7 +7,6 @@ other; npz, mat and hdf5 need whole columns, so their groups wait in an unnamed 
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -110,6 +109,8 @@ class ColumnWriter(RowWriter):
     """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        import tempfile  # which help does without
+
         self.file, self.columns, self.rows = file, columns, 0
         self._groups = RowGroups(len(columns))
         self._sizes: list[int] = []  # rows in each group

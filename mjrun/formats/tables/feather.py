@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from mjrun.expansion import require_expandable
-from mjrun.formats.arrow_columns import MANIFEST, blocks, record_batch, schema_of, select_columns, units
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
 from mjrun.formats.row_groups import GroupWriter
 from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
@@ -34,12 +33,16 @@ class FeatherWriter(GroupWriter):
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import pyarrow
 
+        from mjrun.formats import arrow_columns as arrow
+
         super().__init__(columns)
-        self._schema = schema_of(columns).with_metadata({MANIFEST: manifest})
+        self._schema = arrow.schema_of(columns).with_metadata({arrow.MANIFEST: manifest})
         options = pyarrow.ipc.IpcWriteOptions(compression="lz4")
         self.writer = pyarrow.ipc.new_file(file, self._schema, options=options)
 
     def write_group(self, group: np.ndarray) -> None:
+        from mjrun.formats.arrow_columns import record_batch
+
         self.writer.write_batch(record_batch(group, self.columns, self._schema))
 
 
@@ -47,14 +50,16 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
     """The columns that the filter accepts."""
     from pyarrow import ipc
 
+    from mjrun.formats import arrow_columns as arrow
+
     with decoding(path):
         require_expandable(path, max(batch_sizes(file)))  # dictionaries, or a batch, are whole in memory
         file.seek(0)
         schema = ipc.open_file(file).schema
-    indices = select_columns(path, schema, wanted, cells)
-    rows = decoded(path, blocks(path, list(indices), _batches(file, list(indices.values())), cells))
-    manifest = parse_manifest((schema.metadata or {}).get(MANIFEST.encode()))
-    return TableContents(list(indices), rows, units(schema, indices), manifest)
+    indices = arrow.select_columns(path, schema, wanted, cells)
+    rows = decoded(path, arrow.blocks(path, list(indices), _batches(file, list(indices.values())), cells))
+    manifest = parse_manifest((schema.metadata or {}).get(arrow.MANIFEST.encode()))
+    return TableContents(list(indices), rows, arrow.units(schema, indices), manifest)
 
 
 def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]:
