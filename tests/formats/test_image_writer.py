@@ -3,12 +3,11 @@
 import contextlib
 import json
 import os
-import resource
 import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,6 @@ LEGEND = [Segment("geom", 7, "box", "torso"), Segment("geom", 8, "geom:8", "tors
 COLOURS = np.array([[255, 0, 0], [0, 0, 0], [9, 8, 7]], np.uint8)
 TAGS = {"title": "still", "comment": "grün\x1b", "description": '{"mjrun": "0.1.0"}'}
 HEIGHT, WIDTH = 24, 37
-FULL = resource.RLIMIT_FSIZE
 
 
 def rgb() -> np.ndarray:
@@ -323,27 +321,6 @@ def test_the_same_picture_is_the_same_bytes_however_it_lies_in_memory(tmp_path: 
         assert write(path, view, laid, form).read_bytes() == plain
 
 
-@pytest.mark.parametrize(("view", "form"), EVERY)
-def test_what_is_not_published_leaves_no_trace_and_the_old_picture_stays(tmp_path: Path, view: str, form: str) -> None:
-    path = target(tmp_path, view, form)
-    for old in (path, tmp_path / "a.labels.json"):
-        old.write_text("old")
-    with ImageWriter(str(path), view, form, (WIDTH, HEIGHT)) as out:
-        out.write(VIEWS[view](), LEGEND, COLOURS)
-    assert {file.read_text() for file in tmp_path.iterdir()} == {"old"}
-    assert names(tmp_path) == sorted({path.name, "a.labels.json"})
-
-
-@pytest.mark.parametrize(("view", "form"), EVERY)
-def test_publishing_says_which_files_there_are(tmp_path: Path, view: str, form: str) -> None:
-    path = target(tmp_path, view, form)
-    with ImageWriter(str(path), view, form, (WIDTH, HEIGHT)) as out:
-        out.write(VIEWS[view](), LEGEND, COLOURS)
-        published = out.publish()
-    assert published[0] == path
-    assert sorted(file.name for file in published) == names(tmp_path)
-
-
 def test_texts_go_where_a_format_has_room_for_them(tmp_path: Path) -> None:
     for view in VIEWS:
         texts = read_png(write(tmp_path / "a.png", view, VIEWS[view](), tags=TAGS).read_bytes()).texts
@@ -359,9 +336,7 @@ def test_texts_go_where_a_format_has_room_for_them(tmp_path: Path) -> None:
 # --- refusals --------------------------------------------------------------------------------------
 
 
-def test_a_bad_path_fails_at_opening_and_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="is not a folder"):
-        ImageWriter("/dev/null/a.png", "rgb", "png", (4, 4))
+def test_labels_that_cannot_be_written_are_named_at_opening(tmp_path: Path) -> None:
     (tmp_path / "a.labels.json").mkdir()
     with pytest.raises(FileError, match=r"a\.labels\.json: exists and is not a regular file"):
         ImageWriter(str(tmp_path / "a.png"), "seg", "png", (4, 4))
@@ -418,32 +393,6 @@ def test_one_file_is_one_picture_with_its_colours(tmp_path: Path) -> None:
         out.write(ids(), LEGEND, COLOURS)
         with pytest.raises(ValueError, match="holds one image"):
             out.write(ids(), LEGEND, COLOURS)
-
-
-@pytest.fixture
-def small_disk() -> Iterator[None]:
-    """Files may have a kilobyte."""
-    soft, hard = resource.getrlimit(FULL)
-    resource.setrlimit(FULL, (2**10, hard))
-    yield
-    resource.setrlimit(FULL, (soft, hard))
-
-
-@pytest.mark.parametrize(("view", "form"), [("rgb", "png"), ("depth", "exr"), ("seg", "png"), ("seg", "coco")])
-def test_a_full_disk_is_told_and_the_old_picture_stays(tmp_path: Path, small_disk: None, view: str, form: str) -> None:
-    path = target(tmp_path, view, form)
-    path.write_text("old")
-    noise = np.random.default_rng(1).integers(0, 3, (90, 90) + (3,) * (view == "rgb"))
-
-    def run() -> None:
-        with ImageWriter(str(path), view, form, (90, 90)) as out:
-            out.write(noise.astype({"rgb": np.uint8, "depth": np.float32, "seg": np.int32}[view]), LEGEND, COLOURS)
-            out.publish()
-
-    with pytest.raises(FileError, match=f"{path}: cannot be written: File too large"):
-        run()
-    assert path.read_text() == "old"
-    assert names(tmp_path) == [path.name]
 
 
 # --- standard output -------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mjrun.errors import FileError
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.manifest import ManifestWriter, SidecarWriter, fingerprint, read_sidecar, sidecar_path
@@ -29,22 +28,12 @@ def test_a_manifest_holds_facts_and_the_hash_of_every_file(tmp_path: Path) -> No
     assert json.loads((tmp_path / "m.json").read_text()) == {"seed": 7, "model": "a.xml", "outputs": [entry]}
 
 
-def test_a_manifest_that_is_not_published_leaves_no_trace(tmp_path: Path) -> None:
-    with ManifestWriter(str(tmp_path / "m.json")) as writer:
-        writer.write({}, [])
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(FileError, match="is not a folder"):
-        ManifestWriter("/dev/null/m.json")
-
-
 def test_formats_that_hold_no_manifest_have_a_sidecar(tmp_path: Path) -> None:
     for name, known in formats().items():
         path = tmp_path / f"table{known.suffixes[0]}"
         with TableWriter(str(path), name, [Column("time", "s")], {"mjrun": "1"}) as writer:
             writer.write(np.zeros((1, 1)))
             writer.publish()
-        if known.reader is None:
-            continue
         with open_table(path) as table:
             assert (table.manifest is None) == (sidecar_path(path) is not None)
 

@@ -1,7 +1,5 @@
 """Point clouds, read by a parser of their own, against the geometry that was drawn."""
 
-import resource
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import pytest
 
 from mjrun.camera.calibration import lens
 from mjrun.camera.pose import pose_of
-from mjrun.errors import FileError, UsageError
+from mjrun.errors import UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.model.rendered_view import CameraCalibration, RenderedView, Segment
 
@@ -139,33 +137,3 @@ def test_a_picture_without_what_points_need_is_refused(tmp_path: Path) -> None:
 def test_only_ply_is_written(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"a point cloud is a PLY file, and its name ends in \.ply"):
         PointCloudWriter(str(tmp_path / "cloud.pcd"))
-    with pytest.raises(FileError, match="is not a folder"):
-        PointCloudWriter("/dev/null/cloud.ply")
-
-
-def test_a_cloud_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
-    target = tmp_path / "cloud.ply"
-    target.write_text("old")
-    with PointCloudWriter(str(target)) as writer:
-        writer.write(a_picture(3, 2))
-    assert target.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
-@pytest.fixture
-def small_disk() -> Iterator[None]:
-    """No file can grow beyond 4 KiB: the operating system refuses as it does on a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@pytest.mark.parametrize("side", [18, 200])
-def test_a_full_disk_is_told_and_the_old_cloud_stays(tmp_path: Path, small_disk: None, side: int) -> None:
-    target = tmp_path / "cloud.ply"
-    target.write_text("old")
-    with pytest.raises(FileError, match=f"{target}: cannot be written: File too large"):
-        cloud(tmp_path, a_picture(side, side))
-    assert target.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]

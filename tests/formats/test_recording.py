@@ -5,12 +5,11 @@ import gc
 import io
 import json
 import os
-import resource
 import struct
 import tracemalloc
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -108,22 +107,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     assert many - few < 2 * 2**20 < (3000 - 300) * 500 * 8 / 4
 
 
-def test_a_recording_is_the_old_one_until_it_is_published(tmp_path: Path) -> None:
-    target = tmp_path / "run.npz"
-    target.write_text("old")
-    with RecordingWriter(str(target), 1, {}) as writer:
-        writer.write(0, np.zeros(1))
-    assert target.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
-
-
-def test_a_failure_leaves_no_trace(tmp_path: Path) -> None:
-    writer = RecordingWriter(str(tmp_path / "run.npz"), 1, {})
-    writer.write(0, np.zeros(1))
-    writer.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("path", "message"),
     [
@@ -137,11 +120,6 @@ def test_what_cannot_be_a_recording_is_refused(path: str, message: str) -> None:
     with pytest.raises(UsageError) as caught:
         RecordingWriter(path, 1, {})
     assert str(caught.value) == message
-
-
-def test_a_bad_output_fails_when_it_is_opened() -> None:
-    with pytest.raises(FileError, match="is not a folder"):
-        RecordingWriter("/dev/null/run.npz", 1, {})
 
 
 def test_a_state_that_is_not_finite_is_refused_with_its_place(tmp_path: Path) -> None:
@@ -172,33 +150,6 @@ def test_steps_that_do_not_ascend_from_zero_are_a_bug(tmp_path: Path, steps: lis
 def test_a_recording_of_nothing_is_a_bug(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="at least one state"):
         written(tmp_path / "run.npz", np.zeros((0, 1)))
-
-
-@pytest.fixture
-def small_disk() -> Iterator[None]:
-    """No file can grow beyond 64 KiB: the operating system refuses as it does on a full disk."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2**16, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
-@pytest.mark.parametrize(
-    ("count", "size"),
-    [
-        pytest.param(100, 1000, id="while states come"),
-        pytest.param(1, 2**13 - 1, id="with the last state"),
-        pytest.param(4000, 2, id="with the steps"),
-    ],
-)
-def test_a_full_disk_is_told_and_the_old_file_stays(tmp_path: Path, small_disk: None, count: int, size: int) -> None:
-    target = tmp_path / "run.npz"
-    target.write_text("old")
-    with pytest.raises(FileError) as caught:
-        written(target, np.zeros((count, size)))
-    assert str(caught.value) == f"{target}: cannot be written: File too large"
-    assert target.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [target]
 
 
 GOOD: Mapping[str, np.ndarray] = {

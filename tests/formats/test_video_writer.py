@@ -229,17 +229,15 @@ def test_a_file_that_lost_frames_is_noticed(tmp_path: Path) -> None:
 
 def test_a_killed_encoder_is_an_error_and_leaves_the_old_film(tmp_path: Path) -> None:
     (tmp_path / "f.mp4").write_text("old")
-    large = frames(1, (640, 480))[0]
 
     def go_on_writing(film: VideoWriter) -> None:
-        film.write(large)
+        film.write(frames(1)[0])
         film._child.kill()
         while True:
-            film.write(large)
-            time.sleep(0.001)
+            film.write(frames(1)[0])
 
     with (
-        VideoWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), (640, 480), FPS, 100) as film,
+        VideoWriter(str(tmp_path / "f.mp4"), encoding("f.mp4"), SIZE, FPS, 100) as film,
         pytest.raises(EncoderError, match="the encoder failed after"),
     ):
         go_on_writing(film)

@@ -118,7 +118,7 @@ def encoders(mjrun: int) -> list[int]:
 @pytest.mark.slow
 def test_a_killed_encoder_ends_with_six(mjrun: Command, swing: Path) -> None:
     (mjrun.folder / "swing.mp4").write_text("old")
-    child = mjrun.start("video", swing, "--duration", "1000", "--size", "320x240", "--quality", "draft")
+    child = mjrun.start("video", swing, "--duration", "100", "--size", "320x240", "--quality", "draft")
     working = worker(child)
     while not (found := encoders(working)):
         assert child.poll() is None
