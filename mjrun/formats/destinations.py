@@ -11,7 +11,6 @@ import select
 import stat
 import sys
 from pathlib import Path
-from typing import Protocol
 
 from mjrun.confinement.confinement import is_writable
 from mjrun.errors import FileError, option
@@ -36,29 +35,27 @@ FRAME_NAME = "%06d.png"
 NAME_MAX = 255  # bytes of the name of a file
 
 
-class Destination(Protocol):
-    """Where an output is written, and how it gets to its final place."""
+class Destination:
+    """Where an output is written, and how it gets to its final place.
 
-    path: str  # where to write
-    shown: Path  # what to call it in messages
+    Attributes:
+      path: where to write.
+      shown: what it is called in messages.
+      folder: where its final place is, if that is a file or a folder.
+      stdout: the file descriptor to write to if this is standard output.
+    """
 
-    @property
-    def folder(self) -> Path | None:
-        """Where its final place is, if that is a file or a folder."""
-        ...
-
-    @property
-    def stdout(self) -> int | None:
-        """The file descriptor to write to if this is standard output."""
-        ...
+    path: str
+    shown: Path
+    folder: Path | None = None
+    stdout: int | None = None
 
     def sync(self) -> None:
         """Sees to it that what was written is on the disk."""
-        ...
 
     def publish(self) -> list[Path]:
         """Moves the output to its final place and returns its files. What was there is kept until `discard`."""
-        ...
+        return []
 
     def take_back(self) -> None:
         """Undoes `publish`.
@@ -66,41 +63,65 @@ class Destination(Protocol):
         Raises:
           OSError: it cannot be undone.
         """
-        ...
+        raise NotImplementedError
 
     def discard(self) -> None:
         """Removes all but what is published."""
-        ...
 
 
-class StagedFile:
+class _Staged(Destination):
+    """An output that is written beside its place: a file, or a folder of frames.
+
+    What must be so before it is written, `prepare` checks or brings about.
+    """
+
+    def __init__(self, shown: Path, target: Path, *, is_folder: bool) -> None:
+        self.shown, self.folder = shown, target.parent
+        self._target, self._parents = target, _parents(shown, target)
+        with self._parents.opening():
+            try:
+                self.prepare()
+            except OSError as error:
+                raise unwritable(shown, error) from None
+            self._temporary = _temporary(target, shown, self._parents, folder=is_folder)
+        self.path = _pattern_in(self._temporary.path / NEW) if is_folder else str(self._temporary.path)
+
+    def prepare(self) -> None:
+        """Checks that the output can be there; raises FileError or OSError if not."""
+        raise NotImplementedError
+
+    def is_between(self) -> bool:
+        """Whether only a part of it is in its place, so that the next run with this name has to finish."""
+        return False
+
+    def discard(self) -> None:
+        if self.is_between():
+            self._temporary.release()
+        else:
+            self._temporary.remove()
+        self._parents.release()
+
+
+class StagedFile(_Staged):
     """One file.
 
     Raises:
       FileError: the folder cannot be made, or it or the target cannot be written.
     """
 
-    stdout = None
-
     def __init__(self, target: Path) -> None:
-        self.shown = target
-        self._target = Path(os.path.realpath(target))  # a link stays a link
-        self.folder = self._target.parent
-        self._parents = _parents(target, self._target)
-        with self._parents.opening():
-            try:
-                kind = self._target.stat()
-                if not stat.S_ISREG(kind.st_mode):
-                    raise FileError(target, "exists and is not a regular file")
-                if not os.access(self._target, os.W_OK):
-                    raise FileError(target, "exists and is read-only")
-            except FileNotFoundError:
-                pass
-            except OSError as error:
-                raise unwritable(target, error) from None
-            self._temporary = _temporary(self._target, target, self._parents, folder=False)
-        self.path = str(self._temporary.path)
+        super().__init__(target, Path(os.path.realpath(target)), is_folder=False)  # a link stays a link
         self._older: Path | None = None  # what was in its place
+
+    def prepare(self) -> None:
+        try:
+            mode = self._target.stat().st_mode
+        except FileNotFoundError:
+            return
+        if not stat.S_ISREG(mode):
+            raise FileError(self.shown, "exists and is not a regular file")
+        if not os.access(self._target, os.W_OK):
+            raise FileError(self.shown, "exists and is read-only")
 
     def sync(self) -> None:
         with self._temporary.path.open("rb") as file:
@@ -125,66 +146,46 @@ class StagedFile:
     def discard(self) -> None:
         if self._older:
             remove(self._older)
-        self._temporary.remove()
-        self._parents.release()
+        super().discard()
 
 
-class StagedFolder:
+class StagedFolder(_Staged):
     """A folder of numbered frames, which replaces one that holds nothing else.
 
-    If a killed process has left the older folder under another name, it gets its own back first.
+    If a killed process has left the older folder under another name, it gets its own back first. Frames are not synced:
+    a video of ten thousand would wait for the disk as often.
 
     Raises:
       FileError: the folder cannot be made, or holds files that are not frames.
     """
 
-    stdout = None
-
     def __init__(self, target: Path) -> None:
-        self.shown = target
-        self._target = Path(os.path.realpath(target))
-        self.folder = self._target.parent
-        self._parents = _parents(target, self._target)
-        with self._parents.opening():
-            try:
-                with left_behind(self.folder, self._target) as leftovers:
-                    for path in leftovers:
-                        restore_folder(path, self._target)
-                        remove(path)
-            except OSError as error:
-                raise unwritable(target, error) from None
-            if self._target.exists():
-                _check_only_frames(target, self._target)
-            self._temporary = _temporary(self._target, target, self._parents, folder=True)
-        self.path = _pattern_in(self._temporary.path / NEW)
+        super().__init__(target, Path(os.path.realpath(target)), is_folder=True)
+
+    def prepare(self) -> None:
+        with left_behind(self._target.parent, self._target) as leftovers:
+            for path in leftovers:
+                restore_folder(path, self._target)
+                remove(path)
+        if self._target.exists():
+            _check_only_frames(self.shown, self._target)
 
     def publish(self) -> list[Path]:
         try:
             replace_folder(self._temporary.path, self._target)
-            frames = sorted(self.shown.iterdir(), key=frame_number)
+            return sorted(self.shown.iterdir(), key=frame_number)
         except OSError as error:
             hint = "its frames are in a hidden folder beside it; the next run with this name puts them back"
-            raise unwritable(self.shown, error, hint if self._is_aside() else "") from None
-        return frames
-
-    def sync(self) -> None:
-        pass  # a film of ten thousand frames would wait for the disk as often
+            raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
     def take_back(self) -> None:
         take_back_folder(self._temporary.path, self._target)
 
-    def discard(self) -> None:
-        if self._is_aside():
-            self._temporary.release()  # the next run puts it back
-        else:
-            self._temporary.remove()
-        self._parents.release()
-
-    def _is_aside(self) -> bool:
+    def is_between(self) -> bool:
         return (self._temporary.path / OLD).exists() and not self._target.exists()
 
 
-class StagedFrames:
+class StagedFrames(_Staged):
     """Frames named by a pattern such as `frame_%04d.png`. Other files whose names match are left alone.
 
     If a process was killed while it gave its frames their names, the rest get theirs first.
@@ -196,37 +197,27 @@ class StagedFrames:
       FileError: the folder cannot be made or written.
     """
 
-    stdout = None
-
     def __init__(self, pattern: Path) -> None:
-        self.shown, self.others = pattern, list[str]()
-        self.folder = Path(os.path.realpath(pattern.parent))
-        target = self.folder / pattern.name
-        self._parents = _parents(pattern, target)
-        with self._parents.opening():
-            self._before, self._width, self._after = re.split(r"%(\d*)d", pattern.name, maxsplit=1)
-            try:
-                with one_at_a_time(self.folder), left_behind(self.folder, pattern) as leftovers:
-                    for path in leftovers:
-                        if (path / MOVING).exists():
-                            finish_frames(path, self._place)
-                        remove(path)
-            except OSError as error:
-                raise unwritable(pattern, error) from None
-            self._temporary = _temporary(target, pattern, self._parents, folder=True)
-        self.path = _pattern_in(self._temporary.path / NEW)
+        self.others: list[str] = []
+        super().__init__(pattern, Path(os.path.realpath(pattern.parent)) / pattern.name, is_folder=True)
 
-    def sync(self) -> None:
-        pass  # as of a folder
+    def prepare(self) -> None:
+        folder = self._target.parent
+        self._before, self._width, self._after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
+        with one_at_a_time(folder), left_behind(folder, self.shown) as leftovers:
+            for path in leftovers:
+                if (path / MOVING).exists():
+                    finish_frames(path, self._place)
+                remove(path)
 
     def publish(self) -> list[Path]:
         try:
             self._frames = sorted((self._temporary.path / NEW).iterdir(), key=frame_number)
             move_frames(self._temporary.path, self._place)
-            names = [path.name for path in self.folder.iterdir()]
+            names = [path.name for path in self._target.parent.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
-            raise unwritable(self.shown, error, hint if self._is_moving() else "") from None
+            raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
         places = [self._place(frame_number(frame)) for frame in self._frames]
         numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
@@ -238,34 +229,27 @@ class StagedFrames:
     def take_back(self) -> None:
         take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
 
-    def discard(self) -> None:
-        if self._is_moving():
-            self._temporary.release()  # the next run finishes
-        else:
-            self._temporary.remove()
-        self._parents.release()
-
-    def _is_moving(self) -> bool:
+    def is_between(self) -> bool:
         return (self._temporary.path / MOVING).exists()
 
     def _place(self, number: int) -> Path:
-        return self.folder / f"{self._before}{number:{self._width or 1}d}{self._after}"
+        return self._target.parent / f"{self._before}{number:{self._width or 1}d}{self._after}"
 
 
-class StandardOutput:
+class StandardOutput(Destination):
     """The process's standard output, which cannot be taken back."""
 
     path = "pipe:1"
     shown = Path("-")
-    folder = None
 
     def __init__(self, *, terminal: bool = False) -> None:
         """`terminal`: whether it may be a terminal, as for text."""
         if sys.stdout.isatty() and not terminal:
             raise FileError("-", "standard output is a terminal", "send it to a file or a pipe")
         sys.stdout.flush()
-        self.stdout = sys.stdout.fileno()
-        if fcntl.fcntl(self.stdout, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+        self._descriptor = sys.stdout.fileno()
+        self.stdout = self._descriptor
+        if fcntl.fcntl(self._descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
             raise FileError("-", "standard output is closed", "send it to a file or a pipe")
 
     def reader_is_gone(self) -> bool:
@@ -278,20 +262,11 @@ class StandardOutput:
 
     def _events(self, which: int) -> int:
         poll = select.poll()
-        poll.register(self.stdout, which)
+        poll.register(self._descriptor, which)
         return next((events for _, events in poll.poll(0)), 0)
-
-    def sync(self) -> None:
-        pass
-
-    def publish(self) -> list[Path]:
-        return []
 
     def take_back(self) -> None:
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))
-
-    def discard(self) -> None:
-        pass
 
 
 def remove_left_behind(folder: Path) -> None:
