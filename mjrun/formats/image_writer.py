@@ -10,7 +10,7 @@ from mjrun.errors import BadValueError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_format import FORMATS, ImageData
-from mjrun.formats.segmentation import LabelsWriter
+from mjrun.formats.segmentation import CocoDocument, LabelsWriter
 from mjrun.formats.uint16_pixels import check_segment_count
 from mjrun.model.rendered_view import Segment
 
