@@ -17,7 +17,7 @@ from mjrun.errors import (
 )
 from mjrun.fit.comparison import HORIZON
 from mjrun.fit.fitted_inertia import fitted_inertias
-from mjrun.fit.free_parameter import free_parameters, require_effect
+from mjrun.fit.free_parameter import free_parameters, require_effect, values_at
 from mjrun.fit.identifiability import Sensitivity, sensitivity
 from mjrun.fit.intervals import bound_reached, intervals
 from mjrun.fit.measurements import CONTROLS, read_measurements
@@ -274,7 +274,7 @@ class _Run:
     ) -> FitResult:
         fit = self._fit
         known = intervals(last, self._parameters, fit.confidence, fit.simulation.seed)
-        values = [each.value(c) for each, c in zip(self._parameters, last.coordinates, strict=True)]
+        values = values_at(self._parameters, last.coordinates)
         parameters = [
             FittedParameter(p.path, p.start, value, low, high, effect, bound_reached(coordinate))
             for p, value, low, high, effect, coordinate in zip(

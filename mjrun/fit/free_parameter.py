@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -104,6 +104,11 @@ class FreeParameter:
 
     def _scaled(self, value: float) -> float:
         return math.log(value) if self.is_log else value
+
+
+def values_at(parameters: Sequence[FreeParameter], coordinates: Iterable[float]) -> tuple[float, ...]:
+    """The numbers at coordinates."""
+    return tuple(each.value(c) for each, c in zip(parameters, coordinates, strict=True))
 
 
 def overrides(parameters: Sequence[FreeParameter], values: Sequence[float]) -> list[Override]:

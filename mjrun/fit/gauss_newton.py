@@ -19,6 +19,8 @@ TOLERANCE = 1e-6  # relative change of the cost at which a search ends
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
 STRONG = 1e-5  # damping with which little gain is no end: it may be that of a direction that hardly shows
 DAMPINGS = (10.0, 100.0, 1000.0)  # times the damping of a step that has failed, all tried at once
+SLOW, STALLED = 0.01, 3  # relative gain of a step, and how many such steps end a search that is far from the noise
+FAR = 100.0  # mean square of residuals from which on a search is far from the noise
 GOOD = 0.5  # share of the promised decrease with which slopes are kept
 
 
@@ -53,6 +55,8 @@ class GaussNewton:
         place, slopes = yield from self._descended(place, slopes, evaluations, tolerance)
         if not slopes.is_fresh:
             slopes = yield from self._slopes(place)
+        if evaluations:
+            slopes = yield from self._sound(place, slopes)
         return self._solution(place, slopes)
 
     def look(self) -> Simulating[Solution]:
@@ -67,12 +71,22 @@ class GaussNewton:
         pair = yield from self._problem.slopes(place.point, place.residuals)
         return Slopes(*pair)
 
+    def _sound(self, place: _Place, slopes: Slopes) -> Simulating[Slopes]:
+        """The smaller of differences forwards and backwards: one of them may cross a place where the motion jumps."""
+        backwards = yield from self._problem.slopes(place.point, place.residuals, wider=-1.0)
+        of_coordinates, of_states = (
+            [np.where(np.abs(a) < np.abs(b), a, b) for a, b in zip(one, other, strict=True)]
+            for one, other in zip((slopes.of_coordinates, slopes.of_states), backwards, strict=True)
+        )
+        return Slopes(of_coordinates, of_states)
+
     def _descended(
         self, place: _Place, slopes: Slopes, evaluations: int, tolerance: float
     ) -> Simulating[tuple[_Place, Slopes]]:
         """Steps downhill until there is no more to gain."""
-        damping, used, has_failed = FIRST_DAMPING, 0, False
-        while used < evaluations:
+        damping, used, slow, has_failed = FIRST_DAMPING, 0, 0, False
+        far = 0.5 * FAR * sum(int(known.sum()) for known in self._problem.known)
+        while used < evaluations and not (slow >= STALLED and place.cost > far):
             trials = [damping * factor for factor in (DAMPINGS if has_failed else (1.0,))]
             steps = [self._step(place, slopes, trial) for trial in trials]
             points = [point for point, _ in steps]
@@ -81,6 +95,7 @@ class GaussNewton:
             best = min(range(len(places)), key=lambda index: places[index].cost)
             gain, promise = place.cost - places[best].cost, steps[best][1]
             had_failed, has_failed = has_failed, gain <= 0
+            slow = slow + 1 if gain <= SLOW * place.cost else 0
             is_end = max(gain, promise) <= tolerance * place.cost and trials[best] <= STRONG
             if gain > 0:
                 before, place = place, places[best]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.projection import ProjectedRows, all_information, projected
 from mjrun.fit.solution import Solution
 
@@ -36,13 +36,15 @@ class Intervals:
     Attributes:
       low, high: of each parameter.
       correlation: between the parameters, `(p, p)`.
-      draws: values of the parameters of which a quantile is an end of an interval, `(draws, p)`.
+      parameters: of the fit.
+      draws: coordinates of which a quantile is an end of an interval, `(draws, p)`.
       confidence: of the intervals.
     """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
     correlation: Floats
+    parameters: Sequence[FreeParameter]
     draws: Floats
     confidence: float
 
@@ -50,7 +52,8 @@ class Intervals:
         """The ends of the intervals of what follows from the parameters: of each number that `function` makes of a
         draw."""
         level = (1 - self.confidence) / 2
-        low, high = np.quantile([function(draw) for draw in self.draws], [level, 1 - level], axis=0)
+        values = [np.array(values_at(self.parameters, draw)) for draw in self.draws]
+        low, high = np.quantile([function(each) for each in values], [level, 1 - level], axis=0)
         return low, high
 
 
@@ -84,9 +87,8 @@ def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidenc
     low, high = np.quantile(coordinates, [level, 1 - level], axis=0)
     spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
-    lowest, highest = (tuple(p.value(c) for p, c in zip(parameters, end, strict=True)) for end in (low, high))
-    draws = np.array([[p.value(c) for p, c in zip(parameters, draw, strict=True)] for draw in coordinates])
-    return Intervals(lowest, highest, spread / scale / scale[:, None], draws, confidence)
+    lowest, highest = values_at(parameters, low), values_at(parameters, high)
+    return Intervals(lowest, highest, spread / scale / scale[:, None], parameters, coordinates, confidence)
 
 
 def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Floats) -> bool:

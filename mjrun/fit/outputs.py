@@ -10,7 +10,7 @@ from mjrun.fit.comparison import comparison_rows, write_comparison
 from mjrun.fit.film import FilmedStretch, FitFilm
 from mjrun.fit.fit_page import write_fit_page
 from mjrun.fit.fitted_model import FittedModel
-from mjrun.fit.free_parameter import FreeParameter, overrides
+from mjrun.fit.free_parameter import FreeParameter, overrides, values_at
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.ranges import check_ranges_name, write_ranges
 from mjrun.fit.result import FitResult
@@ -98,7 +98,7 @@ class FitOutputs:
         stretches: list[FilmedStretch] = []
         for part in ("fitted", "held"):
             if solution := comparisons.get((part, "fitted")):
-                values = tuple(p.value(c) for p, c in zip(self._parameters, solution.coordinates, strict=True))
+                values = values_at(self._parameters, solution.coordinates)
                 followed = self._predictor.positions(solution.chunks, values, solution.states)
                 stretches += map(FilmedStretch, solution.chunks, followed)
         return sorted(stretches, key=lambda each: (logs.index(each.chunk.segment.source), _begin(each)))

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjrun.fit.ensemble import Ensemble
-from mjrun.fit.free_parameter import FreeParameter
-from mjrun.fit.gauss_newton import TOLERANCE, GaussNewton
+from mjrun.fit.free_parameter import FreeParameter, values_at
+from mjrun.fit.gauss_newton import EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.noise import LEAST_NOISE
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
@@ -25,7 +25,7 @@ from mjrun.fit.unmeasured_states import simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 4
-STAGE_EVALUATIONS = 24  # of stages that others follow, at most
+STAGE_EVALUATIONS = 40  # of stages that others follow, at most
 CONTACT_EVALUATIONS = 8  # within which a motion with contacts is explained, or taken for rough
 ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that others follow
 EXPLAINED = 1.25  # reduced χ² with which no other way is tried
@@ -83,7 +83,7 @@ class Shooting:
           coordinates: of the parameters; None for the model as it was.
         """
         if not self._starting.all_measured:
-            values = None if coordinates is None else self._values(coordinates)
+            values = None if coordinates is None else values_at(self._parameters, coordinates)
             return simulated_starts(self._predictor, self._starting, parts, values)
         return np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
 
@@ -129,8 +129,6 @@ class Shooting:
 
         if not self._is_rough and search.best.reduced >= EXPLAINED:
             self._go_on(search, segments, starts, noise, advanced)
-        if not self._is_rough and search.best.reduced < EXPLAINED:  # to the end, where stages have limits
-            search.best = self.solve(whole, search.best.coordinates, search.best.states, noise)
         if self._is_rough:
             search.ways.append("ensembles of nearby states, as contacts make the motion rough")
             begins = [*starts[1:], *self._beside(first.coordinates)]
@@ -217,11 +215,15 @@ class Shooting:
             openings = [_opening(part) for part in parts]
             opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
             states = (yield from opening.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).states
+            tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
             search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
-            evaluations = CONTACT_EVALUATIONS if self._predictor.has_impacts else STAGE_EVALUATIONS
-            solution = yield from search.minimize(evaluations, ROUGH_TOLERANCE if fixed else TOLERANCE)
-            if not self._predictor.has_impacts or solution.reduced < EXPLAINED:
-                return solution
+            if not self._predictor.has_impacts:
+                return (yield from search.minimize(EVALUATIONS, tolerance))
+            solution = yield from search.minimize(CONTACT_EVALUATIONS, tolerance)
+            if solution.reduced < EXPLAINED:
+                nearer = None if coordinates is None else solution.coordinates
+                problem = self._problem(parts, nearer, solution.states, noise, fixed=fixed)
+                return (yield from GaussNewton(problem, advanced).minimize(EVALUATIONS, tolerance))
             self._is_rough = True
         return (yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced))
 
@@ -263,9 +265,6 @@ class Shooting:
     def _run(self, task: Simulating[Result]) -> Result:
         (result,) = together(self._predictor, [task])
         return result
-
-    def _values(self, coordinates: Floats) -> tuple[float, ...]:
-        return tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
 
 
 def _opening(chunk: Chunk, rows: int = SHORTEST) -> Chunk:

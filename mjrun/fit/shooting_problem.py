@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.prediction import Chunk, Predictor, Rollout, States
 from mjrun.fit.solution import LOSSES, Floats, Solution
 
@@ -165,7 +165,5 @@ class ShootingProblem:
         return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
 
     def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> Rollout:
-        values = None
-        if not self._is_nominal:
-            values = tuple(each.value(c) for each, c in zip(self._parameters, coordinates, strict=True))
+        values = None if self._is_nominal else values_at(self._parameters, coordinates)
         return Rollout(self.parts[index], values, self._states.moved(self._guesses[index], deviation))

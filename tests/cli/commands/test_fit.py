@@ -49,17 +49,17 @@ def test_a_table_and_a_document_say_what_was_found(mjrun: Command) -> None:
     assert (mjrun.folder / "new/fitted.xml").is_file()
 
 
-def test_what_cannot_be_told_exits_with_1_and_says_what_to_do(mjrun: Command) -> None:
-    model, log = prepared(mjrun)
-    done = mjrun("fit", model, log, *FREE, "--free", "actuator/motor.gear[0]=.5..2", "-o", "fitted.xml")
+def test_what_cannot_be_told_exits_with_1_and_says_what_to_do(mjrun_here: Command) -> None:
+    model, log = prepared(mjrun_here)
+    done = mjrun_here("fit", model, log, *FREE, "--free", "actuator/motor.gear[0]=.5..2", "-o", "fitted.xml")
     assert done.returncode == 1
     assert b"say nothing of actuator/motor.gear[0]" in done.stderr
     assert b"--allow-unidentifiable" in done.stderr
-    assert not (mjrun.folder / "fitted.xml").exists()
+    assert not (mjrun_here.folder / "fitted.xml").exists()
 
 
-def test_wrong_usage_exits_with_2(mjrun: Command) -> None:
-    model, log = prepared(mjrun)
+def test_wrong_usage_exits_with_2(mjrun_here: Command) -> None:
+    model, log = prepared(mjrun_here)
     for arguments, message in (
         ((model,), b"Missing argument 'DATA...'"),
         ((model, log), b"--free says what is looked for"),
@@ -70,7 +70,7 @@ def test_wrong_usage_exits_with_2(mjrun: Command) -> None:
         ((model, log, *FREE, "--html", "fit.pdf"), b"ends with .html"),
         ((model, "none.csv", *FREE), b"none.csv"),
     ):
-        done = mjrun("fit", *arguments)
+        done = mjrun_here("fit", *arguments)
         assert done.returncode in (2, 7)
         assert message in done.stderr
 
