@@ -101,7 +101,8 @@ class Canvas:
         self.weight: float = matplotlib.rcParams["lines.linewidth"]
         self.figure = Figure(figsize=(self.width / DPI, self.height / DPI), dpi=DPI)
         pads = {"w_pad": 0.7 * self.em / DPI, "h_pad": 0.5 * self.em / DPI, "wspace": 0, "hspace": 0}
-        self.figure.set_layout_engine("constrained", **pads)
+        margin = 0.5 * self.em / np.array([self.width, self.height])
+        self.figure.set_layout_engine("constrained", rect=(*margin, *(1 - 2 * margin)), **pads)
         self._agg = FigureCanvasAgg(self.figure)
 
     def pixels(self) -> np.ndarray:
