@@ -32,6 +32,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
 HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # that are not
 GRACE = 0.5  # [s] within which the child must have heard a signal, before it is killed
 LIMIT = 0.9  # [s] within which it must have ended then, unless it completes something
+STARVED = 10.0  # [s] by which both are longer, at most, where the child waits for a core of a busy machine
+SHARE = 0.2  # [s] of computing after which it does not
 COMPLETION = 30.0  # [s] within which a confined one must have completed that
 LINGER = 0.3  # [s] that a process may take to end when it is killed
 BUG, EXCEEDED = 70, 4
@@ -109,6 +111,7 @@ class _Watcher:
         self._made = list[str]()  # folders of outputs that were made before it
         self._ending: signal.Signals | None = None  # the first signal that was passed on
         self._patience = math.inf  # until when what it completes is waited for
+        self._ended_at = 0.0, 0.0  # when that was, and how long the child had computed by then [s]
         self._is_late = False  # the child has heard it, and has not ended by itself
         self._has_expired = False  # the child has taken longer than it promised
 
@@ -142,6 +145,7 @@ class _Watcher:
         if number in self._passed_on:
             if self._ending is None:
                 self._ending = signal.Signals(number)
+                self._ended_at = time.monotonic(), _computed(self._child)
                 signal.setitimer(signal.ITIMER_REAL, GRACE)
                 if self._promise:
                     self._patience = time.monotonic() + COMPLETION
@@ -153,6 +157,8 @@ class _Watcher:
         elif self._ending is None:
             self._has_expired = True
             os.kill(self._child, signal.SIGKILL)
+        elif self._is_starved:
+            signal.setitimer(signal.ITIMER_REAL, GRACE)
         elif not self._board.heard or (self._is_late and not self._is_completing):
             for pid in self._notice().children:
                 _kill(pid)
@@ -164,6 +170,13 @@ class _Watcher:
     @property
     def _is_completing(self) -> bool:
         return self._board.completing and time.monotonic() < self._patience
+
+    @property
+    def _is_starved(self) -> bool:
+        """Whether the child could not heed the signal yet, as other processes have the cores."""
+        since, computed = self._ended_at
+        is_early = time.monotonic() < since + STARVED
+        return is_early and _is_runnable(self._child) and _computed(self._child) < computed + SHARE
 
     def _believe(self) -> None:
         """Takes down the promise of the child, once."""
@@ -207,6 +220,25 @@ class _Watcher:
         if self._ending is not None:
             return Failure("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
         return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
+
+
+def _status_fields(pid: int) -> list[str]:
+    """Returns the fields of `/proc/PID/stat` from the state on; none where this system has no such file."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return []
+
+
+def _is_runnable(pid: int) -> bool:
+    """Returns whether a process has a core or waits for one."""
+    return _status_fields(pid)[:1] == ["R"]
+
+
+def _computed(pid: int) -> float:
+    """Returns how long a process has computed [s]."""
+    fields = _status_fields(pid)
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK") if fields else math.inf
 
 
 def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:

@@ -1,16 +1,20 @@
 """Whatever ends the process that works, its parent says what it was, with the right exit code."""
 
 import json
+import math
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 import zlib
 from pathlib import Path
 
 import pytest
 
+from mjrun.cli import crash_monitor
+from mjrun.shared_status import SharedStatus
 from tests.processes import PATIENCE, command_line_of, wait_until
 
 HEAD = """
@@ -356,3 +360,27 @@ def test_the_child_dies_with_its_parent(tmp_path: Path) -> None:
     process.kill()
     process.communicate(timeout=PATIENCE)  # once nobody holds its pipes any more
     assert_gone(child)
+
+
+def test_a_child_is_starved_while_it_waits_for_a_core_and_has_hardly_computed() -> None:
+    """A busy process is, until it has had its share; one that sleeps, or does not exist, is not."""
+    busy, asleep = (
+        subprocess.Popen([sys.executable, "-c", code]) for code in ("while True: pass", "import time; time.sleep(7200)")
+    )
+    try:
+        monitor = crash_monitor._Watcher(busy.pid, SharedStatus(), [])
+        now = time.monotonic()
+        wait_until(lambda: crash_monitor._computed(busy.pid) > 1)
+        monitor._ended_at = now + PATIENCE, crash_monitor._computed(busy.pid) + PATIENCE
+        assert monitor._is_starved
+        monitor._ended_at = now + PATIENCE, 0.0  # it has computed for longer than its share
+        assert not monitor._is_starved
+        monitor._ended_at = now - crash_monitor.STARVED, crash_monitor._computed(busy.pid) + PATIENCE
+        assert not monitor._is_starved
+        wait_until(lambda: not crash_monitor._is_runnable(asleep.pid))
+    finally:
+        for process in (busy, asleep):
+            process.kill()
+            process.wait()
+    assert not crash_monitor._is_runnable(busy.pid)
+    assert crash_monitor._computed(busy.pid) == math.inf
