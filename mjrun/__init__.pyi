@@ -18,7 +18,7 @@ from mjrun.document.check import Check as _Check
 from mjrun.document.task import read_task as read_task
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.result import EvaluationResult as EvaluationResult
-from mjrun.formats.table import Table as Table
+from mjrun.formats.table_reader import Table as Table
 from mjrun.formats.table_reader import read_table as read_table
 from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video

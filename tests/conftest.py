@@ -18,7 +18,7 @@ import imageio_ffmpeg
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 import mjrun.cli.main as cli
 from mjrun.errors import NoRendererError
@@ -30,8 +30,10 @@ from tests.processes import PATIENCE, without_progress
 ROOT = Path(__file__).parents[1]
 
 # Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
-settings.register_profile("same", derandomize=True, database=None, deadline=None, print_blob=True)
-settings.register_profile("explore", derandomize=False, database=None, deadline=None, print_blob=True)
+# How slowly examples are made says nothing on a busy machine.
+ANYWHERE = {"database": None, "deadline": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("same", derandomize=True, **ANYWHERE)
+settings.register_profile("explore", derandomize=False, **ANYWHERE)
 settings.load_profile("same")
 
 # Commands under test hear these even where the tests are started in the background, by nohup or without a terminal.
