@@ -50,6 +50,8 @@ positives = st.floats(1e-9, 1e9) | st.integers(1, 9).map(float)
 
 decimals = positives.map(rational)
 
+times = decimals | st.just(Fraction(1, 3))  # which no decimal number is
+
 vectors = st.tuples(numbers, numbers, numbers)
 
 places = names | vectors
@@ -85,7 +87,7 @@ rigs = st.one_of(
     st.builds(OrbitRig, maybe(places), **around),
     st.builds(OrbitRig, maybe(places), maybe(distances), st.none(), maybe(ramps), st.sampled_from(sorted(EASINGS))),
     st.builds(TrackRig, names, **around, heading=st.booleans(), offset=vectors),
-    st.builds(LookRig, places, places).filter(lambda rig: rig.eye != rig.target),
+    st.tuples(places, places).filter(lambda pair: pair[0] != pair[1]).map(lambda pair: LookRig(*pair)),
     st.builds(
         PathRig, waypoints | orbits, places, st.sampled_from(["spline", "linear"]), ease=st.sampled_from([*EASINGS])
     ),
@@ -102,7 +104,7 @@ def scripts(draw: st.DrawFn) -> CameraScript:
     shots = []
     for last in [*[False] * draw(st.integers(0, 2)), True]:
         span = draw(st.sampled_from(["until", "lasting"])) if not last or draw(st.booleans()) else ""
-        ends = {"until": draw(events), "lasting": draw(decimals)}
+        ends = {"until": draw(events), "lasting": draw(times)}
         shots.append(
             Shot(
                 draw(rigs),
@@ -116,5 +118,5 @@ def scripts(draw: st.DrawFn) -> CameraScript:
             )
         )
     if len(shots) == 1 and draw(st.booleans()):
-        shots = [dataclasses.replace(shots[0], until=draw(decimals), lasting=None)]
+        shots = [dataclasses.replace(shots[0], until=draw(times), lasting=None)]
     return CameraScript(draw(st.just("script") | names), shots)
