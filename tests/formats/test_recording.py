@@ -215,6 +215,7 @@ def descriptors() -> int:
 
 def test_a_recording_is_over_when_it_is_closed(tmp_path: Path) -> None:
     path = saved(tmp_path / "run.npz")
+    gc.collect()  # what other tests left open
     before = descriptors()
     with RecordingReader(path) as found:
         assert descriptors() == before + 1
@@ -226,6 +227,7 @@ def test_a_recording_is_over_when_it_is_closed(tmp_path: Path) -> None:
 
 def test_a_recording_that_nobody_has_any_more_is_closed(tmp_path: Path) -> None:
     path = saved(tmp_path / "run.npz")
+    gc.collect()  # what other tests left open
     before = descriptors()
     found = RecordingReader(path)
     del found
@@ -236,6 +238,7 @@ def test_a_recording_that_nobody_has_any_more_is_closed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("changed", [{}, {"facts": None}, {"states": np.full((4, 3), np.nan)}])
 def test_a_file_that_is_refused_is_closed(tmp_path: Path, changed: dict[str, object]) -> None:
     path = saved(tmp_path / "run.npz", **changed)
+    gc.collect()  # what other tests left open
     before = descriptors()
     with contextlib.suppress(FileError):
         RecordingReader(path).close()
