@@ -1,5 +1,6 @@
 """Workers: requests and replies, limits, and what comes back of a process that fails or dies."""
 
+import gc
 import os
 import pickle
 import signal
@@ -168,6 +169,7 @@ def test_a_worker_ends_at_once_when_it_is_closed(worker: Worker) -> None:
 
 
 def test_a_system_that_refuses_leaves_nothing_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    gc.collect()  # what other tests left open
     before = len([*Path("/proc/self/fd").iterdir()])
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with pytest.raises(FileNotFoundError):
