@@ -27,7 +27,7 @@ def schema(console: Console, command_line: CommandLine) -> None:
     bench, means what it reports with --json; run-report is what mjrun run reports, excite what mjrun fit --excite does,
     and verify what mjrun trace --verify does; error is what any command prints when it fails.
 
-    options prints a reference of all options of all commands instead, as Markdown.
+    The kind options prints a reference of all options of all commands instead, as Markdown.
 
     \b
     mjrun schema camera > camera.schema.json

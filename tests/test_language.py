@@ -1,0 +1,191 @@
+"""Plain English in docstrings, comments, help and errors, as far as a test can hold it.
+
+Texts of a room are all its docstrings, its comments and its strings of three words or more. `TOLERATED` lists rooms
+that still have faults, with upper bounds: a room may have fewer, and a room that is not listed must have none.
+"""
+
+import ast
+import inspect
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+import pytest
+
+import mjrun
+import mjrun.options
+from mjrun.cli.main import COMMANDS, load_command
+from mjrun.options.option import Options, options_of
+
+ROOT = Path(mjrun.__file__).parent
+ROOMS = sorted({path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/*.py")} | {"."})
+LONGEST_SENTENCE = 40  # words of a sentence in help
+
+# Upper bounds by room: openings of docstrings, openings of functions' docstrings, words.
+TOLERATED: dict[str, tuple[int, int, int]] = {
+    ".": (34, 50, 22),
+    "bench": (22, 46, 21),
+    "camera": (25, 46, 28),
+    "check": (44, 74, 17),
+    "cli": (40, 122, 41),
+    "confinement": (20, 4, 12),
+    "diff": (50, 60, 23),
+    "document": (27, 78, 41),
+    "evaluation": (25, 26, 13),
+    "experiment": (3, 8, 6),
+    "fit": (55, 76, 43),
+    "formats": (43, 135, 56),
+    "gym": (3, 13, 8),
+    "model": (43, 154, 51),
+    "options": (58, 32, 41),
+    "outputs": (37, 58, 26),
+    "physics": (21, 62, 31),
+    "platform": (1, 0, 0),
+    "plotting": (50, 87, 28),
+    "policy": (20, 45, 29),
+    "probe": (37, 100, 31),
+    "rendering": (24, 92, 16),
+    "simulation": (29, 24, 25),
+    "study": (43, 50, 38),
+    "task": (68, 59, 30),
+    "viewer": (18, 11, 31),
+}
+
+HEADLESS = re.compile(r"(What|Whether|How|Where|Which|Who|Whose|Whoever|Why)\b")
+VERB = re.compile(r"(\w+s|Does|Has|Goes)\b")
+COMMENT = re.compile(r"(^\s*|  )# .*")
+DIALECT = re.compile(
+    r"\b("
+    r"told|films?|filmed|so many|as it is|as they are|besides|beyond that|of (its|their|our) own|whoever|somebody"
+    r"|at all|anew|(is|are) none|stands? (in|for|where|at|beside|under|there)|worked off|looked at|tells? apart"
+    r"|cannot be (meant|had)|goes on|nobody|(is|are) had|mended|come to the same numbers"
+    r")\b",
+    re.IGNORECASE,
+)
+
+
+def _modules(room: str) -> list[Path]:
+    return sorted((ROOT / room).glob("*.py") if room == "." else (ROOT / room).rglob("*.py"))
+
+
+def _is_property(node: ast.AST) -> bool:
+    names = [ast.unparse(each) for each in getattr(node, "decorator_list", [])]
+    return any(name.split(".")[-1] in ("property", "cached_property", "setter") for name in names)
+
+
+def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.AST, int, str]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            text = ast.get_docstring(node)
+            if text:
+                yield node, node.body[0].lineno, text
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text())
+
+
+def _place(path: Path, line: int, text: str) -> str:
+    return f"{path.relative_to(ROOT.parent)}:{line}: {text.splitlines()[0]}"
+
+
+def _texts(path: Path) -> Iterator[tuple[int, str]]:
+    """The strings of three words or more, and the comments, each with its line."""
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and len(node.value.split()) >= 3:
+            yield node.lineno, node.value
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        if comment := COMMENT.search(line):
+            yield number, comment[0]
+
+
+def headless_openings(room: str) -> list[str]:
+    """Docstrings that begin with a question word instead of a verb or a noun."""
+    return [
+        _place(path, line, text)
+        for path in _modules(room)
+        for _, line, text in _docstrings(_tree(path))
+        if HEADLESS.match(text)
+    ]
+
+
+def openings_without_verb(room: str) -> list[str]:
+    """Functions' docstrings that begin with neither a verb in the third person nor a question word."""
+    return [
+        _place(path, line, text)
+        for path in _modules(room)
+        for node, line, text in _docstrings(_tree(path))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and not _is_property(node)
+        and not VERB.match(text)
+        and not HEADLESS.match(text)
+    ]
+
+
+def dialect(room: str) -> list[str]:
+    """Words of the glossary's left column."""
+    return [
+        f"{path.relative_to(ROOT.parent)}:{line}: … {match[0]} …"
+        for path in _modules(room)
+        for line, text in _texts(path)
+        for match in DIALECT.finditer(text)
+    ]
+
+
+def _faults(room: str) -> tuple[list[str], list[str], list[str]]:
+    return headless_openings(room), openings_without_verb(room), dialect(room)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_texts_are_plain_english(room: str) -> None:
+    bounds = TOLERATED.get(room, (0, 0, 0))
+    worse = [each for each, bound in zip(_faults(room), bounds, strict=True) if len(each) > bound]
+    assert not worse, "\n".join(line for each in worse for line in each)
+
+
+def test_rooms_with_faults_exist() -> None:
+    assert not set(TOLERATED) - set(ROOMS)
+
+
+def test_faults_are_recognized() -> None:
+    assert HEADLESS.match("Whether it is set.")
+    assert not VERB.match("The value of a key.")
+    assert VERB.match("Returns the value of a key.")
+    assert DIALECT.search("What is told of a model.")
+    assert not DIALECT.search("Reports how a model differs.")
+
+
+def _helps() -> Iterator[tuple[str, str]]:
+    for module in iter_modules(mjrun.options.__path__):
+        for name, value in vars(import_module(f"mjrun.options.{module.name}")).items():
+            if isinstance(value, type) and issubclass(value, Options) and value is not Options:
+                for each in options_of(value):
+                    yield f"{name}.{each.name}", each.help
+    for name in COMMANDS:
+        paragraphs = inspect.cleandoc(load_command(name).help or "").split("\n\n")
+        yield from ((name, text) for text in paragraphs if not text.startswith("\b"))
+
+
+def test_sentences_of_help_are_short() -> None:
+    long = {
+        f"{name}: {sentence}"
+        for name, text in _helps()
+        for sentence in re.split(r"(?<=[.;:])\s+", text)
+        if len(sentence.split()) > LONGEST_SENTENCE
+    }
+    assert not long, "\n".join(sorted(long))
+
+
+def test_help_begins_with_a_capital_and_ends_with_a_full_stop() -> None:
+    whole = re.compile(r"([A-Z`'{0-9]|[a-z]+:).*[.:)…]", re.DOTALL)
+    wrong = {f"{name}: {text}" for name, text in _helps() if not whole.fullmatch(text)}
+    assert not wrong, "\n".join(sorted(wrong))
+
+
+if __name__ == "__main__":  # prints the bounds of today
+    for each_room in ROOMS:
+        print(f'    "{each_room}": {tuple(map(len, _faults(each_room)))},')  # noqa: T201
