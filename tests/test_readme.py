@@ -360,6 +360,7 @@ def test_every_other_command_of_the_readme_is_known() -> None:
         "mjrun fit ",
         "seq ",
         "sed ",
+        "eval ",
     )
     assert all(command.startswith(known) for command in COMMANDS)
 

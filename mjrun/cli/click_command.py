@@ -112,6 +112,11 @@ class ModelArgument(click.Argument):
         super().__init__([name], **settings)
         self.written = written
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem[str]]":
+        from mjrun.cli.completion import model_values
+
+        return model_values(incomplete)
+
 
 @dataclass(frozen=True)
 class Declaration:
@@ -204,6 +209,14 @@ class DeclaredOption(click.Option):
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         self.write_help()
         return super().get_help_record(ctx)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem[str]]":
+        from mjrun.cli.completion import option_values
+
+        # Without the value that is being completed, click parses options only: arguments remain.
+        model = ctx.params.get("model") or next(iter(ctx.args), None)
+        values = option_values(self.declared.name, self.declared.kind.metavar, model, incomplete)
+        return values or super().shell_complete(ctx, incomplete)
 
     def type_cast_value(self, ctx: click.Context, value: object) -> object:
         made = super().type_cast_value(ctx, value)

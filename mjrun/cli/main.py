@@ -13,7 +13,6 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import shell_complete
 
 from mjrun.cli.console import Console, asks_for_json
 from mjrun.cli.crash_monitor import BUG, SIGNALS, listen
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from mjrun.cli.click_command import SectionedCommand
 
 NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
-COMPLETE = "_MJRUN_COMPLETE"
+COMPLETE = "_MJRUN_COMPLETE"  # the environment variable by which a shell asks for completions
 _ended_by: int | None = None  # the signal that has told this process to end
 
 # The order of the commands in the help; others follow by name.
@@ -112,7 +111,9 @@ def group(ctx: click.Context) -> None:
 def run(arguments: Sequence[str]) -> int:
     """Runs one command line and returns its exit code."""
     if COMPLETE in os.environ:
-        return shell_complete(group, {}, "mjrun", COMPLETE, os.environ[COMPLETE])
+        from mjrun.cli.completion import complete
+
+        return complete(group, os.environ[COMPLETE])
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _end)

@@ -238,7 +238,7 @@ def source_values(spec: mujoco.MjSpec, override: Override) -> np.ndarray:
 
 def _number_of(owner: Any, fields: list[str], override: Override) -> float:
     for field in fields:
-        if field not in (valid := _fields(owner)):
+        if field not in (valid := fields_of(owner)):
             raise UnknownNameError("setting", field, valid, where=override.target.rpartition(".")[0])
         owner = getattr(owner, field)
     if isinstance(owner, bool | str) or is_enum(owner) or not _is_leaf(owner):
@@ -284,9 +284,9 @@ def _set_flag(option: Any, fields: list[str], override: Override) -> None:
 
 def _assign(owner: Any, fields: list[str], override: Override) -> None:
     if not fields:
-        raise UnknownNameError("setting", override.target, [f"{override.target}.{field}" for field in _fields(owner)])
+        raise UnknownNameError("setting", override.target, [f"{override.target}.{field}" for field in fields_of(owner)])
     field, *deeper = fields
-    valid = _fields(owner)
+    valid = fields_of(owner)
     if field not in valid:
         above = override.target.removesuffix("".join(f".{part}" for part in fields))
         raise UnknownNameError("setting", field, [*valid, *(["flag"] if above == "opt" else [])], where=above)
@@ -310,7 +310,7 @@ def _assign(owner: Any, fields: list[str], override: Override) -> None:
 _FIELDS: dict[type, list[str]] = {}  # of each type of MjSpec
 
 
-def _fields(owner: Any) -> list[str]:
+def fields_of(owner: Any) -> list[str]:
     """The fields of an MjSpec object that can be set, or that hold fields that can."""
     if type(owner) not in _FIELDS:
         _FIELDS[type(owner)] = [name for name in dir(type(owner)) if _is_field(owner, name)]
@@ -322,7 +322,7 @@ def _is_field(owner: Any, name: str) -> bool:
         return False
     value = getattr(owner, name)
     holds_fields = type(value).__module__.startswith("mujoco") and not callable(value)
-    return _is_leaf(value) or (holds_fields and bool(_fields(value)))
+    return _is_leaf(value) or (holds_fields and bool(fields_of(value)))
 
 
 def _is_leaf(value: object) -> bool:

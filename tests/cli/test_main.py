@@ -376,11 +376,6 @@ def test_without_json_a_failure_prints_nothing_on_stdout(mjrun_here: Command) ->
     assert mjrun_here("info", "none.xml").stdout == mjrun_here("info", "none.xml", "--", "--json").stdout == b""
 
 
-def test_completion_of_a_shell_works(mjrun: Command) -> None:
-    words = {"_MJRUN_COMPLETE": "bash_complete", "COMP_WORDS": "mjrun vid", "COMP_CWORD": "1"}
-    assert mjrun(env=words).stdout.decode() == "plain,video\n"
-
-
 @pytest.mark.parametrize(("flags", "code"), [([], 0), (["-X", "utf8=0"], 3)])
 def test_without_utf8_it_starts_anew_once(tmp_path: Path, flags: list[str], code: int) -> None:
     (tmp_path / "Kübel.xml").write_text("<mujoco/>")

@@ -1,0 +1,17 @@
+"""Print instructions for coding agents: how to run, see and judge a model."""
+
+from pathlib import Path
+
+from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.console import Console
+
+
+@command()
+def skill(console: Console, command_line: CommandLine) -> None:
+    """Print instructions for coding agents, in the format of a SKILL.md: how to run, see and judge a model headless.
+
+    \b
+    mkdir -p .claude/skills/mjrun && mjrun skill > .claude/skills/mjrun/SKILL.md
+    """
+    console.guard_stdout()
+    console.result((Path(__file__).parents[2] / "SKILL.md").read_text("utf-8").rstrip())

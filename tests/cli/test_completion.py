@@ -1,0 +1,107 @@
+"""Completion in Bash: the script that `mjrun completion bash` prints, executed by Bash."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from mjrun.cli import completion
+from mjrun.model.sources.bundled_scene import BundledScene
+from tests.documentation import ROOT
+
+CAR = str(ROOT / "scenes/car.xml")
+# Completes a line as an interactive Bash does: $2 is what follows the last character at which it breaks words.
+COMPLETE = r"""
+compopt() { options+=("$@"); }
+source /dev/stdin <<< "$(mjrun completion bash)"
+COMP_LINE=$LINE COMP_POINT=${#LINE} COMP_WORDBREAKS=$' \t\n"\'><=;|&(:'
+_mjrun_completion mjrun "${LINE##*[ =:]}" ""
+printf '%s\n' "${COMPREPLY[@]}"
+"""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a program `mjrun` for the shell."""
+    folder = tmp_path_factory.mktemp("bin")
+    script = folder / "mjrun"
+    script.write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    script.chmod(0o755)
+    return folder
+
+
+def completed(program: Path, line: str, folder: Path) -> list[str]:
+    environment = {**os.environ, "PATH": f"{program}:{os.environ['PATH']}", "LINE": line}
+    done = subprocess.run(
+        ["bash", "--norc", "-c", COMPLETE], env=environment, cwd=folder, capture_output=True, text=True, check=True
+    )
+    assert not done.stderr
+    return [text for text in done.stdout.splitlines() if text]
+
+
+def car() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(CAR)
+
+
+def test_bash_completes_words_at_which_it_breaks(program: Path, tmp_path: Path) -> None:
+    (tmp_path / "scenery.xml").touch()
+
+    assert completed(program, "mjrun video s", tmp_path) == ["scene:", "scenery.xml"]
+    assert completed(program, "mjrun video scene:", tmp_path) == [*BundledScene.descriptions()]
+    assert completed(program, f"mjrun video {CAR} --camera=fi", tmp_path) == ["fixed"]
+    assert completed(program, "mjrun vid", tmp_path) == ["video"]
+
+
+def test_a_wrong_line_completes_to_nothing(program: Path, tmp_path: Path) -> None:
+    assert completed(program, "mjrun scene.xml ", tmp_path) == []
+    assert completed(program, "mjrun video missing.xml --key ", tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "suffix"),
+    [
+        ("camera", mujoco.mjtObj.mjOBJ_CAMERA, ""),
+        ("ctrl", mujoco.mjtObj.mjOBJ_ACTUATOR, "="),
+        ("qpos", mujoco.mjtObj.mjOBJ_JOINT, "="),
+        ("trail", mujoco.mjtObj.mjOBJ_BODY, ""),
+    ],
+)
+def test_values_are_names_in_the_model(name: str, kind: mujoco.mjtObj, suffix: str) -> None:
+    model = car()
+    objects = [mujoco.mj_id2name(model, kind, i) for i in range(64)]
+    expected = [f"{each}{suffix}" for each in objects if each]
+
+    values = [item.value for item in completion.option_values(name, "NAME", CAR, "")]
+
+    assert values[: len(expected)] == expected
+    assert set(values[len(expected) :]) <= {"free", "orbit:", "track:", "look:", "joint:0="}
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("qpos,xp", ["qpos,xpos"]),
+        ("xpos", ["xpos", "xpos["]),
+        ("xpos[left", ["xpos[left_wheel]"]),
+        ("qpos,xpos[car,left", ["qpos,xpos[car,left_wheel]"]),
+    ],
+)
+def test_columns_complete_group_by_group(typed: str, expected: list[str]) -> None:
+    assert [item.value for item in completion.option_values("probe", "NAME,…", CAR, typed)] == expected
+
+
+@pytest.mark.parametrize("path", ["geom/chassis.friction", "opt.timestep", "vis.global.fovy", "body/car.pos"])
+def test_paths_complete_part_by_part(path: str) -> None:
+    """Following the completions from nothing leads to the path, which `--set` accepts."""
+    typed = ""
+    while typed != f"{path}=":
+        values = [item.value for item in completion.option_values("set", "PATH=VALUE", CAR, typed)]
+        (typed,) = [value for value in values if f"{path}=".startswith(value)]
+
+
+def test_options_of_files_complete_to_files() -> None:
+    assert [item.type for item in completion.option_values("manifest", "FILE", None, "")] == ["file"]
+    assert [item.type for item in completion.option_values("root", "DIR", None, "")] == ["dir"]
