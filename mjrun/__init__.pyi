@@ -55,13 +55,13 @@ from mjrun.simulation.verification import VerificationResult as VerificationResu
 from mjrun.simulation.verification import verify as verify
 from mjrun.study.study import Study as _Study
 from mjrun.study.study import StudyResult as StudyResult
+from mjrun.task.task import Action as _Action
+from mjrun.task.task import Command as _Command
+from mjrun.task.task import Observation as _Observation
+from mjrun.task.task import Reset as _Reset
+from mjrun.task.task import Reward as _Reward
 from mjrun.task.task import Task as Task
-from mjrun.task.terms import Action as _Action
-from mjrun.task.terms import Command as _Command
-from mjrun.task.terms import Observation as _Observation
-from mjrun.task.terms import Reset as _Reset
-from mjrun.task.terms import Reward as _Reward
-from mjrun.task.terms import Termination as _Termination
+from mjrun.task.task import Termination as _Termination
 from mjrun.version import __version__ as __version__
 from mjrun.viewer.viewer import Viewer as _Viewer
 from mjrun.viewer.viewer import ViewerResult as ViewerResult
@@ -124,7 +124,7 @@ __all__ = [
 _HOMES: dict[str, str]
 
 class Action(_Action):
-    """Some numbers of the action."""
+    """A group of numbers of the action."""
     def __init__(
         self,
         *,
@@ -199,7 +199,7 @@ class Check(_Check):
     ) -> None: ...
 
 class Command(_Command):
-    """A command."""
+    """A command to the policy."""
     def __init__(
         self,
         *,
@@ -391,7 +391,7 @@ class Recording(_Recording):
     ) -> None: ...
 
 class Reset(_Reset):
-    """The state at which an episode starts, and what is random in it."""
+    """The initial state of an episode, and its random parts."""
     def __init__(
         self,
         *,
@@ -512,7 +512,7 @@ class TablePlot(_TablePlot):
     ) -> None: ...
 
 class Termination(_Termination):
-    """What ends an episode."""
+    """A condition that ends an episode."""
     def __init__(
         self,
         *,

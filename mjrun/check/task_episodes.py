@@ -9,8 +9,7 @@ import numpy as np
 from mjrun.check.rule import Place
 from mjrun.errors import DocumentError, Problem, UsageError
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.task.task import Task
-from mjrun.task.terms import UNSTABLE
+from mjrun.task.task import UNSTABLE, Task
 from mjrun.task.worlds import TaskWorlds
 
 COUNT = 16  # episodes, of seeds 0, 1, …

@@ -47,8 +47,7 @@ from mjrun.options.option import Options, document_key, options, options_of
 from mjrun.options.record import ListOf, MappingOf, OneOf, Record
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.suffixes import YAML
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation, Reset, Reward, Termination
+from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
 
 Made = TypeVar("Made")
 

@@ -26,8 +26,7 @@ from mjrun.simulation.episode import UNLIMITED
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.task.gymnasium import Environment
-from mjrun.task.task import Task
-from mjrun.task.terms import TIMED_OUT
+from mjrun.task.task import TIMED_OUT, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import Timeline, rational
 

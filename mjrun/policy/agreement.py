@@ -13,8 +13,7 @@ from mjrun.policy.inferred_task import JOINTS
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
 from mjrun.task.action_map import TRANSMISSIONS
 from mjrun.task.observation_vector import ObservedNumber
-from mjrun.task.task import Task
-from mjrun.task.terms import Observation
+from mjrun.task.task import Observation, Task
 from mjrun.task.worlds import TaskWorlds
 
 QUATERNIONS = {"wxyz": ["qw", "qx", "qy", "qz"], "xyzw": ["qx", "qy", "qz", "qw"]}

@@ -14,8 +14,7 @@ from mjrun.options.option import is_given, options_of
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
 from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
 from mjrun.task.action_map import TRANSMISSIONS
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation, Reset
+from mjrun.task.task import Action, Observation, Reset, Task
 
 DURATION = Fraction(5)  # [s], as of simulations
 # What files name that needs nothing else to be known: mjlab's names, and the kinds of LEAPP.

@@ -1,4 +1,4 @@
-"""Commands over the control instants of episodes, for n worlds."""
+"""The commands of n worlds over the control instants of their episodes."""
 
 from collections.abc import Mapping
 from fractions import Fraction
@@ -11,7 +11,7 @@ from mjrun.formats.table_reader import read_table
 from mjrun.physics.control import SLACK, require_times
 from mjrun.physics.distribution import draw_numbers
 from mjrun.task.random_streams import COMMANDS, stream
-from mjrun.task.terms import Command
+from mjrun.task.task import Command
 
 TIME = "time"
 
@@ -23,14 +23,14 @@ class CommandSignals:
       commands: by name.
       control_dt: [s].
       periods: control periods of an episode.
-      count: worlds.
+      count: the number of worlds.
 
     Attributes:
       names: of the values: `goal`, or `goal/0`, `goal/1`.
-      slices: where the values of each command are.
+      slices: the places of each command among the values.
 
     Raises:
-      UsageError: a table that cannot be used, or times that are no whole number of control periods.
+      UsageError: an invalid table, or an interval that is not a whole number of control periods.
       FileError: a table cannot be read.
     """
 
@@ -39,10 +39,10 @@ class CommandSignals:
         self.slices: dict[str, slice] = {}
         self._random: list[tuple[np.ndarray, slice, tuple[str, ...], int]] = []
         instants = periods + 1
-        columns: list[np.ndarray] = []
+        columns = [np.zeros((instants, 0))]
         for name, command in commands.items():
             with concerning("commands", name):
-                values = _known(command, control_dt, instants)
+                values = _fixed_values(command, control_dt, instants)
                 every = _periods(command.every, control_dt) if command.every is not None else instants
             width = values.shape[1]
             place = slice(len(self.names), len(self.names) + width)
@@ -53,10 +53,10 @@ class CommandSignals:
                 texts = command.random * (width if len(command.random) == 1 else 1)
                 drawn = np.zeros((count, -(-instants // every), width))
                 self._random.append((drawn, place, texts, every))
-        self._known = np.concatenate(columns, axis=1) if columns else np.zeros((instants, 0))
+        self._fixed = np.concatenate(columns, axis=1)
 
     def begin(self, world: int, seed: int) -> None:
-        """Draws what is random in the episode of `seed`, in a world."""
+        """Draws the random commands of the episode of `seed` in a world."""
         if not self._random:
             return
         generator = stream(seed, COMMANDS)
@@ -66,26 +66,25 @@ class CommandSignals:
 
     @property
     def memory(self) -> list[np.ndarray]:
-        """What it has drawn in each world `(count, …)`."""
+        """The random commands of each world `(count, …)`."""
         return [drawn for drawn, _, _, _ in self._random]
 
     def at(self, worlds: np.ndarray | int, instants: np.ndarray | int) -> np.ndarray:
-        """The values in the worlds `(k,)` at these control instants `(k,)` of theirs: `(k, len(names))`.
+        """Returns the values in the worlds `(k,)` at their control instants `(k,)`: `(k, len(names))`.
 
-        Beyond the end of an episode its last values hold. Those of one world alone are `(len(names),)`.
+        The last values of an episode hold beyond its end. For a single world they are `(len(names),)`.
         """
         if not self.names:
             return np.empty((*np.shape(instants), 0))
-        instants = np.minimum(instants, len(self._known) - 1)
-        values = self._known.take(instants, axis=0)
+        instants = np.minimum(instants, len(self._fixed) - 1)
+        values = self._fixed.take(instants, axis=0)
         for drawn, place, _, every in self._random:
             values[..., place] = drawn[worlds, instants // every]
         return values
 
 
-def _known(command: Command, control_dt: Fraction, instants: int) -> np.ndarray:
-    """The values at all control instants `(instants, width)`, as far as they are known; else zeros."""
-    times = [float(control_dt * k) for k in range(instants)]
+def _fixed_values(command: Command, control_dt: Fraction, instants: int) -> np.ndarray:
+    """Returns the values at all control instants `(instants, width)`; zeros of a random command."""
     if command.constant is not None:
         return np.tile(command.constant, (instants, 1))
     if command.schedule is not None:
@@ -93,21 +92,22 @@ def _known(command: Command, control_dt: Fraction, instants: int) -> np.ndarray:
         rows = [sum(start <= control_dt * k for start in starts) - 1 for k in range(instants)]
         return np.array([values for _, values in command.schedule])[rows]
     if command.table is not None:
+        times = np.array([float(control_dt * k) for k in range(instants)])
         with concerning("table"):
-            return _table(command.table, np.array(times), command.interpolation == "linear", float(control_dt))
+            return _table(command.table, times, command.interpolation == "linear", float(control_dt))
     assert command.random is not None
     return np.zeros((instants, command.size or len(command.random)))
 
 
 def _table(file: str, times: np.ndarray, linear: bool, control_dt: float) -> np.ndarray:
-    """The values of a table at `times`: each row holds until the next, or goes there in a straight line."""
+    """Returns the values of a table at `times`; between rows they hold, or follow a straight line."""
     columns = dict(read_table(Path(file)).columns)
     if TIME not in columns or len(columns) == 1:
-        raise UsageError(f"{clean(file)}: a table of commands has a column time [s], and one for each value")
+        raise UsageError(f"{clean(file)}: a table of commands needs a column time [s], and one for each value")
     known = columns.pop(TIME)
     require_times(known, file)
     if known[0] > 0:
-        raise UsageError(f"{clean(file)} begins at {known[0]:.9g} s, and does not say what the command is from 0 on")
+        raise UsageError(f"{clean(file)} begins at {known[0]:.9g} s; add a row at time 0")
     values = np.column_stack([*columns.values()]).astype(float)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
@@ -121,6 +121,6 @@ def _table(file: str, times: np.ndarray, linear: bool, control_dt: float) -> np.
 def _periods(every: Fraction, control_dt: Fraction) -> int:
     periods = every / control_dt
     if periods.denominator != 1:
-        message = f"{float(every):g} s is no whole number of control periods of {float(control_dt):g} s"
+        message = f"{float(every):g} s is not a whole number of control periods of {float(control_dt):g} s"
         raise UsageError(f"{option('every')}: {message}")
     return int(periods)

@@ -1,4 +1,4 @@
-"""What a task is, number by number: what its policy observes and does, and what comes of it."""
+"""The description of a task or an environment, number by number: observations, actions, rewards and endings."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -15,14 +15,13 @@ from mjrun.options.task import CONTROL, LAGGED, POSITION, TORQUE, VELOCITY, WORL
 from mjrun.probe.fields import field_probe
 from mjrun.task.action_map import ActionMap, Driven
 from mjrun.task.gymnasium import TERMINATED, Environment
-from mjrun.task.task import Task
-from mjrun.task.terms import TIMED_OUT, Command, Observation
+from mjrun.task.task import TIMED_OUT, Command, Observation, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import rational
 
 SECTIONS = ("task", "observations", "actions", "commands", "rewards", "terminations", "reset")
-SAYS_SO = "as the environment says"
-FORCES = {"rad": "N·m", "m": "N"}  # what moves a joint, by the unit of its position
+BY_ENVIRONMENT = "as the environment says"
+FORCES = {"rad": "N·m", "m": "N"}  # the unit of the force on a joint, by the unit of its position
 
 
 @dataclass(frozen=True)
@@ -33,9 +32,9 @@ class TaskSummary:
       model: its source.
       timestep, control_dt: [s].
       control_steps: physics steps in a control period.
-      duration, periods: of an episode that nothing ends before its time [s], [control periods]; None without a limit.
+      duration, periods: time limit of an episode [s], [control periods]; None without a limit.
       derived: `current` or `lagged`.
-      observations, actions: numbers that the policy gets and gives.
+      observations, actions: the number of values in each.
     """
 
     model: str
@@ -58,10 +57,10 @@ class ObservationRow:
       name: of the term, and of the number within it.
       source: a column, an expression or a phase.
       unit: of the source, SI.
-      frame: the body into whose axes it is turned first.
-      noise: that is added; empty for none.
+      frame: the body whose axes it is expressed in; empty for the world's.
+      noise: its distribution; empty for none.
       low, high: None without a limit.
-      delay: control periods, those of a history included.
+      delay: in control periods, history included.
     """
 
     index: int
@@ -79,7 +78,7 @@ class ObservationRow:
 
 @dataclass(frozen=True)
 class ActionRow:
-    """One number that the policy gives: `target = clip(squash(action), low, high)·scale + offset`.
+    """One number that the policy returns: `target = clip(squash(action), low, high)·scale + offset`.
 
     Attributes:
       index: in the action vector.
@@ -89,7 +88,7 @@ class ActionRow:
       squash: `tanh` or `none`.
       low, high: None without a limit.
       kp, kd: gains of a position or velocity target; None for others.
-      actuator: that drives it.
+      actuator: that the number drives.
       range: of its control; None without limits.
     """
 
@@ -110,7 +109,7 @@ class ActionRow:
 
 @dataclass(frozen=True)
 class CommandRow:
-    """A command: how many numbers, and where they come from."""
+    """A command: the number of its values, and their source."""
 
     name: str
     size: int
@@ -128,7 +127,7 @@ class RewardRow:
 
 @dataclass(frozen=True)
 class TerminationRow:
-    """What ends an episode, and what such an end is."""
+    """A condition that ends an episode, and the kind of this ending."""
 
     name: str
     kind: str
@@ -137,7 +136,7 @@ class TerminationRow:
 
 @dataclass(frozen=True)
 class ResetRow:
-    """What an episode starts from: `key`, `qpos`, `qvel` and `ctrl`, or what is random in `noise`, `set` and `vary`."""
+    """A part of the initial state: fixed in `key`, `qpos`, `qvel` and `ctrl`, random in `noise`, `set` and `vary`."""
 
     what: str
     name: str
@@ -157,10 +156,10 @@ class TaskDescription:
     reset: tuple[ResetRow, ...]
 
     def document(self, *sections: str) -> dict[str, object]:
-        """Some sections, or all, as JSON holds them.
+        """Returns the named sections, or all without names, as JSON values.
 
         Raises:
-          UnknownNameError: there is no such section.
+          UnknownNameError: a name is not a section.
         """
         for name in sections:
             if name not in SECTIONS:
@@ -170,11 +169,11 @@ class TaskDescription:
 
 
 def describe_task(task: Task) -> TaskDescription:
-    """What `task` is, looked up in its model.
+    """Describes `task`, with its names looked up in its model.
 
     Raises:
-      UsageError: something in it does not fit its model.
-      ModelError: the model cannot be had.
+      UsageError: a part of it does not fit its model.
+      ModelError: the model cannot be loaded.
     """
     worlds = TaskWorlds(task, 1)
     model = worlds.model(0)
@@ -204,7 +203,7 @@ def describe_task(task: Task) -> TaskDescription:
 
 
 def describe_environment(source: GymSource) -> TaskDescription:
-    """The environment as a task. It is reset and stepped once, since it tells the terms of its reward only then.
+    """Describes an environment as a task; resets and steps it once, as only a step reports the terms of its reward.
 
     Raises:
       ModelError, UsageError: as `Environment`.
@@ -226,7 +225,7 @@ def describe_environment(source: GymSource) -> TaskDescription:
         observations=environment.observation_size,
         actions=len(environment.action_names),
     )
-    terminations = [TerminationRow(TERMINATED, "failure", SAYS_SO)]
+    terminations = [TerminationRow(TERMINATED, "failure", BY_ENVIRONMENT)]
     if periods is not None:
         terminations.append(TerminationRow(TIMED_OUT.name, TIMED_OUT.kind, f"after {periods} actions"))
     return TaskDescription(
@@ -234,7 +233,7 @@ def describe_environment(source: GymSource) -> TaskDescription:
         tuple(_environment_observations(environment)),
         tuple(_environment_actions(environment)),
         (),
-        tuple(RewardRow(name, 1.0, SAYS_SO) for name in first.reward_terms),
+        tuple(RewardRow(name, 1.0, BY_ENVIRONMENT) for name in first.reward_terms),
         tuple(terminations),
         (),
     )
@@ -305,7 +304,7 @@ def _actions(actions: ActionMap, model: mujoco.MjModel) -> Iterator[ActionRow]:
 
 
 def control_range(model: mujoco.MjModel, actuator: int) -> Numbers | None:
-    """The limits of the control of an actuator; None if it has none."""
+    """Returns the limits of the control of an actuator; None if it has none."""
     if not model.actuator_ctrllimited[actuator]:
         return None
     low, high = map(float, model.actuator_ctrlrange[actuator])
@@ -325,19 +324,19 @@ def _limit(value: float) -> float | None:
 
 
 def _origin(command: Command) -> str:
-    """Where the values of a command come from."""
+    """Returns the source of the values of a command."""
     if command.constant is not None:
-        return _shown(command.constant)
+        return _spaced(command.constant)
     if command.schedule is not None:
-        return ", ".join(f"{_shown(values)} from {float(time):g} s" for time, values in command.schedule)
+        return ", ".join(f"{_spaced(values)} from {float(time):g} s" for time, values in command.schedule)
     if command.random is not None:
-        how_often = "in each episode" if command.every is None else f"every {float(command.every):g} s"
-        return f"{', '.join(command.random)} {how_often}"
+        interval = "in each episode" if command.every is None else f"every {float(command.every):g} s"
+        return f"{', '.join(command.random)} {interval}"
     assert command.table is not None
     return f"{command.table} ({command.interpolation})"
 
 
-def _shown(values: Numbers) -> str:
+def _spaced(values: Numbers) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
@@ -346,6 +345,6 @@ def _reset(task: Task) -> Iterator[ResetRow]:
     if reset.key is not None:
         yield ResetRow("key", str(reset.key), "")
     for what, numbers in (("qpos", reset.qpos), ("qvel", reset.qvel), ("ctrl", reset.ctrl)):
-        yield from (ResetRow(what, name, _shown(values)) for name, values in numbers.items())
+        yield from (ResetRow(what, name, _spaced(values)) for name, values in numbers.items())
     for what, drawn in (("noise", reset.noise), ("set", reset.set), ("vary", reset.vary)):
         yield from (ResetRow(what, path, text) for path, text in drawn)

@@ -1,4 +1,4 @@
-"""What is known of an episode while it runs, whoever steps it: a task of mjrun's, or somebody else's environment."""
+"""The course of an episode, whether a task of mjrun's or a Gymnasium environment steps it."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from mjrun.physics.replay import RecordedStates, ReplayStepper
 from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode import EpisodeValues
 
-Actor = Callable[[np.ndarray], np.ndarray]  # a policy in one episode: the action `(nact,)` on an observation `(nobs,)`
+Actor = Callable[[np.ndarray], np.ndarray]  # a policy in one episode: observation `(nobs,)` to action `(nact,)`
 EndingKind = Literal["success", "failure", "timeout"]
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How an episode ended.
+    """The ending of an episode.
 
     Attributes:
       name: of the termination, such as `fallen`, `timeout` or `unstable`.
@@ -30,16 +30,16 @@ class Ending:
 
     @property
     def terminated(self) -> bool:
-        """Whether the task itself ended here, so that nothing would have followed."""
+        """True where the task itself ended, so that nothing would have followed."""
         return self.kind != "timeout"
 
 
 class Endings(tuple[Ending, ...]):
-    """All endings that episodes of a task can have, by their codes. An episode that goes on has the code −1.
+    """All possible endings of the episodes of a task, by their codes. A running episode has the code −1.
 
     Args:
-      own: those of the task.
-      timeout, unstable: those that every task has; their codes come last.
+      own: the terminations of the task.
+      timeout, unstable: the endings of every task; their codes come last.
 
     Attributes:
       timeout, unstable: the codes of these.
@@ -61,11 +61,11 @@ class Endings(tuple[Ending, ...]):
 
 @dataclass(frozen=True)
 class EpisodeNames:
-    """What the numbers of an episode are called.
+    """The names of the numbers of an episode.
 
     Attributes:
-      observations: of each number that the policy observes: `position/x`.
-      actions: of each number that it answers: actuators or joints.
+      observations: of the numbers of an observation, such as `position/x`.
+      actions: of the numbers of an action: actuators or joints.
       rewards: of the terms of the reward.
     """
 
@@ -76,40 +76,40 @@ class EpisodeNames:
 
 @dataclass(frozen=True)
 class ControlInstant(EpisodeValues):
-    """What holds from a control instant until the next, and how the episode ended here, if it did."""
+    """The values that hold from a control instant until the next, and the ending of the episode if it ended here."""
 
     ending: Ending | None = None
 
 
 def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, time: float, policy: str) -> np.ndarray:
-    """The action of a policy on an observation.
+    """Returns the action of a policy on an observation.
 
     Args:
       names: of the numbers of an action.
       step, time: of the control instant.
-      policy: the name of the policy.
+      policy: its name, for messages.
 
     Raises:
-      InvalidActionError: a number of it is not finite.
+      InvalidActionError: a number of the action is not finite.
     """
     action = np.asarray(actor(observation), float).ravel()
     if not np.isfinite(action).all():
-        wrong = {n: v for n, v in zip(names, action.tolist(), strict=False) if not np.isfinite(v)}
+        wrong = {name: value for name, value in zip(names, action.tolist(), strict=False) if not np.isfinite(value)}
         raise InvalidActionError(step, time, policy, wrong)
     return action
 
 
 @runtime_checkable
 class EpisodeStepper(Stepper, Protocol):
-    """Steps through an episode: it resets, asks the policy at every control instant, and rewards.
+    """A stepper through one episode: it resets, asks the policy at every control instant, and computes rewards.
 
-    At every step the controls in force are those of the action in force; at a control instant, of the one that the
-    policy answers there.
+    At every step the controls in force are those of the action in force; at a control instant, of the action that the
+    policy returns there.
 
     Attributes:
       names: of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
-      periods: control periods that were completed, up to the end of the episode.
+      periods: completed control periods, up to the end of the episode.
     """
 
     names: EpisodeNames
@@ -119,15 +119,16 @@ class EpisodeStepper(Stepper, Protocol):
     def periods(self) -> int: ...
 
     def now(self) -> ControlInstant:
-        """The last control instant, which is at or before `self.step`."""
+        """Returns the last control instant at or before `self.step`."""
         ...
 
 
 class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go beyond the end
-    """An episode ended before the step that was asked for; the stepper stands at its end.
+    """The end of an episode before the requested step; the stepper is at the end.
 
     Attributes:
-      step: the last one.
+      step: the last step.
+      ending: of the episode.
     """
 
     def __init__(self, step: int, ending: Ending) -> None:
@@ -136,7 +137,7 @@ class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go 
 
 
 class ReplayedEpisode(ReplayStepper):
-    """Recorded states, with what held at each of the control instants among them."""
+    """A replay of recorded states, with the values of the control instants among them."""
 
     def __init__(
         self, model: mujoco.MjModel, states: RecordedStates, instants: Sequence[ControlInstant], of: EpisodeStepper
@@ -147,25 +148,25 @@ class ReplayedEpisode(ReplayStepper):
         self._instants = instants
 
     def now(self) -> ControlInstant:
-        """What held at the last control instant."""
+        """Returns the last control instant."""
         return self._instants[self.step // self.control_steps]
 
 
 class ControlInstants:
-    """What held at the control instants of an episode, while it is stepped through; of other simulations, nothing."""
+    """The control instants of an episode, collected while it is stepped; empty for any other simulation."""
 
     def __init__(self) -> None:
         self._instants: list[ControlInstant] = []
         self._stepper: EpisodeStepper | None = None
 
     def take(self, stepper: Stepper) -> None:
-        """Takes note of where `stepper` stands; to be called at every step."""
+        """Records the control instant if `stepper` is at one; called at every step."""
         if isinstance(stepper, EpisodeStepper) and stepper.step == len(self._instants) * stepper.control_steps:
             self._stepper = stepper
             self._instants.append(stepper.now())
 
     def replay(self, model: mujoco.MjModel, states: RecordedStates) -> ReplayStepper:
-        """Goes through the recorded `states` of all steps once more."""
+        """Returns a stepper through the recorded `states` of all steps."""
         if self._stepper is None:
             return ReplayStepper(model, states)
         return ReplayedEpisode(model, states, self._instants, self._stepper)

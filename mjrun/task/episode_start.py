@@ -1,4 +1,4 @@
-"""How the episodes of a task start: the model and the state that a seed gives."""
+"""The start of an episode: the model and the initial state that its seed determines."""
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -13,21 +13,23 @@ from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariant, ModelVariants
 from mjrun.physics.distribution import draw_numbers, draw_text
 from mjrun.physics.initial_state import InitialState
+from mjrun.physics.motion_samples import quaternions
 from mjrun.probe.fields import field_probe
 from mjrun.task.measurement import as_slice
 from mjrun.task.random_streams import MODEL, START, stream
-from mjrun.task.terms import Reset
+from mjrun.task.task import Reset
 
-FIELDS = ("qpos", "qvel", "act", "ctrl")  # what can be drawn of the start
-WILD = ("*", "?", "[")
+FIELDS = ("qpos", "qvel", "act", "ctrl")  # fields of the initial state that can be random
+WILDCARDS = ("*", "?", "[")
+Draw = tuple[slice | np.ndarray, int, str]  # places in a state, their number, and the distribution of the values there
 
 
 class EpisodeStarts:
-    """The states at which episodes start.
+    """The initial states of episodes.
 
     Args:
-      reset: what is said of them.
-      model: with the names that are used.
+      reset: their description.
+      model: in which its names are looked up.
 
     Raises:
       UnknownNameError: a name is not in the model.
@@ -38,22 +40,21 @@ class EpisodeStarts:
         self._start = InitialState(reset.key, reset.qpos, reset.qvel, reset.ctrl)
         slices = state.fields(state.sizes(model))
         with concerning("reset"):
-            set_, noise = _places("set", reset.set, model, slices), _places("noise", reset.noise, model, slices)
-        drawn = {int(place) for places, _ in (*set_, *noise) for place in places}
-        self._quaternions = [slice(q, q + 4) for q in _quaternions(model, slices) if drawn & {*range(q, q + 4)}]
-        self._set, self._noise = (
-            [(as_slice(each), len(each), text) for each, text in drawn_] for drawn_ in (set_, noise)
-        )
-        self._same: tuple[mujoco.MjModel, np.ndarray] | None = None
+            values, noise = _places("set", reset.set, model, slices), _places("noise", reset.noise, model, slices)
+        drawn = {int(place) for places, _ in (*values, *noise) for place in places}
+        starts = [slices["qpos"].start + start for start in quaternions(model, "qpos")]
+        self._quaternions = [slice(start, start + 4) for start in starts if drawn & {*range(start, start + 4)}]
+        self._values, self._noise = _draws(values), _draws(noise)
+        self._unchanged: tuple[mujoco.MjModel, np.ndarray] | None = None
         self._scratch: tuple[mujoco.MjModel, mujoco.MjData] | None = None
 
     def state(self, variant: ModelVariant, seed: int) -> np.ndarray:
-        """The integration state `(nstate,)` at the start of the episode of `seed` in a model; not to be changed."""
-        same = self._unchanged(variant)
-        if not (self._set or self._noise):
-            return same
-        start, generator = same.copy(), stream(seed, START)
-        for places, count, text in self._set:
+        """Returns the initial state `(nstate,)` of the episode of `seed` in a model; it must not be changed."""
+        fixed = self._fixed(variant)
+        if not (self._values or self._noise):
+            return fixed
+        start, generator = fixed.copy(), stream(seed, START)
+        for places, count, text in self._values:
             start[places] = draw_numbers(text, generator, count)
         for places, count, text in self._noise:
             start[places] += draw_numbers(text, generator, count)
@@ -61,18 +62,18 @@ class EpisodeStarts:
             mujoco.mju_normalize4(start[quaternion])
         return start
 
-    def _unchanged(self, variant: ModelVariant) -> np.ndarray:
-        """The state before anything is drawn, remembered for the last model that is as it was compiled."""
-        if self._same is not None and self._same[0] is variant.model:
-            return self._same[1]
-        if self._scratch is None or self._scratch[0] is not variant.compiled:  # whose sizes it has
+    def _fixed(self, variant: ModelVariant) -> np.ndarray:
+        """Returns the state without its random parts; remembers it for the last model that is as compiled."""
+        if self._unchanged is not None and self._unchanged[0] is variant.model:
+            return self._unchanged[1]
+        if self._scratch is None or self._scratch[0] is not variant.compiled:
             self._scratch = variant.compiled, mujoco.MjData(variant.compiled)
         data = self._scratch[1]
         with concerning("reset"):
             self._start.reset(variant.model, data)
         start = state.save(variant.model, data)
-        if variant.model is variant.compiled:  # others may be written over
-            self._same = variant.model, start
+        if variant.model is variant.compiled:  # any other model may be overwritten by a later variant
+            self._unchanged = variant.model, start
         return start
 
 
@@ -81,11 +82,11 @@ class EpisodeModels:
 
     Args:
       source: of the model.
-      vary: what is drawn of it, by path.
-      variants: which loads them.
+      vary: distributions by the path of what they vary.
+      variants: loads the models.
 
     Raises:
-      UsageError: what varies cannot.
+      UsageError: a path cannot vary.
     """
 
     def __init__(self, source: Source, vary: Sequence[tuple[str, str]], variants: ModelVariants) -> None:
@@ -97,22 +98,22 @@ class EpisodeModels:
 
     @property
     def is_one(self) -> bool:
-        """Whether all episodes have the same model."""
+        """True where all episodes have the same model."""
         return not self._vary
 
     def model(self, seed: int) -> mujoco.MjModel:
-        """The model of the episode of `seed`; see `variant`."""
+        """Returns the model of the episode of `seed`; see `variant`."""
         return self.variant(seed).model
 
     def reuse(self, variant: ModelVariant) -> None:
-        """Takes the model of an episode that is over: that of another may be written over it."""
+        """Releases the model of a finished episode, so that a later one may overwrite it."""
         self._variants.reuse(variant)
 
     def variant(self, seed: int) -> ModelVariant:
-        """The model of the episode of `seed`; not to be changed: others may have the same.
+        """Returns the model of the episode of `seed`; it may be shared and must not be changed.
 
         Raises:
-          UsageError: a path of what varies names nothing, or a value does not fit.
+          UsageError: a varied path does not exist, or a value does not fit.
         """
         if self.is_one:
             return self._variants.load(self._source)
@@ -121,43 +122,45 @@ class EpisodeModels:
         try:
             return self._variants.load(self._source.with_overrides(overrides))
         except UsageError as error:
-            if error.path[:1] == ("set",):  # as overrides are called otherwise
+            if error.path[:1] == ("set",):  # the option of overrides elsewhere
                 error.path = ("reset", "vary", *error.path[1:])
             raise
+
+
+def _draws(found: Sequence[tuple[np.ndarray, str]]) -> list[Draw]:
+    """Joins draws from the same distribution for places side by side: one call draws the same numbers in less time."""
+    joined: list[tuple[np.ndarray, str]] = []
+    for places, text in found:
+        if joined and joined[-1][1] == text:
+            both = np.concatenate([joined[-1][0], places])
+            if isinstance(as_slice(both), slice):
+                joined[-1] = both, text
+                continue
+        joined.append((places, text))
+    return [(as_slice(places), len(places), text) for places, text in joined]
 
 
 def _places(
     what: str, texts: Sequence[tuple[str, str]], model: mujoco.MjModel, slices: dict[str, slice]
 ) -> list[tuple[np.ndarray, str]]:
-    """Where in a state the columns that each of `texts` names are, and its text."""
+    """Returns the places in a state that each of `texts` names, with its distribution."""
     columns: dict[str, int] = {}
     for field in FIELDS:
         if field in slices:
             start = slices[field].start
             columns |= {column.name: start + i for i, column in enumerate(field_probe(model, field).columns)}
-    found = []
+    places: list[tuple[np.ndarray, str]] = []
     for pattern, text in texts:
-        matches = [place for name, place in columns.items() if _is_meant(name, pattern)]
+        matches = [place for name, place in columns.items() if _matches(name, pattern)]
         if not matches:
             with concerning(what, pattern):
                 raise UnknownNameError("column", pattern, [*columns], where=f"{option(what)} {clean(pattern)}")
-        found.append((np.array(matches), text))
-    return found
+        places.append((np.array(matches), text))
+    return places
 
 
-def _is_meant(column: str, pattern: str) -> bool:
-    """Whether `pattern` is the column, its joint or its field, or matches it."""
+def _matches(column: str, pattern: str) -> bool:
+    """Returns whether `pattern` names the column, its joint or its field, or matches it by wildcards."""
     if column == pattern or column.startswith(f"{pattern}/"):
         return True
-    return any(sign in pattern for sign in WILD) and fnmatchcase(column, pattern)
-
-
-def _quaternions(model: mujoco.MjModel, slices: dict[str, slice]) -> list[int]:
-    """Where in a state the quaternions of joints begin."""
-    starts = []
-    for address, kind in zip(model.jnt_qposadr.tolist(), map(int, model.jnt_type), strict=True):
-        if kind == mujoco.mjtJoint.mjJNT_FREE:
-            starts.append(address + 3)
-        elif kind == mujoco.mjtJoint.mjJNT_BALL:
-            starts.append(address)
-    return [slices["qpos"].start + start for start in starts]
+    return any(sign in pattern for sign in WILDCARDS) and fnmatchcase(column, pattern)

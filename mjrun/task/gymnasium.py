@@ -1,4 +1,4 @@
-"""Gymnasium's environments on MuJoCo as tasks: they reset, step and reward themselves."""
+"""Gymnasium's MuJoCo environments as tasks: they reset, step and compute rewards themselves."""
 
 import copy
 import sys
@@ -18,24 +18,24 @@ from mjrun.model.sources.gym import GymSource, control_steps, make_environment, 
 from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.probe.fields import extents, field_probe
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, EpisodeOver, ask
-from mjrun.task.terms import TIMED_OUT
+from mjrun.task.task import TIMED_OUT
 from mjrun.timeline import rational
 
-REWARD = "reward_"  # how the terms of the reward begin in what an environment tells of a step
-TERMINATED = "terminated"  # what an environment ends by itself
-SUCCESS = ("is_success", "success")  # what environments of others call it
+REWARD = "reward_"  # the prefix of terms of the reward in the info of a step
+TERMINATED = "terminated"  # the name of any ending other than the time limit
+SUCCESS = ("is_success", "success")  # the names of a success in the info of a step
 NO_AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 
 
 @dataclass(frozen=True)
 class EnvironmentStep:
-    """What an environment made of an action.
+    """The result of an action.
 
     Attributes:
-      observation: `(nobs,)` float64, flattened as Gymnasium does.
+      observation: `(nobs,)` float64, flattened in Gymnasium's order.
       reward: of this step.
-      reward_terms: what the environment tells of it, by name without `reward_`; they need not sum up to it.
-      ending: how the episode ended here, if it did.
+      reward_terms: reported by the environment, by name without `reward_`; their sum may differ from the reward.
+      ending: of the episode, if it ended here.
     """
 
     observation: np.ndarray
@@ -45,25 +45,25 @@ class EnvironmentStep:
 
 
 class Environment:
-    """An environment of Gymnasium's, or of anyone's that registers it there, whose simulation is MuJoCo's.
+    """A registered Gymnasium environment with a MuJoCo simulation.
 
     Automatic resets of unstable simulations are off.
 
     Args:
-      source: with overrides, its model takes the place of the environment's own; the control period stays.
+      source: with overrides, its model replaces that of the environment; the control period stays.
 
     Attributes:
-      model, data: those that the environment steps.
+      model, data: of the environment.
       control_steps: physics steps per action.
       control_dt: the control period [s].
-      action_low, action_high: `(nact,)`, the bounds of an action; infinite where there are none.
-      observation_size: numbers in an observation.
-      observation_names, action_names: of each number.
-      observation_units: of each number, SI; empty where nothing is known of it.
+      action_low, action_high: `(nact,)`, the bounds of an action; may be infinite.
+      observation_size: the number of values in an observation.
+      observation_names, action_names: of each value.
+      observation_units: of each value, SI; empty if unknown.
 
     Raises:
-      ModelNotFoundError, BrokenModelError, MissingExtraError: there is no such environment, or it cannot be made.
-      UsageError: its actions are no vectors of numbers, or the overridden model does not fit it.
+      ModelNotFoundError, BrokenModelError, MissingExtraError: the environment does not exist or cannot be created.
+      UsageError: its actions or observations are not numbers, or the overridden model does not fit it.
     """
 
     def __init__(self, source: GymSource) -> None:
@@ -74,9 +74,9 @@ class Environment:
         self._mujoco = mujoco_environment(self._environment, source.name)
         action, observation = self._environment.action_space, self._environment.observation_space
         if not isinstance(action, spaces.Box):
-            raise UsageError(f"{clean(self.text)} takes actions of the kind {action}; policies give vectors of numbers")
+            raise UsageError(f"{clean(self.text)} has the action space {action}; policies return vectors of numbers")
         if not observation.is_np_flattenable:
-            raise UsageError(f"{clean(self.text)} gives observations of the kind {observation}, which are no vector")
+            raise UsageError(f"{clean(self.text)} has the observation space {observation}, which is not a vector")
         self._flatten = _one_vector if isinstance(observation, spaces.Box) else partial(spaces.flatten, observation)
         self._action_shape, self._action_type = action.shape, action.dtype
 
@@ -90,72 +90,71 @@ class Environment:
 
         self.action_low, self.action_high = (bound.astype(float).ravel() for bound in (action.low, action.high))
         self.observation_size = int(spaces.flatdim(observation))
-        self.action_names = self._action_names()
+        nact = int(np.prod(action.shape))
+        self.action_names = control_names(self.model) if nact == self.model.nu else [str(i) for i in range(nact)]
         observed = self._observed()
         self.observation_names, self.observation_units = ([each[i] for each in observed] for i in range(2))
 
     @property
     def episode_steps(self) -> int | None:
-        """How many actions an episode has at most, if its registration limits them."""
+        """The most actions of an episode by its registration; None without a limit."""
         spec = self._environment.spec
         return spec.max_episode_steps if spec else None
 
     def compiled_model(self) -> mujoco.MjModel:
-        """A copy of its model as it is compiled, with automatic resets if it has them."""
+        """Returns a copy of its model as compiled, with its own setting of automatic resets."""
         model = copy.copy(self.model)
         model.opt.disableflags = self._own_flags
         return model
 
     def reset(self, seed: int) -> np.ndarray:
-        """The observation `(nobs,)` at the start of the episode of this seed."""
-        with self._watched("reset"):
+        """Begins the episode of this seed; returns its first observation `(nobs,)`."""
+        with self._errors_of("reset"):
             observation, _ = self._environment.reset(seed=seed)
         return _one_vector(self._flatten(observation))
 
     def step(self, action: np.ndarray) -> EnvironmentStep:
-        """Applies an action `(nact,)` for one control period, as the type of number that the environment asks for.
+        """Applies an action `(nact,)` for one control period, converted to the type of the action space.
 
         Raises:
-          UsageError: the action has another size.
+          UsageError: the action has the wrong size.
         """
         if action.size != len(self.action_names):
             message = f"{clean(self.text)} takes actions of {len(self.action_names)} numbers, not of {action.size}"
             raise UsageError(f"{option('policy')}: {message}")
-        with self._watched("step"):
-            given = action.reshape(self._action_shape).astype(self._action_type)
-            observation, reward, terminated, truncated, told = self._environment.step(given)
-        seen = _one_vector(self._flatten(observation))
-        terms = {key.removeprefix(REWARD): float(value) for key, value in told.items() if key.startswith(REWARD)}
-        return EnvironmentStep(seen, float(reward), terms, _ending(terminated, truncated, told))
+        with self._errors_of("step"):
+            converted = action.reshape(self._action_shape).astype(self._action_type)
+            result, reward, terminated, truncated, info = self._environment.step(converted)
+        observation = _one_vector(self._flatten(result))
+        terms = {key.removeprefix(REWARD): float(value) for key, value in info.items() if key.startswith(REWARD)}
+        ending = TIMED_OUT if truncated else None
+        if terminated:
+            ending = Ending(TERMINATED, "success" if any(info.get(name) for name in SUCCESS) else "failure")
+        return EnvironmentStep(observation, float(reward), terms, ending)
 
     def state(self) -> np.ndarray:
-        """The integration state `(nstate,)` of its simulation."""
+        """Returns the integration state `(nstate,)` of its simulation."""
         return state.save(self.model, self.data)
 
     @property
     def is_unstable(self) -> bool:
-        """Whether its simulation has gone beyond all numbers."""
+        """True where MuJoCo reported an instability, or a number exceeds MuJoCo's limit."""
         moving = np.concatenate([self.data.qpos, self.data.qvel])
         return any(self.data.warning[kind].number for kind in BAD) or not (abs(moving) <= mujoco.mjMAXVAL).all()
 
     def names(self, first: EnvironmentStep) -> EpisodeNames:
-        """The names of all numbers of an episode; those of rewards are known after the `first` step only."""
+        """Returns the names of all numbers of an episode; those of rewards are known after the `first` step only."""
         return EpisodeNames(self.observation_names, self.action_names, [*first.reward_terms])
 
     def close(self) -> None:
-        """Ends it."""
+        """Closes the environment."""
         self._environment.close()
 
-    def _action_names(self) -> list[str]:
-        """Those of the controls, if the action has as many numbers; else numbers."""
-        size = int(np.prod(self._action_shape))
-        return control_names(self.model) if size == self.model.nu else [str(i) for i in range(size)]
-
     def _observed(self) -> list[tuple[str, str]]:
-        """The columns, with their units, that the environment says its observation consists of; else numbers.
+        """Returns the columns of an observation and their units, as the environment describes them; else numbers.
 
-        Version 5 of Gymnasium's own tell the fields of MjData in order, and how many numbers each has: the last of
-        its columns, since what they leave out comes first: the place of the root, or the world.
+        Version 5 of Gymnasium's own environments list the fields of MjData in order, each with the number of its values
+        in the observation. These are the last of its columns; the omitted ones (root position, world) come first.
         """
         structure = vars(self._environment.unwrapped).get("observation_structure")
         observed: list[tuple[str, str]] = []
@@ -170,11 +169,11 @@ class Environment:
         return observed
 
     def _replace_model(self, source: GymSource) -> None:
-        """Puts the model with its overrides in the place of the environment's own; the control period stays."""
+        """Replaces the environment's model by the one with overrides; the control period stays."""
         model, own = source.load(), self._mujoco.model
         steps = self.control_dt / rational(model.opt.timestep)
         if state.sizes(model) != state.sizes(own):
-            raise UsageError(f"{clean(source.text)}: its environment is made for a model of other sizes")
+            raise UsageError(f"{clean(source.text)}: the overridden model has other sizes than its environment's")
         if steps.denominator != 1:
             message = f"acts every {float(self.control_dt):g} s, which must be a whole number of timesteps"
             raise UsageError(f"{option('timestep')} {model.opt.timestep:g}: {clean(source.text)} {message}")
@@ -189,10 +188,10 @@ class Environment:
         self.control_steps = int(steps)
 
     @contextmanager
-    def _watched(self, what: str) -> Iterator[None]:
-        """Tells what the environment raises as what it is: its own, or MuJoCo giving up."""
+    def _errors_of(self, what: str) -> Iterator[None]:
+        """Converts errors of the environment, and of MuJoCo in it, to those of mjrun."""
         try:
-            with redirect_stdout(sys.stderr):  # what it prints is no payload
+            with redirect_stdout(sys.stderr):  # standard output carries the payload alone
                 yield
         except MjrunError:
             raise
@@ -204,27 +203,27 @@ class Environment:
 
 
 class EnvironmentStepper:
-    """The episode of `environment` that starts with `seed`; `actor` acts.
+    """A stepper through the episode of `environment` that starts with `seed`; `actor` acts.
 
-    States at control instants are those of the environment. In between they are simulated again from the state before
-    its step, with the controls and other inputs that it applied, and are compared with its own at the end.
+    States at control instants are those of the environment. States in between are simulated again from the last control
+    instant, with the controls and other inputs of the environment; at the end of the period they are compared with its.
 
-    The action of a control instant is asked for, and the environment steps, on arriving there, so that the controls
-    which act from there on are known at that instant.
+    At a control instant the policy is asked, and the environment steps, right on arrival, so that the controls in force
+    from there on are known at that instant.
 
     Args:
       policy: its name, for messages.
 
     Attributes:
       model: a copy of the environment's.
-      step: where it stands.
+      step: the current one.
       names: of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
-      periods: control periods that were completed, up to the end of the episode.
+      periods: completed control periods, up to the end of the episode.
 
     Raises:
-      UsageError: actions of the wrong size.
-      SimulationError: an action is no number, or the simulation fails.
+      UsageError: an action has the wrong size.
+      SimulationError: an action is not finite, or the simulation fails.
     """
 
     def __init__(self, environment: Environment, actor: Actor, seed: int, policy: str = "") -> None:
@@ -251,9 +250,9 @@ class EnvironmentStepper:
         """Moves forward to `step`.
 
         Raises:
-          EpisodeOver: the episode ends before it; the stepper stands at its end.
+          EpisodeOver: the episode ends before it; the stepper is at the end.
           SimulationError: the simulation, or the policy, failed.
-          UsageError: the environment does more during a step than mjrun sees, and `step` is not at a control instant.
+          UsageError: `step` is within a control period in which the environment does more than step the physics.
         """
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
@@ -264,7 +263,7 @@ class EnvironmentStepper:
                 raise EpisodeOver(self._begin, self._now.ending)
             self._physics.advance(step)
         finally:
-            self.step = self._physics.step  # after a failure, the last good one
+            self.step = self._physics.step  # the last good one after a failure
 
     def now(self) -> ControlInstant:
         return self._now
@@ -279,7 +278,7 @@ class EnvironmentStepper:
         return self._physics.initial()
 
     def _finish_period(self) -> None:
-        """Goes to the next control instant, which the environment has reached already, and asks for its action."""
+        """Moves to the next control instant, where the environment already is, and asks for its action."""
         result, end = self._next, self._begin + self.control_steps
         after = self.environment.state()
         if self.environment.is_unstable or self._physics.step > self._begin:
@@ -295,32 +294,32 @@ class EnvironmentStepper:
         self._physics.jump(end, after if result.ending else self._driven())
 
     def _ask(self, observation: np.ndarray) -> tuple[EnvironmentStep, np.ndarray]:
-        """The action of the policy on `observation`, and what the environment makes of it."""
+        """Returns the action of the policy on `observation`, and the environment's step under it."""
         names, time = self.environment.action_names, self._begin * self._timestep
         action = ask(self._actor, observation, names, self._begin, time, self._policy)
         return self.environment.step(action), action
 
     def _driven(self) -> np.ndarray:
-        """The state of the last control instant with the inputs that the environment applied from there on."""
+        """Returns the state of the last control instant with the inputs that the environment applied from there on."""
         driven, inputs = self._state.copy(), state.part(self.environment.model, state.INPUTS)
         driven[inputs] = self.environment.state()[inputs]
         return driven
 
     def _compare(self, end: int, after: np.ndarray) -> None:
-        """Simulates the rest of the period, and raises unless that leads to `after`, as it did in the environment."""
+        """Simulates the rest of the period, and raises unless it ends in `after`, the state of the environment."""
         self._physics.advance(end)
         alike = np.delete(np.arange(after.size), state.part(self.model, state.INPUTS))
         if self.environment.is_unstable or not np.array_equal(self._physics.state()[alike], after[alike]):
             time = self._begin * self._timestep
             raise UsageError(
-                f"{clean(self.environment.text)} does more in its step at {time:.9g} s than to step the physics, so "
-                "that what happens between control instants is not known\n"
-                f"look only every {self.control_steps} steps, {self.environment.control_steps * self._timestep:g} s"
+                f"{clean(self.environment.text)} does more in its step at {time:.9g} s than step the physics, so the "
+                "states between control instants are unknown\n"
+                f"request only every {self.control_steps} steps, {self.environment.control_steps * self._timestep:g} s"
             )
 
 
 def _numbered(space: Any, prefix: str = "") -> list[str]:
-    """Names for the numbers of a flattened space: their places, in the parts of a dictionary."""
+    """Returns names for the values of a flattened space: indices, within the keys of a dictionary."""
     from gymnasium import spaces
 
     if isinstance(space, spaces.Dict):
@@ -330,10 +329,3 @@ def _numbered(space: Any, prefix: str = "") -> list[str]:
 
 def _one_vector(values: Any) -> np.ndarray:
     return np.array(values, float).ravel()
-
-
-def _ending(terminated: bool, truncated: bool, told: Mapping[str, Any]) -> Ending | None:
-    """How an episode ended, which an environment says in two truths, and whether it was a success in a third."""
-    if terminated:
-        return Ending(TERMINATED, "success" if any(told.get(name) for name in SUCCESS) else "failure")
-    return TIMED_OUT if truncated else None

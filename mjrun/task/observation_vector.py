@@ -1,6 +1,6 @@
-"""The observations of a task: which numbers in which order, and what is done to them on their way to the policy."""
+"""The observation vector of a task: its numbers in order, and their processing on the way to the policy."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import pi
@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option, quoted
+from mjrun.model.column import Column
 from mjrun.model.names import matching
 from mjrun.options.kinds import Numbers
 from mjrun.options.task import WORLD
@@ -21,7 +22,7 @@ from mjrun.task.action_map import spread
 from mjrun.task.command_signals import CommandSignals
 from mjrun.task.expressions import ACTION, COMMAND, Inputs
 from mjrun.task.random_streams import ObservationNoise
-from mjrun.task.terms import Observation
+from mjrun.task.task import Observation
 
 WAVES = ("sin", "cos")
 
@@ -31,13 +32,12 @@ class ObservedNumber:
     """One number of the observation vector.
 
     Attributes:
-      name: the term's, and what it is within the term: `position/x`; `@-2` where it is two control periods old, by the
-        history of the term.
+      name: of the term and its component: `position/x`; with `@-2` where the history makes it two control periods old.
       term: the name of the term.
-      source: the column it is taken from, `xpos/car/x`; or the expression, or the phase.
+      source: a column such as `xpos/car/x`, an expression, or a phase.
       unit: of the source, SI.
-      offset, scale, low, high: what is done to it: `clip((source − offset)·scale, low, high)`.
-      delay: by how many control periods, history included.
+      offset, scale, low, high: of its processing: `clip((source − offset)·scale, low, high)`.
+      delay: in control periods, history included.
     """
 
     name: str
@@ -53,12 +53,12 @@ class ObservedNumber:
 
 @dataclass(frozen=True)
 class _Term:
-    """A term whose columns are known.
+    """A term with its columns.
 
     Attributes:
-      place: of its numbers among those of all terms, as they are measured.
-      columns: they are taken from.
-      expression: of a term that has a value instead.
+      place: of its numbers among those of all terms, before delays and histories.
+      columns: its sources.
+      expression: of a term with a value.
     """
 
     term: Observation
@@ -67,26 +67,30 @@ class _Term:
     units: tuple[str, ...]
     expression: TaskExpression | None = None
 
+    @property
+    def is_measured(self) -> bool:
+        return self.term.source in ("probe", "joints")
+
 
 class ObservationPlan:
-    """What is observed, in order.
+    """The terms of the observation with their columns.
 
     Args:
       terms: of the task.
-      model: with the names that they use.
+      model: in which their names are looked up.
       columns: that expressions can read.
       action_names: of the numbers of an action.
       commands: of the task.
 
     Attributes:
-      terms: with what is known of them.
-      width: numbers of all terms, before delays and histories.
-      offset, scale, low, high: of each of these numbers.
+      terms: with their columns.
+      width: the number of values of all terms, before delays and histories.
+      offset, scale, low, high: of each of these values.
       numbers: of the observation vector.
 
     Raises:
       UnknownNameError: a name is not in the model.
-      UsageError: numbers that do not fit, or a frame for what has no vectors.
+      UsageError: a wrong number of values, or a frame for a term without vectors.
     """
 
     def __init__(
@@ -111,25 +115,27 @@ class ObservationPlan:
                     _check_vectors(made)
                 self.terms.append(made)
                 start = place.stop
-        self.width = start  # before delays and histories
-        self.offset, self.scale = self._spread("offset"), self._spread("scale")
-        self.low, self.high = self._limits()
+        self.width = start
+        self.offset = self._of_terms("offset", lambda term: term.offset)
+        self.scale = self._of_terms("scale", lambda term: term.scale)
+        self.low = self._of_terms("clip", lambda term: term.clip[0] if term.clip else (-np.inf,))
+        self.high = self._of_terms("clip", lambda term: term.clip[1] if term.clip else (np.inf,))
         self.numbers = list(self._numbers())
 
     @property
     def measured(self) -> list[str]:
         """The columns of the model, in the order of the terms."""
-        return [column for each in self.terms if each.term.source in ("probe", "joints") for column in each.columns]
+        return [column for each in self.terms if each.is_measured for column in each.columns]
 
     @property
     def expressions(self) -> dict[str, TaskExpression]:
-        """Of the terms that have values, by name."""
+        """The expressions of terms with values, by name."""
         return {each.term.name: each.expression for each in self.terms if each.expression}
 
     @property
     def frames(self) -> list[tuple[_Term, int]]:
-        """The terms that are turned into the axes of a body, and its id."""
-        bodies = []
+        """The terms that are rotated into the axes of a body, and its id."""
+        bodies: list[tuple[_Term, int]] = []
         for index, each in enumerate(self.terms):
             if each.term.frame != WORLD:
                 with concerning("observations", index, "frame"):
@@ -137,7 +143,7 @@ class ObservationPlan:
         return bodies
 
     def _source(self, term: Observation, label: str) -> tuple[tuple[str, ...], tuple[str, ...], TaskExpression | None]:
-        """The columns that a term is taken from, their units, and its expression if it has one."""
+        """Returns the columns of a term, their units, and its expression if it has one."""
         if term.probe is not None:
             names, units = _probed(self._model, term.probe)
         elif term.joints is not None:
@@ -155,26 +161,18 @@ class ObservationPlan:
                 return (term.value,), ("",), parse_task_value(term.value, self._columns, label)
         return tuple(names), tuple(units), None
 
-    def _spread(self, name: str) -> np.ndarray:
-        return self._of_terms(name, [vars(each.term)[name] for each in self.terms])
-
-    def _limits(self) -> tuple[np.ndarray, np.ndarray]:
-        clips = [each.term.clip or ((-np.inf,), (np.inf,)) for each in self.terms]
-        low, high = ([clip[side] for clip in clips] for side in (0, 1))
-        return self._of_terms("clip", low), self._of_terms("clip", high)
-
-    def _of_terms(self, name: str, values: Sequence[Numbers]) -> np.ndarray:
-        """The numbers of all terms, one for each number that is measured."""
-        parts = []
-        for index, (each, numbers) in enumerate(zip(self.terms, values, strict=True)):
+    def _of_terms(self, name: str, numbers_of: Callable[[Observation], Numbers]) -> np.ndarray:
+        """Returns the numbers of the option `name`, one for each value of all terms."""
+        parts: list[np.ndarray] = []
+        for index, each in enumerate(self.terms):
             with concerning("observations", index):
-                parts.append(spread(name, numbers, len(each.columns)))
+                parts.append(spread(name, numbers_of(each.term), len(each.columns)))
         return np.concatenate(parts)
 
     def _numbers(self) -> Iterator[ObservedNumber]:
         for each in self.terms:
             term = each.term
-            parts = _names_within(each)
+            parts = _component_names(each)
             for age in range(term.history - 1, -1, -1):
                 for i, part in enumerate(parts):
                     name = "/".join(filter(None, (term.name, part))) + (f"@-{age}" if age else "")
@@ -196,16 +194,22 @@ class ObservationVector:
     """The observations of n worlds, from one control instant to the next.
 
     Args:
-      plan: of them.
-      count: worlds.
-      rotations: of all bodies, a view `(n, nbody, 9)`; needed where there are frames.
+      plan: of the observation.
+      count: the number of worlds.
+      rotations: of all bodies, a view `(n, nbody, 9)`; None if no term has a frame.
+
+    Attributes:
+      has_inputs: whether an action, a command or a phase is observed.
+      places_of_values: of expressions among the values of all terms, in their order.
     """
 
     def __init__(self, plan: ObservationPlan, count: int, control_dt: Fraction, rotations: np.ndarray | None) -> None:
         self._plan, self._rotations = plan, rotations
-        self._measured = _runs([each for each in plan.terms if each.term.source in ("probe", "joints")])
-        self._inputs = [each for each in plan.terms if each.term.source in ("action", "command", "phase")]
+        self._measured = _runs([each for each in plan.terms if each.is_measured])
+        self._inputs = [each for each in plan.terms if not each.is_measured and not each.expression]
         self._values = [each for each in plan.terms if each.expression]
+        self.has_inputs = bool(self._inputs)
+        self.places_of_values = [each.place.start for each in self._values]
         self._dt = control_dt
         self._frames = plan.frames
         noise = [each.term.noise for each in plan.terms for _ in each.columns]
@@ -213,34 +217,34 @@ class ObservationVector:
         self._shifted, self._scaled = bool(plan.offset.any()), bool((plan.scale != 1).any())
         self._clipped = bool(np.isfinite(plan.low).any() or np.isfinite(plan.high).any())
         self._is_changed = bool(self._frames or self._noise or self._shifted or self._scaled or self._clipped)
-        self._is_measured = not (self._inputs or self._values) and len(self._measured) == 1  # all of it, in one run
+        self._is_measured = not (self._inputs or self._values) and len(self._measured) == 1  # all of it in order
         self._remembered = [each for each in plan.terms if each.term.delay or each.term.history > 1]
         self._memory = [
             np.zeros((count, each.term.delay + each.term.history, len(each.columns))) for each in self._remembered
         ]
 
-    def begin_episode(self, world: int, seed: int) -> None:
+    def begin(self, world: int, seed: int) -> None:
         """Begins the noise of an episode in a world."""
         if self._noise:
             self._noise.begin(world, seed)
 
     @property
     def memory(self) -> list[np.ndarray]:
-        """What it remembers of each world `(count, …)`."""
+        """The delayed terms and the noise of each world `(count, …)`."""
         return [*self._memory, *(self._noise.memory if self._noise else ())]
 
     @property
     def noise(self) -> list[np.random.Generator | None]:
-        """What noise is drawn from in each world; nothing where there is none."""
+        """The generator of the noise of each world; empty without noise."""
         return self._noise.streams if self._noise else []
 
     def observe(
         self, measured: np.ndarray, inputs: Inputs, values: Mapping[str, Any], rows: np.ndarray | int, first: bool
     ) -> np.ndarray:
-        """The observations `(k, nobs)` of the worlds `rows` `(k,)`; of one alone `(nobs,)`.
+        """Returns the observations `(k, nobs)` of the worlds `rows` `(k,)`; of a single one `(nobs,)`.
 
         Args:
-          measured: the columns of the model that the terms are taken from, in their order, `(k, …)`.
+          measured: the columns of the model that terms observe, in their order, `(k, …)`.
           inputs: the last actions and the commands of this instant.
           values: of expressions `(k,)`, by the name of the term.
           first: whether an episode begins here.
@@ -250,18 +254,8 @@ class ObservationVector:
             current[..., each.place.start] = values[each.term.name]
         return self.finish(current, rows, first)
 
-    @property
-    def has_inputs(self) -> bool:
-        """Whether something of what went into the worlds is observed."""
-        return bool(self._inputs)
-
-    @property
-    def places_of_values(self) -> list[int]:
-        """Where the values of expressions are among the numbers of all terms, in their order."""
-        return [each.place.start for each in self._values]
-
     def collect(self, measured: np.ndarray, inputs: Inputs) -> np.ndarray:
-        """All terms as they are now, but for the values of expressions: `(k, width)`, or `(width,)` of a single world.
+        """Returns the current values of all terms except expressions: `(k, width)`, or `(width,)` of a single world.
 
         Args:
           measured, inputs: as for `observe`.
@@ -276,7 +270,7 @@ class ObservationVector:
         return now
 
     def finish(self, now: np.ndarray, rows: np.ndarray | int, first: bool) -> np.ndarray:
-        """The observations from what `collect` gave, with the values of expressions in their places."""
+        """Returns the observations from the array of `collect`, after expressions were written into their places."""
         if self._is_changed:
             self._change(now, rows)
         if not self._remembered:
@@ -289,7 +283,7 @@ class ObservationVector:
         return np.concatenate([*parts, now[..., done:]], axis=-1)
 
     def _input(self, term: Observation, inputs: Inputs) -> np.ndarray:
-        """What a term has of what went into the worlds: `(k, width)`, or `(width,)` of a single world."""
+        """Returns the action, command or phase of a term: `(k, width)`, or `(width,)` of a single world."""
         if term.action is not None:
             return inputs.actions
         if term.command is not None:
@@ -299,7 +293,7 @@ class ObservationVector:
         return np.stack([np.sin(angles), np.cos(angles)], axis=-1)
 
     def _change(self, now: np.ndarray, rows: np.ndarray | int) -> None:
-        """Turns all terms, adds noise to them, shifts, scales and clips them, in place."""
+        """Rotates all terms, adds noise, shifts, scales and clips them, in place."""
         plan = self._plan
         for each, body in self._frames:
             assert self._rotations is not None
@@ -316,7 +310,7 @@ class ObservationVector:
     def _recalled(
         self, each: _Term, memory: np.ndarray, now: np.ndarray, rows: np.ndarray | int, first: bool
     ) -> np.ndarray:
-        """The history of a term, the oldest first: `(k, history·width)`. Before an episode all was as it begins."""
+        """Returns the history of a term, the oldest first: `(k, history·width)`; it begins with equal values."""
         if first:
             memory[rows] = now[..., None, :]
         else:
@@ -326,7 +320,7 @@ class ObservationVector:
 
 
 def _runs(terms: Sequence[_Term]) -> list[tuple[slice, slice]]:
-    """Where the columns of `terms`, one after the other, go: as few runs of them as there can be."""
+    """Returns the source and target of each run of the columns of `terms`, as few runs as possible."""
     runs: list[tuple[slice, slice]] = []
     source = 0
     for each in terms:
@@ -341,7 +335,7 @@ def _runs(terms: Sequence[_Term]) -> list[tuple[slice, slice]]:
 
 
 def _turn(vectors: np.ndarray, rotations: np.ndarray) -> None:
-    """Turns vectors `(k, 3·m)` of the world into the axes `(k, 9)` of a body each, in place."""
+    """Rotates vectors `(k, 3·m)` in world axes into the axes `(k, 9)` of a body, in place."""
     axes = rotations.reshape(*vectors.shape[:-1], 3, 3)  # its columns, in the world
     for start in range(0, vectors.shape[-1], 3):
         x, y, z = (vectors[..., start + i].copy() for i in range(3))
@@ -350,22 +344,22 @@ def _turn(vectors: np.ndarray, rotations: np.ndarray) -> None:
 
 
 def _check_vectors(each: _Term) -> None:
-    """Checks that a term is made of vectors."""
+    """Checks that a term consists of vectors."""
     columns = each.columns
-    if each.term.source in ("probe", "joints"):
+    if each.is_measured:
         parts = [column.rpartition("/")[2][-1:] for column in columns]
         fits = all("".join(parts[i : i + 3]) == "".join(VECTOR) for i in range(0, len(parts), 3))
         fits = fits and not any(column.rpartition("/")[2] in ("qx", "qy", "qz", *MATRIX) for column in columns)
     else:
         fits = len(columns) % 3 == 0
     if not fits or len(columns) % 3:
-        message = f"{quoted(each.term.name)} is no vector of three components, which a body's axes could have"
-        raise UsageError(message, ("frame",))
+        message = f"{quoted(each.term.name)} does not consist of vectors of three components"
+        raise UsageError(f"{option('frame')}: {message}", ("frame",))
 
 
 def _probed(model: mujoco.MjModel, names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The columns that names, groups and wildcards stand for, and their units."""
-    found, units = [], []
+    """Returns the columns that names, groups and wildcards select, and their units."""
+    selected: list[Column] = []
     for index, name in enumerate(names):
         with concerning("probe", index):
             group, slash, _ = name.partition("/")
@@ -376,13 +370,12 @@ def _probed(model: mujoco.MjModel, names: Sequence[str]) -> tuple[list[str], lis
             columns = [column for probe in probes for column in probe.columns]
             if not columns:
                 raise UsageError(f"{option('probe')}: {clean(name)} has no columns in this model")
-        found += [column.name for column in columns]
-        units += [column.unit for column in columns]
-    return found, units
+        selected += columns
+    return [column.name for column in selected], [column.unit for column in selected]
 
 
 def _joint_columns(model: mujoco.MjModel, patterns: Sequence[str], of: str) -> tuple[list[str], list[str]]:
-    """The columns of joints, in the order in which they are named, and their units."""
+    """Returns the columns of joints in the order of their names in the task, and their units."""
     columns = field_probe(model, of).columns
     joints: list[int] = []
     for index, pattern in enumerate(patterns):
@@ -394,21 +387,16 @@ def _joint_columns(model: mujoco.MjModel, patterns: Sequence[str], of: str) -> t
     return [column.name for column in chosen], [column.unit for column in chosen]
 
 
-def _parts(names: Sequence[str]) -> list[str]:
-    """What distinguishes columns: their names without what all begin with; nothing for a single one."""
-    pieces = [name.split("/") for name in names]
-    shared = 0
-    while all(len(piece) > shared and piece[: shared + 1] == pieces[0][: shared + 1] for piece in pieces):
-        shared += 1
-    return ["/".join(piece[shared:]) for piece in pieces]
-
-
-def _names_within(each: _Term) -> Sequence[str]:
-    """What the numbers of a term are called within it."""
+def _component_names(each: _Term) -> Sequence[str]:
+    """Returns the names of the numbers of a term: those of its columns without their common beginning."""
     if each.term.phase is not None:
         return WAVES
     if each.term.value is not None:
         return ("",)
     if each.term.action is not None:
         return [column.removeprefix(ACTION) for column in each.columns]
-    return _parts(each.columns)
+    pieces = [name.split("/") for name in each.columns]
+    shared = 0
+    while all(len(piece) > shared and piece[: shared + 1] == pieces[0][: shared + 1] for piece in pieces):
+        shared += 1
+    return ["/".join(piece[shared:]) for piece in pieces]

@@ -1,9 +1,9 @@
-"""Expressions of one world, compiled to Python.
+"""Expressions of a single world, compiled to Python.
 
-Where a value is a single number, an operation of NumPy takes about 1 µs and one of Python a fortieth of that. A program
-is a function with one line for each value; what several expressions have in common is computed once. Its numbers have
-the bits that `mjrun.probe.evaluation` gives on many rows. Nothing of a document's text gets into the source: names
-become places in an array, and functions are passed as objects.
+On single numbers, an operation of NumPy takes about 1 µs and one of Python a fortieth of that. A program is a function
+with one line for each value; common parts of several expressions are computed once. Its numbers are bit for bit those
+that `mjrun.probe.evaluation` computes on many rows. No text of a document gets into the source: names become places in
+an array, and functions are passed as objects.
 """
 
 import math
@@ -33,17 +33,17 @@ from mjrun.probe.expression import (
 from mjrun.probe.task_expression import TaskEvaluator
 
 TIME = "time"
-# Python's operators, where they have the bits of NumPy's.
+# Python's operators that are bit for bit those of NumPy.
 OPERATORS: dict[Function, str] = {ARITHMETIC["+"]: "+", ARITHMETIC["-"]: "-", ARITHMETIC["*"]: "*", np.add: "+"}
-OF_NUMBERS = {*OPERATORS, ARITHMETIC["/"], abs}  # functions that take longer on a few numbers together than on each
-FEW = 7  # numbers that NumPy adds one after the other; more of them by halves
+OF_NUMBERS = {*OPERATORS, ARITHMETIC["/"], abs}  # functions that are faster on each of a few numbers than on a vector
+FEW = 7  # the most numbers that NumPy adds in order; it adds more of them pairwise
 
 
 class RowProgram:
-    """A function of the time [s] on the columns of one world, made line by line.
+    """A function of the time [s] and the columns of one world, built line by line.
 
     Args:
-      row: the columns `(columns,)`, which are read at every call.
+      row: the columns `(columns,)`; the function reads them at every call.
       places: of the columns in it, by name.
       is_first: whether the function is for the first control instant of episodes.
 
@@ -54,14 +54,14 @@ class RowProgram:
     def __init__(self, row: np.ndarray, places: Mapping[str, int], is_first: bool) -> None:
         self._row, self._places, self._is_first = row, places, is_first
         self._lines: list[str] = []
-        self._variables: dict[str, str] = {}  # by what is assigned to them
+        self._variables: dict[str, str] = {}  # by their assigned source
         self._vectors: dict[tuple[str, ...], str] = {}
         self._previous: dict[PreviousValue, str] = {}
         self._objects: dict[str, Any] = {"item": row.item, "isfinite": math.isfinite, "sqrt": math.sqrt}
         self.uses_numpy = False
 
     def value(self, evaluator: TaskEvaluator) -> str:
-        """Adds the lines of an expression, whose memory is that of `evaluator`; returns the variable of its value."""
+        """Adds the lines of an expression, with the memory of `evaluator`; returns the variable of its value."""
         for node, memory in evaluator.previous:
             now = self._number(node.operand)
             name = self._object(memory)
@@ -76,7 +76,7 @@ class RowProgram:
         self._lines.append(line)
 
     def function(self, parameters: str, result: str) -> Callable[..., Any]:
-        """Returns the function, which returns `result`; one of its parameters is `time`."""
+        """Compiles the function that returns `result`; one of its parameters is `time`."""
         source = "\n    ".join([f"def program({parameters}):", *self._lines, f"return {result}"])
         namespace = {**self._objects}
         exec(compile(source, "<expressions of a task>", "exec"), namespace)
@@ -110,14 +110,14 @@ class RowProgram:
                 return self._assigned(f"{'not ' if operator == NOT_FINITE else ''}{self._finite(value)}")
             case Comparison(operator=operator, sides=sides):
                 left, right = map(self._number, sides)
-                unequal = f"{left} < {right} or {left} > {right}"  # not so for NaN
+                unequal = f"{left} < {right} or {left} > {right}"  # false for NaN
                 return self._assigned(unequal if operator == "!=" else f"{left} {operator} {right}")
             case BooleanOperation(every=every, parts=parts):
                 return self._assigned((" and " if every else " or ").join(map(self._truth, parts)))
         raise TypeError(node)
 
     def _finite(self, value: NumericExpression) -> str:
-        """Whether a number, or every number of a vector, is finite."""
+        """Returns the source of the test that a number, or every number of a vector, is finite."""
         match value:
             case Reduction(name="max", operands=(FunctionCall(functions=(function,), operands=(vector,)),)):
                 if function is abs and vector.width:
@@ -135,14 +135,14 @@ class RowProgram:
         if -1 in places:
             vector = self._numpy(np.array, f"({', '.join(map(self._column, names))},)")
         elif places == [*range(start, start + len(places))]:
-            vector = self._object(self._row[start : start + len(places)])  # a view, so that it is read at every call
+            vector = self._object(self._row[start : start + len(places)])  # a view, with the numbers of each call
         else:
             vector = self._assigned(f"{self._object(self._row)}[{self._object(np.array(places))}]")
         self._vectors[names] = vector
         return vector
 
     def _call(self, call: FunctionCall, values: Sequence[str]) -> str:
-        """The functions of a call, applied to its operands, or to one number of each."""
+        """Applies the functions of a call to its operands, or to one number of each."""
         result, *others = values
         if not others:
             function = call.functions[0]
@@ -174,7 +174,7 @@ class RowProgram:
         return self._assigned(f"sqrt({total})" if is_norm else total)
 
     def _numbers(self, node: NumericExpression) -> list[str | None]:
-        """The variable of each number of a vector, or that of a number alone; None where NumPy computes them."""
+        """Returns the variable of each number of a vector, or of a single number; None where NumPy computes them."""
         if not node.width:
             return [self._number(node)]
         if node.width <= FEW and isinstance(node, ColumnVector):
@@ -188,19 +188,19 @@ class RowProgram:
         return [None]
 
     def _numpy(self, function: Function, *arguments: str) -> str:
-        """The variable of what a function of NumPy's gives."""
+        """Returns the variable with the result of a NumPy function."""
         self.uses_numpy = True
         return self._assigned(f"{self._object(function)}({', '.join(arguments)})")
 
     def _assigned(self, text: str) -> str:
-        """The variable with the value of `text`."""
+        """Returns the variable with the value of the source `text`."""
         if text not in self._variables:
             self._variables[text] = variable = f"v{len(self._variables)}"
             self.add(f"{variable} = {text}")
         return self._variables[text]
 
     def _object(self, thing: Any) -> str:
-        """The name of what has no source."""
+        """Returns the name of an object that has no source."""
         for name, known in self._objects.items():
             if known is thing:
                 return name
@@ -210,6 +210,6 @@ class RowProgram:
 
 
 def _is_arithmetic(call: FunctionCall) -> bool:
-    """Whether Python computes the functions of a call on numbers, one by one."""
+    """Returns whether Python computes the functions of a call on each number of a vector."""
     is_square = call.functions == (ARITHMETIC["^"],) and getattr(call.operands[1], "value", None) == 2
     return is_square or OF_NUMBERS.issuperset(call.functions)

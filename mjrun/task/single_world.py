@@ -1,7 +1,7 @@
-"""A task in a single world, stepped with as little as can be done around the physics.
+"""A single world of a task, stepped with the least possible overhead around the physics.
 
-Where a step of the physics takes microseconds, what NumPy takes for arrays of one world is most of the time. Here what
-is read is decided once, and expressions are compiled to Python. No number differs from `TaskWorlds`.
+Where a physics step takes microseconds, NumPy calls on arrays of one world dominate. Here the measurements are selected
+once, and expressions are compiled to Python. Every number is identical to that of `TaskWorlds`.
 """
 
 import math
@@ -21,7 +21,7 @@ NO_COMMANDS = np.zeros(0)
 
 
 class SingleWorld(TaskWorlds):
-    """One world of a task.
+    """A single world of a task.
 
     Args:
       task: with its model.
@@ -36,7 +36,7 @@ class SingleWorld(TaskWorlds):
         self._has_commands = bool(self.commands.names)
         nact = len(self.action_names) if expressions.reads_actions else 0
         ncommands = len(self.commands.names) if expressions.reads_commands else 0
-        row = np.zeros(columns + nact + ncommands)  # what is measured for terms, and for expressions; and the rest
+        row = np.zeros(columns + nact + ncommands)  # measurements for terms, then for expressions; actions; commands
         self._read = self._measurement.reader(row[:columns])
         self._row_of_terms = row[: self._of_terms]
         self._action_read, self._commands_read = row[columns : columns + nact], row[columns + nact :]
@@ -50,7 +50,7 @@ class SingleWorld(TaskWorlds):
         self._shape, self._is_held = self._action.shape, self._torques.is_needed
         self._controls = self._torques.controls_alone(self._ctrl[0])
         self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
-        self._no_inputs = Inputs(0, self._action, NO_COMMANDS)  # where none are read
+        self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.task,), self._saved()
@@ -59,21 +59,28 @@ class SingleWorld(TaskWorlds):
         """Begins the episode of `seed`; returns the first observation `(nobs,)`.
 
         Raises:
-          UsageError, ModelError: the model of this episode cannot be had.
+          UsageError, ModelError: the model of this episode cannot be loaded.
         """
         with self.task.located():
-            self._load([seed], self._all)
-        self._instants[0], self._action[:] = 0, 0
+            self._load(seed, 0)
+            if not self._models.is_one:
+                self._batch.set_models([self._each[0].model])
+        self._instants[0] = 0
+        self._action[:] = 0
         self._over[0] = self._failed[0] = False
         self._counters[0] = 0
-        self._call(lambda: self._batch.forward(None, self._stage_at_start))
+        try:
+            with self._without_timers:
+                self._batch.forward(None, self._stage_at_start)
+        except BatchError:
+            self._failed[0] = self._has_failed = True
         self._measurement.begin(ALL)
         self._read()
 
         judge, fill, uses_numpy = self._at_start
         with np.errstate(all="ignore") if uses_numpy else nullcontext():
-            inputs = self._inputs_at(0)
-            _, _, self._start_codes[0] = judge(0.0)
+            inputs = self._inputs_at(0) if self._has_inputs else self._no_inputs
+            self._start_codes[0] = judge(0.0)[2]
             now = self._observations.collect(self._row_of_terms, inputs)
             fill(now, 0.0)
         observed = self._observations.finish(now, 0, first=True)
@@ -81,10 +88,10 @@ class SingleWorld(TaskWorlds):
         return observed
 
     def act(self, action: np.ndarray) -> TaskStep:
-        """A control period under `action` `(nact,)`; no array of what comes of it has an axis of worlds.
+        """Steps the world by a control period under `action` `(nact,)`; the results have no axis of worlds.
 
         Raises:
-          ValueError: the action is not finite or does not fit, or the episode is over or has not begun.
+          ValueError: the action is not finite or has the wrong shape, or the episode is over or has not begun.
         """
         action = np.asarray(action, float)
         if action.shape != self._shape or self._over[0] or not math.isfinite(sum(action.tolist())):
@@ -114,7 +121,7 @@ class SingleWorld(TaskWorlds):
             return self._result(instant)
 
     def _result(self, instant: int) -> TaskStep:
-        """What has come of the control period that ended at an instant."""
+        """Returns the results of the control period that ended at an instant."""
         endings, (judge, fill, _) = self._expressions.endings, self._later
         time = self._expressions.time(instant) if self._expressions.reads_time else 0.0
         inputs = self._inputs_at(instant, instant - 1) if self._has_inputs else self._no_inputs
@@ -137,10 +144,10 @@ class SingleWorld(TaskWorlds):
         return TaskStep(observed, reward, terms, code, endings)
 
     def _inputs_at(self, instant: int, commanded: int | None = None) -> Inputs:
-        """What went into the world up to a control instant, which is where expressions read it then.
+        """Returns the inputs of the world up to a control instant, and copies them to the row of the expressions.
 
         Args:
-          commanded: the instant of the commands, if they are those of another.
+          commanded: the instant of the commands, where it differs.
         """
         commands = NO_COMMANDS
         if self._has_commands:

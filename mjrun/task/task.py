@@ -1,54 +1,172 @@
-"""A task as a value: a model, its episodes, and what a policy observes, does and is rewarded for in them."""
+"""A task as a value: its model, and the observations, actions, rewards and endings of its episodes.
 
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+The terms of a task check their own options; names are looked up in the model later, by `mjrun.task.worlds`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 import mujoco
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option, quoted
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
+from mjrun.options import task as options_of_tasks
 from mjrun.options.kinds import ExactNumber, ExpectedError
-from mjrun.options.task import CURRENT, DERIVED
-from mjrun.task.terms import RESERVED, Action, Command, Observation, Reset, Reward, Termination
+from mjrun.options.option import is_given, options
+from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
+from mjrun.physics.distribution import parse_distribution
+from mjrun.task.episode import Ending, EndingKind
 from mjrun.timeline import rational
 
+TIMED_OUT, UNSTABLE = Ending("timeout", "timeout"), Ending("unstable", "failure")  # endings of every task
+RESERVED = (TIMED_OUT.name, UNSTABLE.name)
 MOST_PERIODS = 10_000_000  # control periods of an episode
-NO_COMMANDS: Mapping[str, Command] = {}
-NO_REWARDS: Mapping[str, Reward] = {}
-NO_TERMINATIONS: Mapping[str, Termination] = {}
+NO_COMMANDS: Mapping[str, "Command"] = {}
+NO_REWARDS: Mapping[str, "Reward | str"] = {}
+NO_TERMINATIONS: Mapping[str, "Termination"] = {}
+
+
+@options
+class Reset(options_of_tasks.ResetOptions):
+    """The initial state of an episode, and its random parts."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for each in ("noise", "set", "vary"):
+            for path, text in vars(self)[each]:
+                _check_random(text, f"{each} {clean(path)}", (each, path), is_number=each != "vary")
+
+
+@options
+class Observation(options_of_tasks.ObservationOptions):
+    """A term of the observation.
+
+    Raises:
+      UsageError: it has no source or several, or an option that does not apply to its source.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_one(self, OBSERVED, "an observation is taken from")
+        if is_given(self, "of") and self.joints is None:
+            raise UsageError(f"{option('of')} applies only with {option('joints')}", ("of",))
+        if self.noise is not None:
+            _check_random(self.noise, "noise", ("noise",))
+
+    @property
+    def source(self) -> str:
+        """The option that names its source: `probe`, `joints`, `action`, `command`, `phase` or `value`."""
+        return next(name for name in OBSERVED if is_given(self, name))
+
+
+@options
+class Action(options_of_tasks.ActionOptions):
+    """A group of numbers of the action.
+
+    Raises:
+      UsageError: it drives nothing, a gain is missing, or a gain does not apply to its target.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_one(self, ("actuators", "joints"), "an action drives")
+        if self.joints is not None and self.target is None:
+            message = f"{option('joints')} requires a {option('target')}: control, position, velocity or torque"
+            raise UsageError(message, ("target",))
+        if self.actuators is not None and self.target not in (None, CONTROL):
+            raise UsageError(f"{option('target')} {self.target} applies only with {option('joints')}", ("target",))
+        wanted = {POSITION: ("kp", "kd"), VELOCITY: ("kd",)}.get(self.target or CONTROL, ())
+        gains = {"kp": self.kp, "kd": self.kd}
+        for name, gain in gains.items():
+            if gain is not None and name not in wanted:
+                raise UsageError(f"{option(name)} is not a gain of the target {self.target or CONTROL}", (name,))
+        missing = [name for name in wanted if gains[name] is None]
+        if missing:
+            raise UsageError(f"the target {self.target} requires {' and '.join(map(option, missing))}", ("target",))
+
+
+@options
+class Command(options_of_tasks.CommandOptions):
+    """A command to the policy.
+
+    Raises:
+      UsageError: it has no source of values or several, or an option that does not apply to its source.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require_one(self, COMMANDED, "a command comes from")
+        for name, of in (("size", "random"), ("every", "random"), ("interpolation", "table")):
+            if is_given(self, name) and not is_given(self, of):
+                raise UsageError(f"{option(name)} applies only with {option(of)}", (name,))
+        for index, text in enumerate(self.random or ()):
+            _check_random(text, "random", ("random", index))
+        if self.random is not None and self.size is not None and len(self.random) not in (1, self.size):
+            raise UsageError(f"{option('random')} has {len(self.random)} distributions, not {self.size}", ("size",))
+
+
+@options
+class Reward(options_of_tasks.RewardOptions):
+    """A term of the reward."""
+
+
+@options
+class Termination(options_of_tasks.TerminationOptions):
+    """A condition that ends an episode."""
+
+    def ending(self, name: str) -> Ending:
+        """Returns the ending of an episode by this termination, which the task calls `name`."""
+        return Ending(name, cast("EndingKind", self.as_))
 
 
 class Places(Protocol):
-    """Where something says what a task is, such as a document."""
+    """The positions at which a task is written, such as the lines of a document."""
 
     def located(self, error: UsageError) -> UsageError:
-        """`error` at the place that it is about."""
+        """Returns `error` with the position that it concerns."""
         ...
+
+
+class LocatedErrors(AbstractContextManager[None]):
+    """Reports errors in a task at the positions where it is written; a class, as it is entered at every reset.
+
+    Raises:
+      UsageError: the one raised within, at its line of the document if there is one.
+    """
+
+    def __init__(self, places: Places | None) -> None:
+        self._places = places
+
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
+        if isinstance(error, UsageError) and self._places:
+            located = self._places.located(error)
+            if located is not error:
+                raise located from error
 
 
 @dataclass(frozen=True)
 class Task(Source):
-    """A task: what stands where a model stands, and its model, and how episodes of it go.
+    """A task. It is accepted wherever a model is, and then stands for its model.
 
     Args:
       model: its source.
       control_dt: the control period [s], a whole number of timesteps.
       duration: length of an episode [s].
-      observations, actions: in the order in which a policy gets and gives them.
+      observations, actions: in the order of the policy's input and output.
       rewards, commands, terminations: by name; a reward may be an expression alone.
-      reset: how episodes start.
-      derived: `current` or `lagged`: what is observed of quantities that MuJoCo derives from the state.
-      path: of the document that says all this; None if there is none.
-      name: that stands for the path, such as `scene:car_drive`; empty if none does.
-      places: where it says that.
+      reset: the initial state of episodes.
+      derived: `current` or `lagged`: the instant of the observed quantities that MuJoCo derives from the state.
+      path: of its document; None without one.
+      name: replaces the path in messages, such as `scene:car_drive`; empty for none.
+      places: its positions in the document.
 
     Raises:
-      UsageError: values that cannot be, or names that stand twice.
+      UsageError: invalid values, or names that are used twice.
     """
 
     model: Source
@@ -56,9 +174,9 @@ class Task(Source):
     duration: Fraction
     observations: tuple[Observation, ...]
     actions: tuple[Action, ...]
-    rewards: Mapping[str, Reward] = field(default_factory=dict)
-    commands: Mapping[str, Command] = field(default_factory=dict)
-    terminations: Mapping[str, Termination] = field(default_factory=dict)
+    rewards: Mapping[str, Reward] = field(default_factory=dict[str, Reward])
+    commands: Mapping[str, Command] = field(default_factory=dict[str, Command])
+    terminations: Mapping[str, Termination] = field(default_factory=dict[str, Termination])
     reset: Reset = field(default_factory=Reset)
     derived: str = CURRENT
     path: Path | None = None
@@ -99,8 +217,8 @@ class Task(Source):
             "places": places,
             "overrides": tuple(overrides),
         }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        for attribute, value in values.items():
+            object.__setattr__(self, attribute, value)
         self._check()
 
     def __hash__(self) -> int:
@@ -125,7 +243,7 @@ class Task(Source):
 
     @property
     def tables(self) -> list[Path]:
-        """The tables that commands come from."""
+        """The tables of commands."""
         return [Path(command.table) for command in self.commands.values() if command.table is not None]
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
@@ -143,26 +261,15 @@ class Task(Source):
         """The source of the model alone, with all overrides."""
         return replace(self.model, overrides=(*self.model.overrides, *self.overrides))
 
-    @contextmanager
-    def located(self) -> Generator[None]:
-        """Tells of mistakes in the task where they are written: what looks closer at it does so within.
-
-        Raises:
-          UsageError: the one raised within, at its line of the document if there is one.
-        """
-        try:
-            yield
-        except UsageError as error:
-            located = self.places.located(error) if self.places else error
-            if located is error:
-                raise
-            raise located from error
+    def located(self) -> LocatedErrors:
+        """Reports errors raised within at the positions where the task is written."""
+        return LocatedErrors(self.places)
 
     def control_steps(self, model: mujoco.MjModel) -> int:
-        """How many steps of the physics a control period has.
+        """Returns the number of physics steps in a control period.
 
         Raises:
-          UsageError: it is no whole number.
+          UsageError: the control period is not a whole number of timesteps.
         """
         timestep = rational(model.opt.timestep)
         steps = self.control_dt / timestep
@@ -173,22 +280,22 @@ class Task(Source):
 
     @property
     def periods(self) -> int:
-        """How many control periods an episode has at most: the last one ends at or after its duration."""
+        """The most control periods of an episode: the last one ends at or after its duration."""
         return -(-self.duration // self.control_dt)
 
     def _check(self) -> None:
         if self.periods > MOST_PERIODS:
-            count = f"{float(self.duration):g} s are more than {MOST_PERIODS:,} control periods"
-            raise UsageError(f"{option('duration')}: {count}, which is the most that an episode has")
+            limit = f"{float(self.duration):g} s exceed the limit of {MOST_PERIODS:,} control periods"
+            raise UsageError(f"{option('duration')}: {limit}")
         if self.derived not in DERIVED:
             raise BadValueError(option("derived"), self.derived, f"one of {', '.join(DERIVED)}")
         if not self.observations:
-            raise UsageError(f"{option('observations')}: a policy must observe something")
+            raise UsageError(f"{option('observations')}: a policy needs at least one observation")
         names: set[str] = set()
         for index, term in enumerate(self.observations):
             with concerning("observations", index, "name"):
                 if term.name in names:
-                    raise UsageError(f"two observations are called {quoted(term.name)}")
+                    raise UsageError(f"two observations have the name {quoted(term.name)}")
             names.add(term.name)
             if term.command is not None and term.command not in self.commands:
                 with concerning("observations", index, "command"):
@@ -196,7 +303,41 @@ class Task(Source):
         for name in RESERVED:
             if name in self.terminations:
                 with concerning("terminations", name):
-                    raise UsageError(f"{name} is a termination that every task has; call this one otherwise")
+                    raise UsageError(f"{name} is a termination of every task; choose another name")
+
+
+def _check_random(text: str, place: str, path: tuple[str | int, ...], *, is_number: bool = True) -> None:
+    """Checks that `text` is a distribution, or a single value.
+
+    Args:
+      place: its name in messages.
+      path: of the option.
+      is_number: whether its values must be numbers.
+
+    Raises:
+      UsageError: it is neither.
+    """
+    try:
+        distribution = parse_distribution(text, place)
+        if is_number:
+            _ = [float(value) for value in (distribution.arguments if distribution else (text,))]
+        elif distribution is None and not text.strip():
+            raise ValueError
+    except UsageError as error:
+        error.path = path
+        raise
+    except ValueError:
+        message = f"{place}: {clean(text)} is neither a number nor a distribution such as uniform(-0.1, 0.1)"
+        raise UsageError(message, path) from None
+
+
+def _require_one(term: Observation | Action | Command, names: tuple[str, ...], what: str) -> None:
+    """Checks that exactly one of the options `names` is given."""
+    given = [name for name in names if is_given(term, name)]
+    if len(given) != 1:
+        rest = f", not {' and '.join(map(option, given))}" if given else ""
+        path = (given[1] if given else names[0],)
+        raise UsageError(f"{what} one of {', '.join(map(option, names))}{rest}", path)
 
 
 def _seconds(name: str, value: float | str | Fraction) -> Fraction:

@@ -1,4 +1,4 @@
-"""Steps through one episode of a task, and to every physics step in it."""
+"""A stepper through one episode of a task, to every physics step in it."""
 
 import copy
 
@@ -14,22 +14,23 @@ from mjrun.task.worlds import TaskWorlds
 
 
 class TaskStepper:
-    """The episode of a task that starts with `seed`; `actor` acts. It is bit for bit that of `TaskWorlds.step`.
+    """A stepper through the episode of a task that starts with `seed`; `actor` acts.
 
-    The policy is asked on arriving at a control instant, so that the controls which act from there on are known at
-    that instant. Beyond the end of the episode the simulation goes on without a reset.
+    The episode is bit for bit that of `TaskWorlds.step`. The policy is asked on arrival at a control instant, so that
+    the controls in force from there on are known at that instant. Beyond the end of the episode the simulation
+    continues without a reset.
 
     Args:
-      worlds: a single one.
+      worlds: with a single world.
       policy: its name, for messages.
-      pushes: forces on bodies besides those of the task.
+      pushes: forces on bodies in addition to those of the task.
 
     Attributes:
       model: a copy of that of the episode.
-      step: where it stands.
+      step: the current one.
       names: of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
-      periods: control periods that were completed, up to the end of the episode.
+      periods: completed control periods, up to the end of the episode.
 
     Raises:
       SimulationError: the policy failed.
@@ -70,7 +71,7 @@ class TaskStepper:
             self._take(until - self.step)
 
     def edit(self, values: np.ndarray, spec: int) -> None:
-        """Changes parts of the state at this step; controls are the policy's again at the next control instant.
+        """Changes parts of the state at this step; the policy sets the controls again at the next control instant.
 
         Args:
           values: the parts `(size,)` that `spec` names by `mjtState` bits.
@@ -101,7 +102,7 @@ class TaskStepper:
         return self._initial
 
     def _take(self, count: int) -> None:
-        """Takes steps within a control period; at the end of it the policy is asked again."""
+        """Takes steps within a control period, and asks the policy at its end."""
         before = self.state()
         self._worlds.advance(count)
         if self._worlds.is_unstable(0):
@@ -112,7 +113,7 @@ class TaskStepper:
         self._arrive()
 
     def _finish_period(self) -> None:
-        """Arrives at a control instant. What comes after the end of the episode does not count for its return."""
+        """Computes the control instant at the end of a period; after the end of the episode the return stays."""
         result = self._worlds.finish()
         reward, total = float(result.rewards[0]), self._now.total
         if self._ending is None:
@@ -123,14 +124,14 @@ class TaskStepper:
         self._now = ControlInstant(observation, action, reward, result.reward_terms[0], total, self._ending)
 
     def _ask(self, observation: np.ndarray) -> np.ndarray:
-        """Asks the policy, and puts its answer in force."""
+        """Asks the policy, and puts its action in force."""
         time = self.step * self._timestep
         action = ask(self._actor, observation, self.names.actions, self.step, time, self._policy)
         self._worlds.begin(action[None])
         return action
 
     def _arrive(self) -> None:
-        """Puts the inputs that belong to this step in force."""
+        """Puts the inputs of this step in force."""
         self._worlds.hold()
         self._instant_step = -1
         if self._pushes:
@@ -139,7 +140,7 @@ class TaskStepper:
             self.edit(forces.ravel(), state.APPLIED_FORCES)
 
     def _failure(self, before: np.ndarray, count: int) -> SimulationError:
-        """What went wrong in `count` steps from the state `before`."""
+        """Returns the error that occurred within `count` steps from the state `before`."""
         data = mujoco.MjData(self.model)
         state.restore(self.model, data, before)
         physics = PhysicsStepper(self.model, data)
@@ -148,5 +149,5 @@ class TaskStepper:
             physics.advance(self.step + count)
         except SimulationError as error:
             return error
-        # It did under controls that follow the state at every step.
+        # It occurred under controls that follow the state at every step.
         return UnstableError(self.step, self.step * self._timestep, "the position", "a joint", self._timestep)

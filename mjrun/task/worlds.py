@@ -1,8 +1,8 @@
 """Worlds of a task side by side: any number of episodes at once, stepped in C on all cores.
 
 An episode is a function of the task, its seed and the actions: neither the number of worlds nor that of threads changes
-a bit of it. At control instant k a policy observes and acts; the action is held for a control period; at instant k+1
-rewards and terminations follow from what holds there, with the action and the commands that were in force.
+a bit of it. At control instant k a policy observes and acts; the action holds for a control period; rewards and
+terminations are computed at instant k+1, with the action and the commands that were in force.
 """
 
 import math
@@ -15,7 +15,6 @@ from mujoco.batch import Batch
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.errors import ModelError, UsageError, clean
-from mjrun.model import state
 from mjrun.model.fingerprint import model_fingerprint
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
@@ -44,46 +43,44 @@ from mjrun.task.observation_vector import ObservationPlan, ObservationVector, Ob
 from mjrun.task.task import Task
 
 Ids = Sequence[int] | np.ndarray
-SQUARE = mujoco.mjMAXVAL**2  # while the sum of squares is below, every number is below MuJoCo's limit
+SQUARE = mujoco.mjMAXVAL**2  # a sum of squares below it has no number beyond MuJoCo's limit
 
 
 class TaskStep(NamedTuple):
-    """What has come of a control period in k worlds; in one world alone where the axis of worlds is missing.
+    """The results of a control period in k worlds; in a single world where the axis of worlds is missing.
 
     Attributes:
-      observations: at its end `(k, nobs)`. Those of a world that has become unstable are of its start.
-      rewards: for it `(k,)`, the sums of the terms; 0 where the world has become unstable.
+      observations: at its end `(k, nobs)`. Those of a world that became unstable are of its start.
+      rewards: for the period `(k,)`, the sums of the terms; 0 where the world became unstable.
       reward_terms: weighted `(k, nterms)`.
-      codes: which of `endings` ended each episode `(k,)`; −1 where it goes on.
-      endings: all that there can be.
+      codes: the index in `endings` of the ending of each episode `(k,)`; −1 where it continues.
+      endings: all possible endings.
     """
 
     observations: np.ndarray
     rewards: Any
     reward_terms: Any
     codes: Any
-    endings: "Endings"
+    endings: Endings
 
     @property
     def ended(self) -> tuple[Ending | None, ...]:
-        """How the episode ended in each world; None where it goes on."""
-        if not self.over.any():
-            return (None,) * len(self.codes)
-        return tuple(None if code == RUNNING else self.endings[code] for code in self.codes.tolist())
+        """The ending of the episode in each world; None where it continues."""
+        return _endings_of(self.codes, self.endings)
 
     @property
     def over(self) -> Any:
-        """Where the episode has ended `(k,)` bool."""
+        """The worlds whose episode has ended, as a mask `(k,)`."""
         return self.codes != RUNNING
 
     @property
     def terminated(self) -> Any:
-        """Where it ended by what happened in it `(k,)` bool."""
+        """The worlds in which a termination ended the episode, as a mask `(k,)`."""
         return self.endings.terminated[self.codes]
 
     @property
     def truncated(self) -> Any:
-        """Where it was cut short `(k,)` bool."""
+        """The worlds in which the time limit ended the episode, as a mask `(k,)`."""
         return self.endings.truncated[self.codes]
 
 
@@ -92,26 +89,24 @@ class TaskWorlds:
 
     Args:
       task: with its model.
-      count: how many.
-      threads: as many as there are cores when 0.
+      count: the number of worlds.
+      threads: one for each core when 0.
 
     Attributes:
-      observation_names, action_names, reward_names: of the numbers that go in and out.
-      observed: all about each number of the observations.
-      actions: what each number of the action drives.
+      observed: the source and the processing of each number of an observation.
+      actions: the actuator of each number of an action.
       commands: their names and values.
-      endings: how episodes can end.
       control_steps: physics steps in a control period.
 
     Raises:
-      UsageError: something in the task does not fit its model; the path says where it is written.
-      ModelError: the model cannot be had.
+      UsageError: a part of the task does not fit its model; the error's path locates it.
+      ModelError: the model cannot be loaded.
       FileError: a table of commands cannot be read.
     """
 
     def __init__(self, task: Task, count: int, threads: int = 0) -> None:
         if count < 1:
-            raise ValueError("there must be a world")
+            raise ValueError("the number of worlds must be at least 1")
         self.task, self.count = task, count
         with task.located():
             self._prepare(threads)
@@ -120,7 +115,7 @@ class TaskWorlds:
         self._seeds = np.zeros(count, np.int64)
         self._begun = np.zeros(count, bool)
         self._instants = np.zeros(count, int)  # control instants since the reset
-        self._actions = np.zeros((count, len(self.action_names)))  # in force, as the policy gave them
+        self._actions = np.zeros((count, len(self.action_names)))  # in force, as returned by the policy
         self._targets = np.zeros_like(self._actions)
         self._observed = np.zeros((count, len(self.observed)))
         self._start_codes = np.full(count, RUNNING)
@@ -130,49 +125,49 @@ class TaskWorlds:
 
     @property
     def observation_names(self) -> list[str]:
-        """Of the numbers of an observation."""
+        """The names of the numbers of an observation."""
         return [number.name for number in self.observed]
 
     @property
     def action_names(self) -> list[str]:
-        """Of the numbers of an action: actuators or joints."""
+        """The names of the numbers of an action: actuators or joints."""
         return self.actions.names
 
     @property
     def reward_names(self) -> list[str]:
-        """Of the terms of the reward."""
+        """The names of the terms of the reward."""
         return [*self.task.rewards]
 
     @property
-    def endings(self) -> "Endings":
-        """How episodes can end."""
+    def endings(self) -> Endings:
+        """All possible endings of episodes."""
         return self._expressions.endings
 
     @property
     def ended_at_start(self) -> tuple[Ending | None, ...]:
-        """Which termination held in each world at its last reset, before anything was done; None where none did."""
-        return tuple(None if code == RUNNING else self.endings[code] for code in self._start_codes.tolist())
+        """The termination that held in each world right after its last reset; None where none did."""
+        return _endings_of(self._start_codes, self.endings)
 
     @property
     def world_bytes(self) -> int:
-        """About how much memory each world takes: its model, if it has one, and its MjData in a persistent batch."""
+        """The approximate memory of a world [bytes]: its own model, if any, and its MjData in a persistent batch."""
         model = 0 if self._models.is_one else 2 * mujoco.mj_sizeModel(self._first)  # as compiled, and as varied
         data = mujoco.MjData(self._first).nbuffer if self._is_persistent else 0
         return model + data
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles are made again from the task, and go on where these worlds stand, to the last bit."""
+        """Copies and pickles are built from the task, and continue from the current instant, to the last bit."""
         return type(self), (self.task, self.count, self._threads), self._saved()
 
     def __setstate__(self, saved: Mapping[str, Any]) -> None:
-        """Goes on where other worlds of the task stood.
+        """Continues from the instant of other worlds of the task.
 
         Raises:
-          ModelError: the model is not theirs.
+          ModelError: their model is a different one.
         """
         if model_fingerprint(self._first) != saved["model"]:
             what = clean(self.task.model_source.text) or "the model"
-            raise ModelError(f"{what} is not the model of the environment that was copied: its file has changed since")
+            raise ModelError(f"{what} is not the model of the copied environment: its file has changed since")
         for array, values in zip(self._memory, saved["memory"], strict=True):
             array[...] = values
         self._observations.noise[:] = saved["noise"]
@@ -185,22 +180,22 @@ class TaskWorlds:
             self._batch.set_models([variant.model for variant in self._each])
 
     def model(self, world: int) -> mujoco.MjModel:
-        """The model of a world's episode until the next one begins there; not to be changed."""
+        """Returns the model of a world, valid until its next episode begins; it must not be changed."""
         if self._own is self._models:
             return self._each[world].model
         return self._own.model(int(self._seeds[world]))
 
     def state(self, world: int) -> np.ndarray:
-        """The integration state `(nstate,)` of a world, as a new array."""
-        return self._batch.state[world].copy()
+        """Returns the integration state `(nstate,)` of a world, as a new array."""
+        return self._state[world].copy()
 
     # --- episodes ----------------------------------------------------------------------------------
 
     def reset(self, seeds: Sequence[int] | np.ndarray, ids: Ids | None = None) -> np.ndarray:
-        """Begins an episode in each of the worlds `ids`, or of all.
+        """Begins an episode in each of the worlds `ids`, or in all.
 
         Args:
-          seeds: of the episodes `(k,)`, whole numbers from 0 on.
+          seeds: of the episodes `(k,)`, integers from 0.
 
         Returns:
           The first observations `(k, nobs)`.
@@ -209,7 +204,10 @@ class TaskWorlds:
         if len(seeds) != len(worlds):
             raise ValueError(f"{len(seeds)} seeds for {len(worlds)} worlds")
         with self.task.located():
-            self._load([int(seed) for seed in seeds], worlds)
+            for seed, world in zip(seeds, worlds.tolist(), strict=True):
+                self._load(int(seed), world)
+            if not self._models.is_one:
+                self._batch.set_models([variant.model for variant in self._each])
         rows, some = (ALL, None) if ids is None else (worlds, worlds)
         chosen = _sorted(ids)
         self._instants[worlds], self._actions[worlds] = 0, 0
@@ -227,22 +225,22 @@ class TaskWorlds:
         return observed
 
     def step(self, actions: np.ndarray, ids: Ids | None = None) -> TaskStep:
-        """A control period of the worlds `ids`, or of all: `begin`, `advance` and `finish`.
+        """Steps the worlds `ids`, or all, by a control period: `begin`, `advance` and `finish`.
 
         Raises:
-          ValueError: actions are not finite or do not fit, or an episode is over or has not begun.
+          ValueError: an action is not finite or has the wrong shape, or an episode is over or has not begun.
         """
         self.begin(actions, ids)
         self._advance(self.control_steps, ids, self._stage)
         return self._finish(ids)
 
     def begin(self, actions: np.ndarray, ids: Ids | None = None) -> None:
-        """Puts actions `(k, nact)` in force; raises what `step` does."""
+        """Puts actions `(k, nact)` in force; raises the errors of `step`."""
         rows = ALL if ids is None else np.asarray(ids, int)
         actions = np.asarray(actions, float)
         shape = (self.count if ids is None else len(ids), *self._actions.shape[1:])
         if actions.shape != shape:
-            raise ValueError(f"actions are {' x '.join(map(str, shape))} numbers, not {actions.shape}")
+            raise ValueError(f"actions must have the shape {shape}, not {actions.shape}")
         if self._over[rows].any():
             raise ValueError("an episode is over, or has not begun: reset it")
         self._require_finite(actions, rows)
@@ -251,11 +249,11 @@ class TaskWorlds:
         self._torques.apply(targets, self._ctrl, rows)
 
     def advance(self, steps: int, ids: Ids | None = None) -> None:
-        """Takes steps of the physics, under the actions in force."""
+        """Takes physics steps under the actions in force."""
         self._advance(steps, ids, NONE)
 
     def finish(self, ids: Ids | None = None) -> TaskStep:
-        """What has come of the control period, whose `control_steps` steps are taken."""
+        """Returns the results of the control period after its `control_steps` steps."""
         if self._stage != NONE:
             some = _sorted(ids)
             self._call(lambda: self._batch.forward(some, self._stage))
@@ -264,37 +262,37 @@ class TaskWorlds:
     # --- step by step ------------------------------------------------------------------------------
 
     def hold(self) -> None:
-        """Puts the controls in force that the next step takes: those that hold targets follow the state."""
+        """Updates the controls that hold position and velocity targets from the current state, for the next step."""
         if self._torques.is_needed:
             self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
 
     def put(self, world: int, whole: np.ndarray) -> None:
-        """Puts a world into the integration state `whole` `(nstate,)`, whatever it has come from."""
-        self._batch.state[world] = whole
+        """Puts a world into the integration state `whole` `(nstate,)`."""
+        self._state[world] = whole
 
     def is_unstable(self, world: int) -> bool:
-        """Whether MuJoCo has given up on a world, or should have."""
+        """Returns whether a world is unstable: MuJoCo reported it, or its numbers exceed MuJoCo's limit."""
         return bool(self._unstable(np.array([world]))[0])
 
     def resume(self) -> None:
-        """Lets episodes go on that are over, unless they are unstable: without a reset, as if they were not."""
+        """Lets finished episodes continue without a reset, unless they are unstable."""
         self._over[:] = False
 
     # --- copies ------------------------------------------------------------------------------------
 
     @property
     def _memory(self) -> list[np.ndarray]:
-        """All that steps change, but for the generators of noise."""
+        """All arrays that steps change; the generators of noise are separate."""
         own = [self._seeds, self._begun, self._instants, self._actions, self._targets, self._observed]
-        own += [self._start_codes, self._over, self._failed, self._batch.state, self._batch.warning]
+        own += [self._start_codes, self._over, self._failed, self._state, self._counters]
         parts = self.commands, self._expressions, self._observations, self._measurement
         return [*own, *(array for part in parts for array in part.memory)]
 
     def _saved(self) -> dict[str, Any]:
         if self._first.opt.enableflags & SLEEP and not self._over.all():
             raise UsageError(
-                "an environment in which bodies sleep cannot be copied within an episode: MuJoCo's state does not hold "
-                "which of them do\ncopy it before reset() or after the end of the episode"
+                "an environment with sleeping bodies cannot be copied within an episode: MuJoCo's state does not "
+                "include which bodies sleep\ncopy it before reset() or after the end of the episode"
             )
         memory = [array.copy() for array in self._memory]
         return {"model": model_fingerprint(self._first), "memory": memory, "noise": [*self._observations.noise]}
@@ -302,7 +300,7 @@ class TaskWorlds:
     # --- within ------------------------------------------------------------------------------------
 
     def _prepare(self, threads: int) -> None:
-        """Looks up every name of the task, and makes the worlds."""
+        """Looks up every name of the task, and creates the worlds."""
         task, count = self.task, self.count
         spec, model = task.compile()
         self.control_steps = task.control_steps(model)
@@ -317,17 +315,18 @@ class TaskWorlds:
         self._starts = EpisodeStarts(task.reset, model)
 
         self._of_terms = len(plan.measured)
-        # A sensor's share of a step comes before the stages of RK4, behind which a step leaves everything else.
+        # RK4: a step computes sensors before its stages, and leaves everything else as of the last stage.
         is_rk4 = model.opt.integrator == RK4 or any(path == "opt.integrator" for path, _ in task.reset.vary)
         sensible = can_sense(spec, model) and not (is_rk4 and task.derived == LAGGED)
         measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
-        each = self._each  # no method of these worlds: that would be a cycle, which only Python's collector frees
+        each = self._each  # a bound method would be a reference cycle, which only Python's collector frees
         self._measurement = Measurement(self._batch, measured, lambda world: each[world].model)
+        self._state = self._batch.state
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._counters = self._batch.warning
         self._warnings = self._counters[:, min(BAD) : max(BAD) + 1, 1]
-        self._motion = self._batch.state[:, slice(*_ends(model, "qpos", "qvel"))]
+        self._motion = self._state[:, 1 : 1 + model.nq + model.nv]  # qpos and qvel, after the time
         rotations = self._batch.bind("xmat") if plan.frames else None
         stage = max(measured.stage, POSITION if plan.frames else NONE)
         self._stage, at_start = (stage, stage) if task.derived == CURRENT else (NONE, ACCELERATION)
@@ -337,10 +336,10 @@ class TaskWorlds:
         self._all = np.arange(count)
 
     def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch:
-        """The worlds, on models that compute all that is measured."""
+        """Creates the worlds, on models that compute all measured quantities."""
 
         def prepare(model: mujoco.MjModel) -> None:
-            model.opt.disableflags |= AUTORESET  # an unstable world ends instead
+            model.opt.disableflags |= AUTORESET  # an unstable world ends its episode instead
             model.opt.enableflags |= ENERGY if plan.needs_energy else 0
 
         task, source = self.task, self.task.model_source
@@ -350,27 +349,24 @@ class TaskWorlds:
         first = self._models.variant(0)
         self._first = first.model
         self._each = [first] * self.count
-        self._is_persistent = plan.is_whole or bool(model.opt.enableflags & SLEEP)
+        self._is_persistent = plan.needs_data or bool(model.opt.enableflags & SLEEP)
         return Batch(self._first, self.count, threads if self.count > 1 else 1, self._is_persistent)
 
-    def _load(self, seeds: Sequence[int], worlds: np.ndarray) -> None:
-        """Puts the models and states at the start of episodes into their worlds."""
-        for seed, world in zip(seeds, worlds.tolist(), strict=True):
-            variant = self._each[world]
-            if not self._models.is_one:
-                if variant.model is not self._first:
-                    self._models.reuse(variant)
-                variant = self._each[world] = self._models.variant(seed)
-            self._seeds[world], self._begun[world] = seed, True
-            self._batch.state[world] = self._starts.state(variant, seed)
-            self._torques.begin(world, variant.model)
-            self.commands.begin(world, seed)
-            self._observations.begin_episode(world, seed)
+    def _load(self, seed: int, world: int) -> None:
+        """Puts the initial state of an episode into a world, and draws its model, commands and noise."""
+        variant = self._each[world]
         if not self._models.is_one:
-            self._batch.set_models([variant.model for variant in self._each])
+            if variant.model is not self._first:
+                self._models.reuse(variant)
+            variant = self._each[world] = self._models.variant(seed)
+        self._seeds[world], self._begun[world] = seed, True
+        self._state[world] = self._starts.state(variant, seed)
+        self._torques.begin(world, variant.model)
+        self.commands.begin(world, seed)
+        self._observations.begin(world, seed)
 
     def _advance(self, steps: int, ids: Ids | None, stage: int) -> None:
-        """Takes steps, and computes what is derived of the state up to `stage`."""
+        """Takes steps, and computes derived quantities up to `stage`."""
         some = _sorted(ids)
         if not self._torques.is_needed:
             self._call(lambda: self._batch.step(some, steps, stage))
@@ -383,7 +379,7 @@ class TaskWorlds:
             self._call(lambda last=last: self._batch.step(some, 1, stage if last else NONE))
 
     def _call(self, call: Callable[[], None]) -> None:
-        """Makes a call of the batch; worlds in which MuJoCo gives up have failed."""
+        """Calls the batch; worlds in which MuJoCo raises an error are marked as failed."""
         try:
             with without_timers():
                 call()
@@ -415,17 +411,17 @@ class TaskWorlds:
         return TaskStep(observed, _sum(terms, len(worlds)), terms.T, codes, self.endings)
 
     def _is_surely_stable(self, rows: Rows) -> bool:
-        """Whether all of these worlds are stable, as far as a glance tells: if it does not, `_unstable` does."""
+        """Returns True only if all of these worlds are stable; where False, `_unstable` decides for each."""
         motion = self._motion[rows]
         return np.vdot(motion, motion) < SQUARE and not self._has_failed and not self._warnings[rows].any()
 
     def _unstable(self, rows: Rows) -> np.ndarray:
-        """Which worlds MuJoCo has given up on, or should have `(k,)` bool."""
+        """Returns the unstable worlds as a mask `(k,)`; see `is_unstable`."""
         stable = (np.abs(self._motion[rows]) <= mujoco.mjMAXVAL).all(axis=-1)
         return self._failed[rows] | self._warnings[rows].any(axis=-1) | ~stable
 
     def _measure(self, rows: Rows) -> np.ndarray:
-        """All columns of the model that are needed `(k, …)`."""
+        """Returns all columns of the model that terms and expressions read `(k, columns)`."""
         measured = np.empty((len(self._all[rows]), self._measurement.count))
         self._measurement.read(rows, measured)
         return measured
@@ -435,7 +431,7 @@ class TaskWorlds:
         return Inputs(instants, self._actions[worlds], self.commands.at(worlds, instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
-        if math.isfinite(np.vdot(actions, actions)):  # a sum of squares is finite only if all of them are
+        if math.isfinite(np.vdot(actions, actions)):  # a sum of squares is finite only if every number is
             return
         finite = np.isfinite(actions)
         if finite.all():
@@ -447,19 +443,16 @@ class TaskWorlds:
 
 
 def _sorted(ids: Ids | None) -> np.ndarray | None:
-    """The ids as a batch takes them."""
+    """Returns the ids in ascending order, as a batch requires."""
     return None if ids is None else np.sort(np.asarray(ids, int))
 
 
-def _ends(model: mujoco.MjModel, first: str, last: str) -> tuple[int, int]:
-    """Where in an integration state neighbouring fields begin and end."""
-    fields = state.fields(state.sizes(model))
-    places = [fields[name] for name in (first, last) if name in fields]
-    return (places[0].start, places[-1].stop) if places else (0, 0)
+def _endings_of(codes: np.ndarray, endings: Endings) -> tuple[Ending | None, ...]:
+    return tuple(None if code == RUNNING else endings[code] for code in codes.tolist())
 
 
 def _sum(terms: np.ndarray, count: int) -> np.ndarray:
-    """The sum of `(nterms, k)`, term by term, so that it is the same for every k."""
+    """Returns the sum of `(nterms, k)`, term by term, so that it is the same for every k."""
     total = np.zeros(count)
     for term in terms:
         total += term

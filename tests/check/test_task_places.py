@@ -9,8 +9,7 @@ from mjrun.check.rule import Place
 from mjrun.check.task_episodes import TaskPlaces, place_of
 from mjrun.document.task import read_task
 from mjrun.errors import Problem
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation
+from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
 from tests.check.tasks import HEAD, SLIDER
 

@@ -13,8 +13,7 @@ from mjrun.document import task as task_module
 from mjrun.document.json_schema import json_schema
 from mjrun.document.task import read_task
 from mjrun.errors import DocumentError, FileError, UsageError, concerning
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation, Reset, Reward, Termination
+from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
 from tests.document.schema_oracle import fits
 
 EXAMPLE = (task_module.__doc__ or "").split("```yaml")[1].split("```")[0]
@@ -213,7 +212,7 @@ def test_the_name_in_python_is_the_function() -> None:
             "6:39: commands.goal.table: a command comes from one of constant, table, schedule, random, "
             "not constant and table",
         ),
-        ("commands: {goal: {constant: 1, every: 2}}", "6:39: commands.goal.every: every goes with random"),
+        ("commands: {goal: {constant: 1, every: 2}}", "6:39: commands.goal.every: every applies only with random"),
         ("commands: {goal: {schedule: [[1, 2]]}}", "6:29: commands.goal.schedule: '[1, 2]' is not a list of [time,"),
         ("commands: {goal: {random: [a]}}", "6:28: commands.goal.random[0]: a is neither a number nor a distribution"),
         ("rewards: {far: {weight: 2}}", "6:16: rewards.far: 'value' is missing"),
@@ -226,7 +225,7 @@ def test_the_name_in_python_is_the_function() -> None:
         ),
         (
             "terminations: {timeout: {when: a > 1, as: success}}",
-            "6:25: terminations.timeout: timeout is a termination that every task has; call this one otherwise",
+            "6:25: terminations.timeout: timeout is a termination of every task; choose another name",
         ),
     ],
 )
@@ -250,7 +249,7 @@ def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
             "5:43: observations[0].value: an observation is taken from one of probe, joints, action, command, phase, "
             "value, not phase and value",
         ),
-        ("observations: [{name: a, probe: qpos, of: qvel}]", "5:43: observations[0].of: of goes with joints"),
+        ("observations: [{name: a, probe: qpos, of: qvel}]", "5:43: observations[0].of: of applies only with joints"),
         ("observations: [{name: a, probe: b, delay: -1}]", "5:43: observations[0].delay: expected a number of at"),
         (
             "observations: [{name: a, probe: qpos, history: 0}]",
@@ -266,7 +265,7 @@ def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
         ),
         (
             "observations: [{name: a, probe: qpos}, {name: a, probe: qvel}]",
-            "5:47: observations[1].name: two observations are called 'a'",
+            "5:47: observations[1].name: two observations have the name 'a'",
         ),
         ("observations: {name: a}", "5:15: observations: expected a list, got a mapping"),
     ],
@@ -286,17 +285,17 @@ def test_what_is_wrong_with_an_observation_is_told_where_it_is(text: str, expect
             "actions: [{actuators: a, joints: b}]",
             "5:34: actions[0].joints: actuators and joints exclude each other: an action drives one of the two",
         ),
-        ("actions: [{joints: a}]", "5:11: actions[0].target: say the target of joints: control, position, velocity or"),
+        ("actions: [{joints: a}]", "5:11: actions[0].target: joints requires a target: control, position, velocity or"),
         (
             "actions: [{joints: a, target: force}]",
             "5:31: actions[0].target: expected 'control', 'position', 'velocity'",
         ),
         (
             "actions: [{actuators: a, target: torque}]",
-            "5:34: actions[0].target: a target torque is one of joints",
+            "5:34: actions[0].target: target torque applies only with joints",
         ),
-        ("actions: [{joints: a, target: position, kd: 1}]", "5:31: actions[0].target: the target position takes kp"),
-        ("actions: [{joints: a, target: torque, kp: 1}]", "5:43: actions[0].kp: kp is no gain of the target torque"),
+        ("actions: [{joints: a, target: position, kd: 1}]", "5:31: actions[0].target: the target position requires kp"),
+        ("actions: [{joints: a, target: torque, kp: 1}]", "5:43: actions[0].kp: kp is not a gain of the target torque"),
         (
             "actions: [{actuators: a, squash: tan}]",
             "5:34: actions[0].squash: expected 'none' or 'tanh', got 'tan' (did",

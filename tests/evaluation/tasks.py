@@ -9,8 +9,7 @@ from mjrun.evaluation import schedule
 from mjrun.evaluation.episode import Episode
 from mjrun.evaluation.player import player_of
 from mjrun.evaluation.schedule import Chunk
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation, Reset, Termination
+from mjrun.task.task import Action, Observation, Reset, Task, Termination
 
 XML = """
 <mujoco>

@@ -17,7 +17,7 @@ from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.result import SCHEMA, EvaluationResult
 from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.table import FILES
-from mjrun.task.terms import Reward
+from mjrun.task.task import Reward
 from tests.document.schema_oracle import fits
 from tests.evaluation.tasks import XML, cart_task, play_here, write_policies
 from tests.policy.networks import linear

@@ -17,8 +17,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
-from mjrun.task.task import Task
-from mjrun.task.terms import Reset, Termination
+from mjrun.task.task import Reset, Task, Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.evaluation.tasks import cart_task, write_policies
 

@@ -22,8 +22,7 @@ import mjrun
 import mjrun.gym
 from mjrun.errors import ModelError
 from mjrun.gym.environment import SQUASHED, action_space, observation_space, task_of
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation
+from mjrun.task.task import Action, Observation, Task
 from mjrun.task.worlds import TaskWorlds
 from tests.gym.tasks import CART, write_cart
 
@@ -113,7 +112,7 @@ def test_a_document_and_a_model_that_are_edited_change_nothing_of_what_runs(tmp_
     (tmp_path / "cart.xml").write_text(CART.replace('gear="2"', 'gear="3"'))
     after = other.reset(seed=3)[0], other.step(np.ones(2))
     np.testing.assert_equal(after, before)
-    with pytest.raises(ModelError, match=r"cart\.xml is not the model of the environment that was copied"):
+    with pytest.raises(ModelError, match=r"cart\.xml is not the model of the copied environment"):
         copy.deepcopy(other)
 
 

@@ -14,8 +14,7 @@ from mjrun.policy.agreement import check_agreement
 from mjrun.policy.load import ZeroPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation
+from mjrun.task.task import Action, Command, Observation, Task
 from tests.policy.networks import linear
 
 MODEL = """

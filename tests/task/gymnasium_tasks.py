@@ -7,8 +7,7 @@ import gymnasium
 import mujoco
 
 from mjrun.probe.select import selected_columns
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation, Reset, Reward, Termination
+from mjrun.task.task import Action, Observation, Reset, Reward, Task, Termination
 
 ASSETS = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
 MOTORS = [Action(actuators="*")]

@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.task.action_map import ActionMap, TargetTorques
-from mjrun.task.terms import Action
+from mjrun.task.task import Action
 
 MODEL = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><body><freejoint name="root"/><geom size=".1"/>
@@ -72,10 +72,10 @@ def test_torques_hold_targets_by_the_formula() -> None:
     [
         (Action(actuators=["h", "q"]), "no actuator 'q'", ("actuators", 1)),
         (Action(joints="idle", target="torque"), "0 actuators, not one", ("joints", 0)),
-        (Action(joints="wheel", target="torque"), "is no motor", ("target",)),
+        (Action(joints="wheel", target="torque"), "is not a motor", ("target",)),
         (Action(actuators="*", scale=[1, 2]), "one number, or 3", ("scale",)),
         (Action(actuators="*", offset="hom"), "no keyframe 'hom'", ("offset",)),
-        (Action(joints="hip", target="torque", offset="home"), "holds no torques", ("offset",)),
+        (Action(joints="hip", target="torque", offset="home"), "does not store torques", ("offset",)),
     ],
 )
 def test_what_does_not_fit_is_told_where_it_stands(action: Action, message: str, path: tuple[str | int, ...]) -> None:

@@ -9,7 +9,7 @@ import pytest
 from mjrun.errors import UsageError
 from mjrun.task.command_signals import CommandSignals
 from mjrun.task.random_streams import COMMANDS, stream
-from mjrun.task.terms import Command
+from mjrun.task.task import Command
 
 DT = Fraction(1, 10)
 
@@ -69,6 +69,6 @@ def test_tables_that_cannot_be_used_are_refused(tmp_path: Path, content: str, me
 
 
 def test_new_values_come_at_control_instants() -> None:
-    with pytest.raises(UsageError, match="no whole number of control periods") as caught:
+    with pytest.raises(UsageError, match="is not a whole number of control periods") as caught:
         signals(goal=Command(random="uniform(0, 1)", every=0.25))
     assert caught.value.path == ("commands", "goal", "every")

@@ -13,8 +13,7 @@ from mjrun.model.sources.gym import GymSource
 from mjrun.physics.initial_state import InitialState
 from mjrun.probe.fields import field_probe
 from mjrun.task.description import SECTIONS, describe_environment, describe_task
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation, Reset, Reward, Termination
+from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.task.environments import registered
 

@@ -8,10 +8,11 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model import state
 from mjrun.model.sources import parse_source
 from mjrun.model.variants import Compilation, ModelVariant, ModelVariants
+from mjrun.physics.distribution import draw_numbers
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.random_streams import MODEL as MODEL_STREAM
 from mjrun.task.random_streams import START, stream
-from mjrun.task.terms import Reset
+from mjrun.task.task import Reset
 
 MODEL = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><body name="a"><freejoint name="root"/><geom size=".1"/>
@@ -41,6 +42,19 @@ def test_noise_is_added_and_values_are_drawn_instead_in_the_order_of_their_strea
     noise = np.array([1, 2])[generator.integers(2, size=7)]
     np.testing.assert_array_equal(data.qvel, np.array([4, 0, 0, 0, 0, 0, 7]) + noise)
     assert (start(reset, 4).qpos != data.qpos).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("uniform(-1, 1)", "normal(0, 2)", "loguniform(0.1, 2)", "truncnormal(0, 1, -1, 1)"),
+        *("choice(1, 2, 5)", "integers(0, 9)", "0.25"),
+    ],
+)
+def test_equal_noise_on_neighbouring_columns_is_drawn_column_by_column(text: str) -> None:
+    data, generator = start(Reset(noise={"qpos/knee": text, "qvel/root": text, "qvel/knee": text})), stream(3, START)
+    noise = [draw_numbers(text, generator, count) for count in (1, 6, 1)]
+    np.testing.assert_array_equal([data.qpos[7], *data.qvel], np.concatenate(noise))
 
 
 def test_without_randomness_every_seed_starts_alike() -> None:

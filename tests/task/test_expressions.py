@@ -5,8 +5,7 @@ import numpy as np
 
 from mjrun.probe.task_expression import TaskColumns, parse_task_value
 from mjrun.task.expressions import RUNNING, Inputs, TaskExpressions
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation, Reward, Termination
+from mjrun.task.task import Action, Command, Observation, Reward, Task, Termination
 
 MODEL = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><body name="b"><joint name="j" type="slide"/><geom size=".1"/></body></worldbody>

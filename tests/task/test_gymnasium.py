@@ -56,7 +56,7 @@ def test_an_action_of_another_size_is_refused() -> None:
 def test_actions_that_are_no_vectors_are_refused(tmp_path: Path) -> None:
     with (
         registered(tmp_path, "discrete") as name,
-        pytest.raises(UsageError, match=r"actions of the kind Discrete\(2\)"),
+        pytest.raises(UsageError, match=r"action space Discrete\(2\)"),
     ):
         Environment(GymSource(name))
 
@@ -229,7 +229,7 @@ def test_what_an_environment_does_besides_physics_is_noticed_where_it_matters(tm
     stepper = EnvironmentStepper(environment, Recorded([np.array([0.5])] * 9), 0)
     stepper.advance(8)  # the environment's own states
     stepper.advance(9)
-    with pytest.raises(UsageError, match=r"does more in its step at 0\.08 s .*\nlook only every 4 steps, 0\.04 s"):
+    with pytest.raises(UsageError, match=r"does more in its step at 0\.08 s .*\nrequest only every 4 steps, 0\.04 s"):
         stepper.advance(12)
 
 

@@ -42,14 +42,14 @@ def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
     plan = MeasurementPlan(MODEL, columns, can_sense)
     assert plan.needs_energy
     assert plan.sensed == (("cfrc_ext",) if can_sense else ())
-    assert plan.is_whole == (not can_sense)
+    assert plan.needs_data == (not can_sense)
     assert plan.stage == 3
 
     model = SensingSource(SOURCE, plan.sensed).load()
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     plain = SOURCE.load()
     plain.opt.enableflags = model.opt.enableflags
-    batch = Batch(model, 3, 2, plan.is_whole)
+    batch = Batch(model, 3, 2, plan.needs_data)
     measurement = Measurement(batch, plan, lambda world: model)
     batch.qvel = np.random.default_rng(0).normal(size=(3, MODEL.nv))
     batch.forward()

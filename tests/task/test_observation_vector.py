@@ -12,7 +12,7 @@ from mjrun.task.command_signals import CommandSignals
 from mjrun.task.expressions import Inputs
 from mjrun.task.observation_vector import ObservationPlan, ObservationVector
 from mjrun.task.random_streams import BLOCK, OBSERVATIONS, stream
-from mjrun.task.terms import Command, Observation
+from mjrun.task.task import Command, Observation
 
 MODEL = mujoco.MjModel.from_xml_string(
     """<mujoco><worldbody><body name="base"><freejoint name="root"/><geom size=".1"/>
@@ -89,7 +89,7 @@ def test_the_order_is_frame_noise_offset_scale_clip_delay_history() -> None:
     blocks = [np.stack([generator.normal(0, 0.1, BLOCK) for _ in range(3)], axis=1) for _ in range(2)]
     noise = np.concatenate(blocks)
 
-    seen.begin_episode(2, 9)
+    seen.begin(2, 9)
     expected: list[np.ndarray] = []
     for k, row in enumerate(series):
         value = np.clip((axes.T @ row[:3] + noise[k] - [1, 2, 3]) * 2, -4, [3, 4, 5])
@@ -105,7 +105,7 @@ def test_the_order_is_frame_noise_offset_scale_clip_delay_history() -> None:
         (Observation(name="x", joints=["hip", "kne"]), "no joint 'kne'", ("joints", 1)),
         (Observation(name="x", value="qpos/hip +"), r"observations\[0\].value, character 11", ("value",)),
         (Observation(name="x", probe="qpos", scale=[1, 2]), "one number, or 9", ("scale",)),
-        (Observation(name="x", probe="xquat/leg", frame="base"), "no vector of three", ("frame",)),
+        (Observation(name="x", probe="xquat/leg", frame="base"), "does not consist of vectors of three", ("frame",)),
         (Observation(name="x", probe="xpos/leg", frame="bas"), "no body 'bas'", ("frame",)),
         (Observation(name="x", probe="act"), "has no columns", ("probe", 0)),
         (Observation(name="x", probe="reward/total"), "cannot use it", ("probe", 0)),

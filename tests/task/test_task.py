@@ -11,8 +11,7 @@ import pytest
 from mjrun.errors import UsageError, spelled
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation, Reset, Reward, Termination
+from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
 
 POSITION = Observation(name="position", probe="qpos")
 DRIVE = Action(actuators="*")
@@ -56,7 +55,7 @@ def test_periods_are_whole() -> None:
     [
         ({"control_dt": 0}, "control_dt", ("control_dt",)),
         ({"derived": "old"}, "one of current, lagged", ("derived",)),
-        ({"observations": []}, "observe something", ("observations",)),
+        ({"observations": []}, "at least one observation", ("observations",)),
         ({"observations": [POSITION, POSITION]}, "two observations", ("observations", 1, "name")),
         (
             {"observations": [Observation(name="x", command="gaol")], "commands": {"goal": Command(constant=1)}},
@@ -65,7 +64,7 @@ def test_periods_are_whole() -> None:
         ),
         (
             {"terminations": {"timeout": Termination(when="1 > 0", as_="failure")}},
-            "every task has",
+            "a termination of every task",
             ("terminations", "timeout"),
         ),
     ],
@@ -78,5 +77,5 @@ def test_what_cannot_be_is_refused(values: dict[str, object], message: str, path
 
 
 def test_an_episode_without_end_is_refused() -> None:
-    with pytest.raises(UsageError, match="more than 10,000,000 control periods"):
+    with pytest.raises(UsageError, match="exceed the limit of 10,000,000 control periods"):
         task(duration=1e24)

@@ -12,9 +12,8 @@ from mjrun.options.push import Push
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.push_forces import PushForces
 from mjrun.task.episode import Ending
-from mjrun.task.task import Task
+from mjrun.task.task import TIMED_OUT, Action, Command, Observation, Reset, Task, Termination
 from mjrun.task.task_stepper import TaskStepper
-from mjrun.task.terms import TIMED_OUT, Action, Command, Observation, Reset, Termination
 from mjrun.task.worlds import TaskWorlds
 
 ARM = """<mujoco><option timestep="0.01"/>

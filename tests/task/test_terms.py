@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.errors import UsageError, spelled
 from mjrun.task.episode import Ending
-from mjrun.task.terms import TIMED_OUT, UNSTABLE, Action, Command, Observation, Reset, Reward, Termination
+from mjrun.task.task import TIMED_OUT, UNSTABLE, Action, Command, Observation, Reset, Reward, Termination
 
 
 @pytest.mark.parametrize(
@@ -14,17 +14,17 @@ from mjrun.task.terms import TIMED_OUT, UNSTABLE, Action, Command, Observation, 
     [
         (lambda: Observation(name="x"), "taken from one of probe, joints", ("probe",)),
         (lambda: Observation(name="x", probe="qpos", value="1"), "not probe and value", ("value",)),
-        (lambda: Observation(name="x", probe="qpos", of="qvel"), "of goes with joints", ("of",)),
+        (lambda: Observation(name="x", probe="qpos", of="qvel"), "of applies only with joints", ("of",)),
         (lambda: Observation(name="x", probe="qpos", noise="gauss(1, 2)"), "no distribution gauss", ("noise",)),
         (lambda: Observation(name="x", probe="qpos", noise="choice(a, b)"), "neither a number", ("noise",)),
         (lambda: Action(), "drives one of actuators, joints", ("actuators",)),
         (lambda: Action(actuators="*", joints="*"), "exclude each other", ("joints",)),
-        (lambda: Action(joints="*"), "say the target", ("target",)),
-        (lambda: Action(actuators="*", target="torque"), "is one of joints", ("target",)),
-        (lambda: Action(joints="*", target="position", kp=1), "takes kd", ("target",)),
-        (lambda: Action(joints="*", target="torque", kp=1), "no gain of the target torque", ("kp",)),
+        (lambda: Action(joints="*"), "joints requires a target", ("target",)),
+        (lambda: Action(actuators="*", target="torque"), "target torque applies only with joints", ("target",)),
+        (lambda: Action(joints="*", target="position", kp=1), "requires kd", ("target",)),
+        (lambda: Action(joints="*", target="torque", kp=1), "kp is not a gain of the target torque", ("kp",)),
         (lambda: Command(), "comes from one of", ("constant",)),
-        (lambda: Command(constant=1, size=2), "size goes with random", ("size",)),
+        (lambda: Command(constant=1, size=2), "size applies only with random", ("size",)),
         (lambda: Command(random=["uniform(0, 1)"] * 2, size=3), "has 2 distributions, not 3", ("size",)),
         (lambda: Reset(noise={"qpos/*": "b"}), "neither a number nor a distribution", ("noise", "qpos/*")),
     ],

@@ -15,8 +15,7 @@ from gymnasium.spaces import Box
 
 from mjrun.errors import UsageError
 from mjrun.model.sources import parse_source
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Command, Observation, Reset, Termination
+from mjrun.task.task import Action, Command, Observation, Reset, Task, Termination
 from mjrun.task.worlds import TaskWorlds
 from tests.task import gymnasium_tasks
 
@@ -193,7 +192,7 @@ def test_actions_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="reset it"):
         worlds.step(np.zeros((2, 2)))
     worlds.reset([1, 2])
-    with pytest.raises(ValueError, match="2 x 2 numbers"):
+    with pytest.raises(ValueError, match=r"shape \(2, 2\), not \(2, 3\)"):
         worlds.step(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="push is nan in world 1"):
         worlds.step(np.array([[0, 0], [0, np.nan]]))

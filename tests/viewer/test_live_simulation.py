@@ -12,8 +12,7 @@ from mjrun.formats.recording import RecordingReader
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
-from mjrun.task.task import Task
-from mjrun.task.terms import Action, Observation
+from mjrun.task.task import Action, Observation, Task
 from mjrun.viewer.live_simulation import RECORDED, REPLAY, LiveSimulation, SessionRecording
 from mjrun.viewer.window import Edit, Pull
 
