@@ -1,1 +1,1 @@
-"""The lint of models: what is wrong with them, or will be."""
+"""The lint of models: present faults and likely ones."""

@@ -1,4 +1,4 @@
-"""`mjrun check`: what is wrong with models, each checked in a process of its own."""
+"""`mjrun check`: checks models for faults, each in a separate process."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -30,9 +30,9 @@ from mjrun.suffixes import CHECKED, XML
 from mjrun.version import __version__
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
-HEAD = 2**16  # bytes within which the root of an XML file must begin
+HEAD = 2**16  # bytes that must contain the start of the root of an XML file
 ROOTS = {"mujoco", "robot"}
-FRAGMENT = "mujocoinclude"  # the root of what other models include
+FRAGMENT = "mujocoinclude"  # the root of a file that other models include
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class ModelResult:
     """The result for one model.
 
     Attributes:
-      model: its path, as given.
-      loads: whether it loads, and the process that checked it survived.
-      findings: those selected, in the order in which they were found.
+      model: the path of the model, as given.
+      loads: true if it loads, and the process that checked it survived.
+      findings: the selected findings, in the order of their discovery.
     """
 
     model: str
@@ -56,8 +56,8 @@ class CheckResult:
 
     Attributes:
       mjrun: the version that checked them.
-      models: the result for each.
-      skipped: how many files are not models by themselves, such as those that models include.
+      models: the result for each model.
+      skipped: the number of files that are not models by themselves, such as files that models include.
       code: the exit code: 3 if a model does not load, 1 if a finding is at or above `fail_on`, else 0.
       errors, warnings, notes: the number of findings of each severity.
     """
@@ -75,19 +75,19 @@ class CheckResult:
             object.__setattr__(self, f"{severity}s", self.count(severity))
 
     def count(self, severity: str) -> int:
-        """The number of findings of this severity."""
+        """Returns the number of findings of this severity."""
         return sum(f.severity == severity for model in self.models for f in model.findings)
 
 
 @options
 class Check(PolicyOptions, CheckOptions):
-    """Checks models for errors, and for what is likely to become one.
+    """Checks models for errors, and for likely future ones.
 
     Args:
-      models: files, and folders, which stand for all models below them.
+      models: files, and folders, which represent all models below them.
 
     Attributes:
-      task_reader: the function that reads task documents, `package.module:name`; empty where they are not known.
+      task_reader: the function that reads task documents, `package.module:name`; empty for none.
 
     Raises:
       UsageError: a code, severity or number is invalid.
@@ -101,7 +101,7 @@ class Check(PolicyOptions, CheckOptions):
         super().__post_init__()
         _ = self.codes
         if self.policy is not None and not isinstance(self.policy, str):
-            raise UsageError(f"{option('policy')}: each task is checked in a process of its own; give a policy as text")
+            raise UsageError(f"{option('policy')}: each task is checked in a separate process; give the policy as text")
 
     @cached_property
     def codes(self) -> frozenset[str]:
@@ -113,8 +113,8 @@ class Check(PolicyOptions, CheckOptions):
         """Checks all models.
 
         Args:
-          reporter: gets the progress.
-          spelling: how remedies write the names of mjrun's options.
+          reporter: the reporter of the progress.
+          spelling: the spelling of mjrun's options in remedies.
 
         Raises:
           UsageError: `models` are folders without any model.
@@ -122,7 +122,7 @@ class Check(PolicyOptions, CheckOptions):
         reporter = reporter or WarningReporter()
         paths, skipped = find_models(self.models)
         if not paths and all(is_folder(path) for path in self.models):
-            raise UsageError("there is no model to check: give model files, or folders that contain some")
+            raise UsageError("no model to check: give model files, or folders that contain some")
         results = []
         for result in self._check_all(paths, spelling):
             results.append(result)
@@ -130,7 +130,7 @@ class Check(PolicyOptions, CheckOptions):
         return CheckResult(tuple(results), skipped, self._exit_code(results))
 
     def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
-        """The results for `paths` in their order; several are checked at once."""
+        """Yields the results for `paths` in their order; several are checked at once."""
         jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(paths)))
         workers = WorkerPool()
         with ThreadPoolExecutor(jobs) as threads:
@@ -160,15 +160,15 @@ class Check(PolicyOptions, CheckOptions):
         return replace(limits, reader=self.task_reader, policy=policy, normalize=self.normalize, trust=self.trust)
 
     def _failure(self, model: Path, output: WorkerOutput) -> Finding:
-        """Why a process ended before it was done."""
+        """Returns a finding that explains why a process ended prematurely."""
         stages = [message["stage"] for message in output.messages if "stage" in message]
         stage = stages[-1] if stages else "starting"
         ended = output.exit
         if ended.cause == "memory" or "bad_alloc" in output.stderr or "MemoryError" in output.stderr:
-            message = f"it needs more memory than {self.memory} MiB, while {stage}"
+            message = f"it needs more than {self.memory} MiB of memory while {stage}"
             return OUT_OF_MEMORY.in_model(model, message, MEMORY_REMEDY)
         if ended.cause:
-            message = f"not done after {float(self.timeout):g} s, while {stage}"
+            message = f"not finished after {float(self.timeout):g} s, while {stage}"
             remedy = f"raise {option('timeout')}, or lower {option('steps')}; a pipe among its files never ends"
             return TIMEOUT.in_model(model, message, remedy)
 
@@ -177,7 +177,7 @@ class Check(PolicyOptions, CheckOptions):
         if ended.signal:
             message = f"its process was killed by {ended.signal} while {stage}{detail}"
             return CRASH.in_model(model, message, CRASH_REMEDY)
-        return INTERNAL_ERROR.in_model(model, f"mjrun fails while {stage}{detail}", "please report it")
+        return INTERNAL_ERROR.in_model(model, f"mjrun failed while {stage}{detail}", "please report it")
 
     def _exit_code(self, results: Sequence[ModelResult]) -> int:
         if not all(result.loads for result in results):
@@ -187,7 +187,7 @@ class Check(PolicyOptions, CheckOptions):
 
 
 def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:
-    """The codes that begin with one of `prefixes`, in any case.
+    """Returns the codes that begin with one of `prefixes`, in any case.
 
     Raises:
       UnknownNameError: no code begins with one of them.
@@ -206,9 +206,9 @@ def _spelled(finding: Finding, spelling: Spelling) -> Finding:
 
 
 def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
-    """The models among files and folders, each once and in order, and how many files are not models.
+    """Returns the models among files and folders, each once and in order, and the number of files that are not models.
 
-    The latter are the files in folders whose root element is not that of a model, and the parts that models include.
+    The latter are files in folders whose root element is not that of a model, and parts that models include.
     """
     models: dict[str, None] = {}
     skipped = 0
@@ -228,7 +228,7 @@ def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
 
 
 def _path(model: str | Path) -> str:
-    """The path of a model, or of a task; a name in a collection, such as `scene:dominos`, stands for its file."""
+    """Returns the path of a model or a task; a name in a collection, such as `scene:dominos`, represents its file."""
     if task := bundled_task(str(model)):
         return str(task)
     source = source_of(model)
@@ -238,14 +238,14 @@ def _path(model: str | Path) -> str:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    """Files with the suffix of a model below `folder`, sorted; hidden and linked folders are skipped."""
+    """Yields the files with the suffix of a model below `folder`, sorted; hidden and linked folders are skipped."""
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         yield from (Path(parent) / name for name in sorted(files) if name.endswith(CHECKED))
 
 
 def root_tag(path: Path) -> str:
-    """The tag of the root element of an XML file; empty if there is none, or if the file is not a regular one."""
+    """Returns the tag of the root element of an XML file; empty without one, or if the file is not a regular one."""
     tags: list[str] = []
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda tag, attributes: tags.append(tag)

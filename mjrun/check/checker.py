@@ -1,4 +1,4 @@
-"""What checks one thing in a process that may hang, explode or crash, and writes what it finds as it goes along."""
+"""The base of checkers, which run in a process that may hang, explode or crash, and write each finding at once."""
 
 import json
 import math
@@ -16,32 +16,32 @@ from mjrun.check.worker_pool import WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import option
 
-ARENAS = 20  # MjData that are made, each with an arena that is hardly ever filled
+ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly ever filled
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 
 
 class Checker(ABC):
-    """Checks one thing, and writes what it finds to `channel`."""
+    """A check of one model or task, which writes its findings to `channel`."""
 
     def __init__(self, task: WorkerTask, channel: TextIO) -> None:
         self.task, self.channel = task, channel
         self.path = Path(task.path)
 
     def run(self) -> None:
-        """Checks it, and writes each finding at once."""
+        """Runs the check, and writes each finding at once."""
         try:
             self.check()
         except (MemoryError, mujoco.FatalError) as error:
             if isinstance(error, mujoco.FatalError) and "allocate" not in str(error):
                 raise
             limit_this_process(memory=math.inf)
-            message = "it needs more memory than it may use"
+            message = "it needs more memory than allowed"
             self.write_findings([process_failures.OUT_OF_MEMORY.in_model(self.path, message, MEMORY_REMEDY)])
         self.write(done=True)
 
     @abstractmethod
     def check(self) -> None:
-        """Checks it."""
+        """Runs the check."""
 
     def write_findings(self, findings: Iterable[Finding]) -> None:
         """Writes each of `findings`."""

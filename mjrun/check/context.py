@@ -14,7 +14,7 @@ from mjrun.model.sources import source_of
 from mjrun.model.xml_source import Element, XmlSource
 from mjrun.suffixes import XML
 
-MAX_KEYFRAMES = 8  # that rules start from
+MAX_KEYFRAMES = 8  # the number of keyframes that rules start from
 SPEC_LISTS = {
     "body": "bodies",
     "joint": "joints",
@@ -37,7 +37,7 @@ IN_FILE_ORDER = (*SECTIONS, "keyframe")  # kinds whose ids follow the order of t
 
 
 class Attach(NamedTuple):
-    """An `<attach>`, its prefix, and the paths at which MuJoCo looks for the model that it attaches."""
+    """An `<attach>`, its prefix, and the paths at which MuJoCo looks for the attached model."""
 
     element: Element
     prefix: str
@@ -49,8 +49,8 @@ class LintContext:
 
     Attributes:
       path: its file.
-      model: compiled.
-      spec: what it was compiled from; None for a binary.
+      model: the compiled model.
+      spec: the specification that it was compiled from; None for a binary.
       source: its XML, as far as it could be read.
     """
 
@@ -72,29 +72,29 @@ class LintContext:
         return cls(path, model, spec if path.suffix in XML else None, source)
 
     def violation(self, kind: str, index: int, message: str, remedy: str, severity: str = "") -> Violation:
-        """A violation by the object `index` of a kind, at the line that declares it."""
+        """Returns a violation by the object `index` of a kind, at the line that declares it."""
         return Violation(message, remedy, self.place(kind, index), self.object(kind, index), severity)
 
     def name(self, kind: str, index: int) -> str:
-        """The name of an object; `joint:3` if it has none."""
+        """Returns the name of an object; `joint:3` if it has none."""
         if kind not in self._names:
             self._names[kind] = names(self.model, kind)
         return self._names[kind][index]
 
     def object(self, kind: str, index: int) -> str:
-        """An object as findings refer to it: `joint 'knee'`."""
+        """Returns an object as findings refer to it: `joint 'knee'`."""
         return f"{kind} '{self.name(kind, index)}'"
 
     @cached_property
     def starts(self) -> list[int | None]:
-        """Where a simulation can start: None for the model's own state, and the first keyframes that are finite."""
+        """The starts of a simulation: None for the model's initial state, and the first keyframes that are finite."""
         model = self.model
         fields = (model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl, model.key_mpos, model.key_mquat)
         finite = (k for k in range(model.nkey) if all(np.isfinite(field[k]).all() for field in fields))
         return [None, *list(finite)[:MAX_KEYFRAMES]]
 
     def data_at(self, start: int | None) -> mujoco.MjData:
-        """The model at rest at a start, after `mj_forward`; shared between rules, so do not write to it."""
+        """Returns the model at rest at a start, after `mj_forward`; rules share it and must not write to it."""
         if start not in self._data:
             data = mujoco.MjData(self.model)
             if start is not None:
@@ -105,11 +105,11 @@ class LintContext:
         return self._data[start]
 
     def start_phrase(self, start: int | None) -> str:
-        """A start as the beginning of a message."""
+        """Returns the phrase for a start that begins a message."""
         return "at the start" if start is None else f"in keyframe '{self.name('keyframe', start)}'"
 
     def element(self, kind: str, index: int) -> Element | None:
-        """The XML element that made an object, if that is clear."""
+        """Returns the XML element that made an object; None if that is ambiguous."""
         name = mujoco.mj_id2name(self.model, KINDS[kind], index) or ""
         line = self._lines(kind).get(index, 0)
         elements, attached = self._elements(kind), self._attached_elements(kind)
@@ -123,19 +123,19 @@ class LintContext:
             named += self._longest_named([e for e in attached if self._may_make(e, name)])
             if named:
                 return named[0]
-        if kind == "joint":  # MuJoCo keeps no line for free joints
+        if kind == "joint":  # MuJoCo records no line for free joints
             return self._joint_in_body(index)
         complete = len(elements) == getattr(self.model, COUNTS[kind])
         return elements[index] if kind in IN_FILE_ORDER and complete else None
 
     def _longest_named(self, elements: list[Element]) -> list[Element]:
-        """The elements with the longest name; none if several have no name."""
+        """Returns the elements with the longest name; none if several have no name."""
         longest = max((len(e.attributes.get("name", "")) for e in elements), default=0)
         candidates = [e for e in elements if len(e.attributes.get("name", "")) == longest]
         return candidates if longest or len(candidates) == 1 else []
 
     def _joint_in_body(self, joint: int) -> Element | None:
-        """The element of a joint, from its position among the joints of its body."""
+        """Returns the element of a joint, based on its position among the joints of its body."""
         body = int(self.model.jnt_bodyid[joint])
         home = self.element("body", body) if body else None
         joints = [child for child in home.children if child.tag in TAGS["joint"]] if home else []
@@ -143,7 +143,7 @@ class LintContext:
         return joints[position] if position < len(joints) else home
 
     def place(self, kind: str, index: int) -> Place:
-        """Where the model declares an object, or where it attaches the model that declares it, as far as clear."""
+        """Returns the place that declares an object, or that attaches the model declaring it, as far as known."""
         element = self.element(kind, index)
         if element is None:
             return Place(self.path)
@@ -155,20 +155,20 @@ class LintContext:
         return Place(file, line, (element.file, element.line))
 
     def _may_make(self, element: Element, name: str) -> bool:
-        """Whether an element can have made an object of this name; attaching and replicating add to names."""
+        """Returns whether an element can have made an object of this name; attaching and replicating extend names."""
         own = element.attributes.get("name", "")
         if self._is_attached(element) and name:
             return bool(self._attaching(element, name))
         return own in name if own and name else own == name
 
     def _is_attached(self, element: Element) -> bool:
-        """Whether an element is part of an attached model."""
+        """Returns whether an element is part of an attached model."""
         while element.parent is not None:
             element = element.parent
         return element is not self.source.root
 
     def _attaching(self, element: Element, name: str) -> list[Element]:
-        """The `<attach>` elements that can have made an object of this name from an element of an attached model."""
+        """Returns the `<attach>` elements that can have made an object of this name from an attached element."""
         own = element.attributes.get("name", "")
         return [
             attach.element
@@ -189,7 +189,7 @@ class LintContext:
         return attaches
 
     def _lines(self, kind: str) -> dict[int, int]:
-        """The lines that MuJoCo keeps in its elements, by id; 0 in included files."""
+        """Returns the lines that MuJoCo records in its elements, by id; 0 in included files."""
         if kind not in self._lines_by_id:
             elements: Iterator[Any] = iter(getattr(self.spec, SPEC_LISTS[kind])) if self.spec else iter(())
             self._lines_by_id[kind] = {element.id: _line(element.info) for element in elements}
@@ -205,7 +205,7 @@ class LintContext:
 
     @cached_property
     def _files_with_lines(self) -> set[Path]:
-        """The files whose lines MuJoCo keeps."""
+        """The files whose lines MuJoCo records."""
         return {self.path, *(root.file for root in self.source.attached)}
 
 

@@ -1,4 +1,4 @@
-"""Rules, and the findings and violations that they make: a rule has a code, a severity and a title."""
+"""Rules, and the findings and violations that they produce: a rule has a code, a severity and a title."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -17,18 +17,18 @@ SEVERITIES = ("note", "warning", "error")  # in ascending order
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a model, or worth knowing.
+    """A fault in a model, or a remark about it.
 
     Attributes:
-      code: of the rule, such as `MJ301`; stable.
+      code: the code of the rule, such as `MJ301`; stable.
       severity: `error`, `warning` or `note`.
-      message: what is wrong, in one line.
-      file: the model, or a file that it includes. For a model that it attaches, this is where it is attached.
-      line: in `file`, counted from 1, if known.
-      object: what the finding is about, such as `joint 'knee'`; empty if it is about the whole model.
-      remedy: what to do about it.
+      message: the fault, in one line.
+      file: the model, or a file that it includes. For an attached model, the file that attaches it.
+      line: the line in `file`, counted from 1, if known.
+      object: the object with the fault, such as `joint 'knee'`; empty for the whole model.
+      remedy: the remedy.
 
-    All texts but `code` and `severity` may hold names from the model unescaped.
+    All texts except `code` and `severity` may contain unescaped names from the model.
     """
 
     code: str
@@ -44,8 +44,8 @@ class Place(NamedTuple):
     """A line of a file.
 
     Attributes:
-      line: counted from 1, if known.
-      origin: file and line in the model that is attached at this place.
+      line: the number of the line, counted from 1, if known.
+      origin: the file and line in the model that is attached at this place.
     """
 
     file: Path
@@ -54,10 +54,10 @@ class Place(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """What the function of a rule yields.
+    """A violation, as the function of a rule yields it.
 
     Attributes:
-      severity: overrides the severity of the rule, if not empty.
+      severity: a severity that overrides that of the rule, if not empty.
     """
 
     message: str
@@ -68,7 +68,7 @@ class Violation(NamedTuple):
 
 
 def short_path(path: Path) -> str:
-    """`path` without detours such as `arm/../hand/hand.xml`, if that is still the same file."""
+    """Returns `path` without detours such as `arm/../hand/hand.xml`, if it still refers to the same file."""
     short = Path(os.path.normpath(path))
     with suppress(OSError, ValueError):
         if short != path and short.samefile(path):
@@ -84,10 +84,10 @@ class Rule:
     """A rule of the lint.
 
     Attributes:
-      code: such as `MJ301`; stable.
-      severity: of its findings, unless a violation says otherwise.
-      title: a few words.
-      violations: finds what violates the rule in a model that loads; None if loading or stepping shows it.
+      code: its code, such as `MJ301`; stable.
+      severity: the severity of its findings, unless a violation overrides it.
+      title: its title, a few words.
+      violations: the function that finds violations in a model that loads; None if loading or stepping reveals them.
     """
 
     code: str
@@ -96,25 +96,25 @@ class Rule:
     violations: Violations | None = None
 
     def findings(self, context: "LintContext") -> Iterator[Finding]:
-        """The violations in a model that loads; none if the rule is not for such a model."""
+        """Yields the violations in a model that loads; none if the rule does not apply to such a model."""
         for message, remedy, place, name, severity in self.violations(context) if self.violations else ():
             yield self.finding(message, remedy, place, name, severity)
 
     def finding(self, message: str, remedy: str, place: Place, object: str = "", severity: str = "") -> Finding:  # noqa: A002
-        """A violation of this rule at `place`."""
+        """Returns a violation of this rule at `place`."""
         file, line, origin = place
         attached = f" (attached from {short_path(origin[0])}:{origin[1]})" if origin else ""
         return Finding(self.code, severity or self.severity, message + attached, short_path(file), line, object, remedy)
 
     def in_element(self, element: Element, message: str, remedy: str) -> Finding:
-        """A violation of this rule in an XML element."""
+        """Returns a violation of this rule in an XML element."""
         return self.finding(message, remedy, Place(element.file, element.line), str(element))
 
     def in_model(self, model: Path, message: str, remedy: str = "") -> Finding:
-        """A violation of this rule by a model as a whole."""
+        """Returns a violation of this rule by a model as a whole."""
         return self.finding(message, remedy, Place(model))
 
 
 def rule(code: str, severity: str, title: str) -> Callable[[Violations], Rule]:
-    """Makes a rule of the function that finds its violations."""
+    """Turns the function that finds violations into a rule."""
     return lambda violations: Rule(code, severity, title, violations)

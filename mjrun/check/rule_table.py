@@ -1,4 +1,4 @@
-"""All rules by code, and what they find in a model."""
+"""The table of all rules by code, and their findings in a model."""
 
 import importlib
 import pkgutil
@@ -17,7 +17,7 @@ MAX_FINDINGS = 20  # of one code in one model
 
 
 def _declared() -> Iterator[Rule]:
-    """The rules in the modules of `mjrun.check.rules`; several times those that several of them import."""
+    """Yields the rules in the modules of `mjrun.check.rules`; rules that several modules import are repeated."""
     for module in pkgutil.iter_modules(rules.__path__):
         values = vars(importlib.import_module(f"{rules.__name__}.{module.name}")).values()
         yield from (value for value in values if isinstance(value, Rule))
@@ -27,7 +27,7 @@ RULES = {rule.code: rule for rule in sorted(_declared(), key=lambda rule: rule.c
 
 
 def explain(error: ModelError, source: XmlSource) -> list[Finding]:
-    """Why a model does not load."""
+    """Returns findings that explain why a model does not load."""
     if isinstance(error, BrokenModelError):
         return _by_place(compile_errors.explain(error, source), source.path)
     message, _, remedy = str(error).partition("\n")
@@ -39,18 +39,18 @@ def explain(error: ModelError, source: XmlSource) -> list[Finding]:
 
 
 def ignored_xml(source: XmlSource) -> list[Finding]:
-    """What MuJoCo silently ignores in the XML of a model that loads."""
+    """Returns findings about the parts of the XML that MuJoCo silently ignores, for a model that loads."""
     findings = (replace(finding, severity="warning") for finding in mjcf_schema.violations(source))
     return _by_place(findings, source.path)
 
 
 def apply(code: str, context: LintContext) -> list[Finding]:
-    """What the rule `code` finds in a model that loads; nothing if the rule is not for such a model."""
+    """Returns the findings of the rule `code` in a model that loads; none if it does not apply to such a model."""
     return capped(list(RULES[code].findings(context)))
 
 
 def _by_place(findings: Iterable[Finding], model: Path) -> list[Finding]:
-    """Findings by file and line, those in `model` itself first; at most `MAX_FINDINGS` of each code."""
+    """Returns findings by file and line, those in `model` itself first; at most `MAX_FINDINGS` of each code."""
     by_code: dict[str, list[Finding]] = {}
     for finding in findings:
         by_code.setdefault(finding.code, []).append(finding)
@@ -59,10 +59,10 @@ def _by_place(findings: Iterable[Finding], model: Path) -> list[Finding]:
 
 
 def capped(findings: Sequence[Finding]) -> list[Finding]:
-    """At most `MAX_FINDINGS` of `findings`, all of one code: repeated ones are merged, and the last counts the rest."""
+    """Returns at most `MAX_FINDINGS` findings of one code: repeated ones are merged, and the last counts the rest."""
     groups: dict[tuple[str, str, int | None, str], list[Finding]] = {}
     for finding in findings:
-        name = "" if finding.line else finding.object  # what <replicate> makes shares its line
+        name = "" if finding.line else finding.object  # replicated elements share their line
         groups.setdefault((finding.message, finding.file, finding.line, name), []).append(finding)
     merged = [_merged(group) for group in groups.values()]
     if len(merged) <= MAX_FINDINGS:
@@ -72,6 +72,6 @@ def capped(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def _merged(group: Sequence[Finding]) -> Finding:
-    """One finding for `group`, whose messages and lines are the same."""
+    """Returns one finding for `group`, whose messages and lines are the same."""
     more = f" (and {len(group) - 1} more like it)" if len(group) > 1 else ""
     return replace(group[0], message=f"{group[0].message}{more}")

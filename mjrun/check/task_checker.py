@@ -1,4 +1,4 @@
-"""Checks one task: its document, its model and policy, and episodes of random actions."""
+"""The check of a task: its document, its model and policy, and episodes of random actions."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,11 +27,11 @@ from mjrun.task.worlds import TaskWorlds
 
 
 class TaskChecker(Checker):
-    """Checks one task."""
+    """The check of one task."""
 
     def __init__(self, task: WorkerTask, channel: TextIO) -> None:
         super().__init__(task, channel)
-        self._written: list[Finding] = []  # what random actions and a policy both bring to light is told once
+        self._written: list[Finding] = []  # a finding of both random actions and a policy is written once
 
     def check(self) -> None:
         self.write(stage="reading it")
@@ -57,7 +57,7 @@ class TaskChecker(Checker):
             self._watch(worlds, policy, places)
 
     def _read(self) -> Task | None:
-        """The task; None if it cannot be read or has mistakes, which are written."""
+        """Returns the task; None if it cannot be read or has mistakes, which are written."""
         read = cast("Callable[[str], Task]", resolve_name(self.task.reader))
         try:
             require_file(self.path, "task document", YAML)
@@ -71,7 +71,7 @@ class TaskChecker(Checker):
         return None
 
     def _worlds(self, task: Task) -> TaskWorlds | None:
-        """Worlds of the task; None if it does not fit its model, or there is none, which is written."""
+        """Returns worlds of the task; None if its model is missing or does not fit, which is written."""
         try:
             with collected_warnings():
                 return TaskWorlds(task, COUNT, threads=1)
@@ -82,14 +82,14 @@ class TaskChecker(Checker):
         return None
 
     def _of_model(self, error: ModelError, source: Source) -> list[Finding]:
-        """Why the model of a task does not load."""
+        """Returns findings that explain why the model of a task does not load."""
         if source.main_file is not None:
             return rule_table.explain(error, read_xml(source.main_file))
         message, _, remedy = str(error).partition("\n")
         return [tasks.MISTAKE.in_model(self.path, message, remedy)]
 
     def _write_mistakes(self, error: MjrunError) -> None:
-        """Writes what is wrong with the document; the model is not to blame."""
+        """Writes the mistakes in the document; the model is not at fault."""
         self.write(loaded=True)
         if not isinstance(error, DocumentError):
             self._write_mistake(error)
@@ -104,7 +104,7 @@ class TaskChecker(Checker):
         self.write_findings([tasks.MISTAKE.in_model(self.path, message, remedy)])
 
     def _policy(self, task: Task) -> Policy | None:
-        """The policy that was asked about; None if there is none, or it does not fit, which is written."""
+        """Returns the requested policy; None without one, or if it does not fit, which is written."""
         if not self.task.policy:
             return None
         try:

@@ -1,4 +1,4 @@
-"""What rules about tasks look at: episodes, watched for what should not be, and the places of a task's parts."""
+"""Episodes, in which rules about tasks look for faults, and the places of a task's parts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -13,20 +13,20 @@ from mjrun.task.task import UNSTABLE, Task
 from mjrun.task.worlds import TaskWorlds
 
 COUNT = 16  # episodes, of seeds 0, 1, …
-MOST = 500  # control periods of each
+MOST = 500  # control periods of each episode
 
 
 @dataclass(frozen=True)
 class NotFinite:
-    """A number that is not finite, where it first is not.
+    """The first occurrence of a number that is not finite.
 
     Attributes:
       kind: `observations` or `rewards`.
-      name: of the number, or of the reward.
-      term: that it is of.
+      name: the name of the number, or of the reward.
+      term: the term that it belongs to.
       value: `nan`, `inf` or `-inf`.
-      time: into the episode [s].
-      seed: of the episode.
+      time: the time within the episode [s].
+      seed: the seed of the episode.
     """
 
     kind: str
@@ -39,16 +39,16 @@ class NotFinite:
 
 @dataclass
 class TaskEpisodes:
-    """What was seen in episodes.
+    """The observed faults of episodes.
 
     Attributes:
-      count: of them.
-      periods: control periods of all together.
-      acting: what acts in them: `random actions`, or a policy.
-      not_finite: the first instance of each number that is not.
-      ended_at_start: seeds of episodes at whose start a termination holds, by its name.
-      unstable: seeds of episodes that became unstable.
-      constant: names of the observed numbers that stayed the same in all episodes, and their terms.
+      count: the number of episodes.
+      acting: the source of actions: `random actions`, or a policy.
+      periods: the total number of control periods.
+      not_finite: the first occurrence of each number that is not finite.
+      ended_at_start: the seeds of episodes at whose start a termination holds, by its name.
+      unstable: the seeds of episodes that became unstable.
+      constant: the names and terms of the observed numbers that stayed the same in all episodes.
     """
 
     count: int
@@ -61,7 +61,7 @@ class TaskEpisodes:
 
 
 def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodes:
-    """What is seen in an episode of each world, under `policy`, whose answers must be finite."""
+    """Plays an episode of each world under `policy`, whose answers must be finite, and returns the faults."""
     return _Watch(worlds, policy).run()
 
 
@@ -94,7 +94,7 @@ class _Watch:
             self._look("observations", step.observations, running, period)
             lowest = np.minimum(lowest, step.observations.min(axis=0))
             highest = np.maximum(highest, step.observations.max(axis=0))
-            goes_on = ~step.over & np.isfinite(step.observations).all(axis=1)  # no policy is asked about the others
+            goes_on = ~step.over & np.isfinite(step.observations).all(axis=1)  # the policy gets no others
             running, observations = running[goes_on], step.observations[goes_on]
             if not len(running):
                 break
@@ -106,7 +106,7 @@ class _Watch:
         return seen
 
     def _look(self, kind: str, values: np.ndarray, seeds: np.ndarray, period: int) -> None:
-        """Takes note of what is not finite among values `(k, …)` of episodes."""
+        """Records values `(k, …)` of episodes that are not finite."""
         for row, column in np.argwhere(~np.isfinite(values)).tolist():
             observed = self._worlds.observed[column] if kind == "observations" else None
             name = observed.name if observed else self._worlds.reward_names[column]
@@ -122,24 +122,24 @@ def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray)
 
 
 class TaskPlaces:
-    """Where a task is written.
+    """The places of a task's parts.
 
     Args:
-      task: which knows the places in its document, if there is one.
-      path: of the document.
+      task: a task, with the places in its document if it has one.
+      path: the path of the document.
     """
 
     def __init__(self, task: Task, path: Path) -> None:
         self.task, self._path = task, path
 
     def at(self, *path: str | int) -> Place:
-        """Where the part at `path` is written, such as `"actions", 0`."""
+        """Returns the place of the part at `path`, such as `"actions", 0`."""
         error = UsageError("", path)
         located = self.task.places.located(error) if self.task.places else error
         return place_of(located.problems[0], self._path) if isinstance(located, DocumentError) else Place(self._path)
 
     def numbers_of_actions(self, worlds: TaskWorlds) -> Iterator[list[int]]:
-        """Which numbers of the action vector each of the task's actions has."""
+        """Yields the indices in the action vector of each of the task's actions."""
         start = 0
         for width in worlds.actions.widths:
             yield list(range(start, start + width))
@@ -147,7 +147,7 @@ class TaskPlaces:
 
 
 def place_of(problem: Problem, path: Path) -> Place:
-    """The file and line of a problem, whose place is `task.yaml:12:5`; those of `path` where it is not in a file."""
+    """Returns the file and line of a problem, whose place is `task.yaml:12:5`; `path` if it is not in a file."""
     file, _, position = problem.place.rpartition(":")
     file, _, line = file.rpartition(":")
     if not (file and line.isdecimal() and position.isdecimal()):

@@ -1,7 +1,7 @@
-"""Checks one model or task in a process that may hang, explode or crash: `mjrun.check.worker_pool` starts and ends it.
+"""A process that checks one model or task, and may hang, explode or crash: `worker_pool` starts and ends it.
 
-Writes JSON to standard output, one object on a line: `stage` before each stage, so that the reader knows what was
-going on if the process ends; `finding`; `loaded`; `done`.
+It writes JSON to standard output, one object per line: `stage` before each stage, so that the reader knows the stage in
+which the process ended; `finding`; `loaded`; `done`.
 """
 
 import json
@@ -23,7 +23,7 @@ from mjrun.errors import ModelError
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
 
-GRACE = 10  # [s] after which the process ends itself, if its parent has not
+GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
 def main(task: str) -> None:
@@ -34,13 +34,13 @@ def main(task: str) -> None:
     worker = TaskChecker(worker_task, channel) if worker_task.reader else ModelChecker(worker_task, channel)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(int(worker.task.timeout) + GRACE)
-    # These limit addresses; the parent watches the memory that is filled, and reports it.
+    # These limit addresses; the parent watches the memory in use, and reports it.
     limit_this_process(memory=worker.task.memory * MIB, file_size=0, core=0)
     worker.run()
 
 
 class ModelChecker(Checker):
-    """Checks one model."""
+    """The check of one model."""
 
     def __init__(self, task: WorkerTask, channel: TextIO) -> None:
         super().__init__(task, channel)
@@ -82,7 +82,7 @@ class ModelChecker(Checker):
         return context
 
     def _apply(self, code: str, context: LintContext) -> None:
-        """Applies one rule; if MuJoCo or a bug in mjrun aborts it, the others are applied all the same."""
+        """Applies one rule; if MuJoCo or a bug in mjrun aborts it, the other rules still run."""
         try:
             self.write_findings(rule_table.apply(code, context))
         except MemoryError:
@@ -91,7 +91,7 @@ class ModelChecker(Checker):
             if "allocate" in str(error):
                 raise
             if not self.mujoco_failed:
-                message = f"MuJoCo gives up at the start: {error}"
+                message = f"MuJoCo fails at the start: {error}"
                 remedy = "give it more memory: <size memory=…>"
                 self.write_findings([simulation.FAILED_STEP.in_model(self.path, message, remedy)])
             self.mujoco_failed = True

@@ -25,17 +25,17 @@ ENVIRONMENT = {
 
 @dataclass(frozen=True)
 class WorkerTask:
-    """What one process is to check.
+    """A check for one process.
 
     Attributes:
-      path: the model.
-      codes: of the rules to apply.
-      steps: to simulate.
-      timeout: [s].
-      memory: beyond what mjrun itself needs [MiB].
+      path: the path of the model.
+      codes: the codes of the rules to apply.
+      steps: the number of steps to simulate.
+      timeout: the time limit [s].
+      memory: the limit of memory beyond that of mjrun itself [MiB].
       reader: the function that reads tasks, `package.module:name`; empty if `path` is a model.
-      policy: that acts on a task, beside random actions; empty for none.
-      normalize, trust: how it is loaded.
+      policy: the policy for a task, in addition to random actions; empty for none.
+      normalize, trust: the options for loading it.
     """
 
     path: str
@@ -51,12 +51,12 @@ class WorkerTask:
 
 @dataclass(frozen=True)
 class WorkerOutput:
-    """What a process wrote, and how it ended.
+    """The output of a process, and its end.
 
     Attributes:
       messages: the objects that `mjrun.check.worker` wrote.
-      exit: how the process ended.
-      stderr: what libraries printed.
+      exit: the exit status of the process.
+      stderr: the output of libraries.
     """
 
     messages: Sequence[dict[str, Any]]
@@ -65,7 +65,7 @@ class WorkerOutput:
 
 
 class WorkerPool:
-    """Starts processes, from any thread, and ends all of them at once."""
+    """A starter of processes, from any thread, which can end all of them at once."""
 
     def __init__(self) -> None:
         self._running: set[ChildProcess] = set()
@@ -73,7 +73,7 @@ class WorkerPool:
         self._ended = False
 
     def run(self, task: WorkerTask) -> WorkerOutput:
-        """Waits for a process to check one model."""
+        """Runs a process that checks one model, and waits for it."""
         with self._lock:
             if self._ended:
                 return WorkerOutput((), ExitStatus(0, "ended"), "")
@@ -88,7 +88,7 @@ class WorkerPool:
             return WorkerOutput(_messages(process.stdout), ended, process.stderr.decode(errors="replace"))
 
     def end(self) -> None:
-        """Kills the processes that run, and starts no more."""
+        """Kills the running processes, and starts no more."""
         with self._lock:
             self._ended = True
             for process in self._running:
@@ -96,14 +96,14 @@ class WorkerPool:
 
 
 def _start(task: WorkerTask) -> ChildProcess:
-    # A folder of models may hold files that are named like modules.
+    # A folder of models may contain files that are named like modules.
     path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
     command = python_call("mjrun.check.worker:main", json.dumps(asdict(task)), path=[*path, PACKAGE])
     return ChildProcess(command, environment=ENVIRONMENT, stdout="capture", stderr="capture")
 
 
 def _messages(stdout: bytes) -> list[dict[str, Any]]:
-    """The JSON objects in `stdout`, one on a line; an incomplete last line is skipped."""
+    """Returns the JSON objects in `stdout`, one per line; an incomplete last line is skipped."""
     messages = []
     for line in stdout.splitlines():
         with suppress(ValueError):

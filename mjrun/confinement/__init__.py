@@ -1,1 +1,1 @@
-"""What a process may do that works on files nobody vouches for."""
+"""Confinement of a process that works on untrusted files."""

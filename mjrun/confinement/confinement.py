@@ -1,6 +1,6 @@
-"""What a process may do that works on files nobody vouches for: `--untrusted`.
+"""The limits of a process that works on untrusted files, the option `--untrusted`.
 
-Where the kernel does not confine it, paths are checked before they are opened; they are everywhere.
+Paths are checked before they are opened, whether the kernel confines the process or not.
 """
 
 import json
@@ -11,24 +11,24 @@ from pathlib import Path
 
 from mjrun.errors import UsageError, option
 
-VARIABLE = "MJRUN_CONFINEMENT"  # by which the processes that a confined one starts know that they are
+VARIABLE = "MJRUN_CONFINEMENT"  # the environment variable with the limits, for the processes that a confined one starts
 CHECKS = "checks of paths"
-MAGIC = "/proc/"  # whose links lead where other processes are
-LINKS = 40  # that the system follows in a path
+MAGIC = "/proc/"  # a folder whose links may lead to places of other processes
+LINKS = 40  # the number of links that the system follows in a path
 
 
 @dataclass(frozen=True)
 class Confinement:
-    """What a confined process may do.
+    """The limits of a confined process.
 
     Attributes:
-      roots: the folders that models and documents may name files in.
-      files: files and folders that the user has named, which may be read too.
-      written: folders that outputs are written in.
+      roots: the folders in which models and documents may name files.
+      files: files and folders that the user has named, which may be read, too.
+      written: the folders that outputs are written in.
       temporary: the folder of temporary files.
-      by: what keeps it from reading and writing other files.
-      network: what keeps it from the network; empty if nothing does.
-      own_port: the descriptor of a socket at the port that it can connect to, where it serves; -1 elsewhere.
+      by: the mechanism that prevents reading and writing other files.
+      network: the mechanism that prevents network access; empty without one.
+      own_port: the descriptor of a socket at the only port that it can connect to, if it serves; otherwise −1.
     """
 
     roots: tuple[str, ...]
@@ -40,54 +40,59 @@ class Confinement:
     own_port: int = -1
 
     def allows(self, path: str | Path) -> bool:
-        """Whether a model or a document may name the file `path`, which need not exist."""
+        """Returns whether a model or a document may name the file `path`, which need not exist."""
         real = _real(path)
         return any(is_within(real, place) for place in (*self.roots, *self.files, self.temporary))
 
     def facts(self) -> dict[str, object]:
-        """What a report says of it."""
+        """Returns the limits as a report states them."""
         return {"roots": list(self.roots), "files": self.by, "network": self.network or "not confined"}
 
 
 def confinement() -> Confinement | None:
-    """How this process is confined; None if it is not."""
+    """Returns the limits of this process; None if it is not confined."""
     text = os.environ.get(VARIABLE)
     return _parsed(text) if text else None
 
 
 def require_unconfined(what: str) -> None:
-    """Checks that this process is not confined, which `what` does not go with.
+    """Checks that this process is not confined.
+
+    Args:
+      what: a sentence about something that confinement forbids, `x.py:f is code`.
 
     Raises:
-      UsageError: it is.
+      UsageError: it is confined.
     """
     if confinement():
         raise UsageError(f"{what}, which {option('untrusted')} does not allow")
 
 
 def is_readable(path: str | Path) -> bool:
-    """Whether a model or a document may name the file `path`: any, unless this process is confined."""
+    """Returns whether a model or a document may name the file `path`: always, unless this process is confined."""
     limits = confinement()
     return limits is None or limits.allows(path)
 
 
 def is_writable(path: str | Path) -> bool:
-    """Whether outputs may be written at `path`: anywhere, unless this process is confined."""
+    """Returns whether outputs may be written at `path`: anywhere, unless this process is confined."""
     limits = confinement()
     return limits is None or any(is_within(_real(path), place) for place in (*limits.written, limits.temporary))
 
 
-def tells_of_processes(path: str | Path) -> bool:
-    """Whether what there is at a path depends on the processes that there are, since it leads through /proc."""
+def depends_on_processes(path: str | Path) -> bool:
+    """Returns whether the existence of a path depends on other processes, because it leads through /proc."""
     return f"{_real(path) or MAGIC}/".startswith(MAGIC)
 
 
-OUTSIDE = "lies outside the folder that files are read from"
+OUTSIDE = "is outside the folder that files are read from"
 
 
 def advice() -> str:
-    """What to do when a model or a document names a file outside."""
-    return f"{option('untrusted')} reads what is beside the model and what you name; {option('root')} chooses a folder"
+    """Returns the remedy for a model or a document that names a file outside."""
+    return (
+        f"{option('untrusted')} reads files next to the model and files that you name; {option('root')} sets the folder"
+    )
 
 
 @cache
@@ -98,12 +103,12 @@ def _parsed(text: str) -> Confinement:
 
 
 def _real(path: str | Path) -> str:
-    """Where a path leads, which need not exist; empty if it leads by a link of another process, or by too many.
+    """Returns the target of a path, which need not exist; empty for a link of a process, or for too many links.
 
-    `os.path.realpath` follows the links of /proc: then a path would tell which processes there are.
+    `os.path.realpath` follows the links of /proc: a path could then reveal which processes exist.
     """
     links, place = 0, "/"
-    waiting = os.path.join(os.getcwd(), path).split("/")[::-1]  # noqa: PTH109, PTH118 – as it is, with ..
+    waiting = os.path.join(os.getcwd(), path).split("/")[::-1]  # noqa: PTH109, PTH118 – unchanged, including ..
     while waiting:
         name = waiting.pop()
         if name == "..":
@@ -112,7 +117,7 @@ def _real(path: str | Path) -> str:
             place = os.path.join(place, name)  # noqa: PTH118
             try:
                 target = os.readlink(place)  # noqa: PTH115
-            except (OSError, ValueError):  # it is no link, or not there, or no file can be called so
+            except (OSError, ValueError):  # it is not a link, does not exist, or cannot be the name of a file
                 continue
             links += 1
             if place.startswith(MAGIC) or links > LINKS:
@@ -125,5 +130,5 @@ def _real(path: str | Path) -> str:
 
 
 def is_within(path: str, folder: str) -> bool:
-    """Whether a path is that of a folder, or of what is below it, as they are written."""
+    """Returns whether a path is that of a folder, or of something below it, as written."""
     return bool(folder) and (path == folder or path.startswith(folder.rstrip("/") + "/"))

@@ -1,8 +1,8 @@
-"""A process that connects a confined one with itself, for the user interface of a page, and with nobody else.
+"""A process that connects a confined one to itself, for the user interface of a page, and to no other address.
 
-The filter of system calls cannot tell where `connect` leads: so the kernel asks this process instead, which was forked
-before and is free. Whatever address was meant, it connects to the one port, and puts its socket in place of the
-caller's: see seccomp_unotify(2) and linux/seccomp.h.
+The filter of system calls cannot see the address of a `connect`; the kernel asks this process instead, which was forked
+earlier and is not confined. It connects to the single port, whatever address was requested, and replaces the caller's
+socket by its own: see seccomp_unotify(2) and linux/seccomp.h.
 """
 
 import fcntl
@@ -13,13 +13,13 @@ import socket
 import struct
 
 RECEIVE, SEND, ADD_FILE = 0xC0502100, 0xC0182101, 0x40182103  # requests to the kernel
-IN_PLACE = 1  # of the descriptor that is named
-NOTICE, FIRST_ARGUMENT = 80, 32  # bytes of a notice, and before the first argument of the call in it
+IN_PLACE = 1  # flag: replaces the named descriptor
+NOTICE, FIRST_ARGUMENT = 80, 32  # the size of a notice, and the offset of the first argument in it [bytes]
 HOST = "127.0.0.1"
 
 
 class Connector:
-    """The process, which starts at once, before this one is confined.
+    """The connecting process, which starts at once, before this one is confined.
 
     Attributes:
       bound: a socket at the port that it connects to.
@@ -31,7 +31,7 @@ class Connector:
         self._channel, theirs = socket.socketpair()
         if not os.fork():
             try:
-                os.setsid()  # the terminal's signals are for the others
+                os.setsid()  # signals of the terminal do not reach it
                 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                     signal.signal(number, signal.SIG_IGN)
                 self._channel.close()
@@ -41,14 +41,14 @@ class Connector:
         theirs.close()
 
     def listen(self, listener: int) -> None:
-        """Gives it the descriptor by which the kernel asks, which this process has no more then."""
+        """Passes it the descriptor by which the kernel asks, and closes that here."""
         socket.send_fds(self._channel, [b"x"], [listener])
         self._channel.close()
         os.close(listener)
 
 
 def _serve(channel: socket.socket, address: tuple[str, int]) -> None:
-    """Answers what the kernel asks until the processes that it asks for have ended."""
+    """Answers the kernel's requests until the processes that it asks for have ended."""
     _, (listener, *_), _, _ = socket.recv_fds(channel, 1, 1)
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in range(3):
@@ -68,11 +68,11 @@ def _serve(channel: socket.socket, address: tuple[str, int]) -> None:
 
 
 def _connect(listener: int, number: int, descriptor: int, address: tuple[str, int]) -> int:
-    """Connects the call of a number, whose socket is a descriptor; returns the number of the error, or 0."""
+    """Connects the socket `descriptor` of a call, given by its number; returns the number of the error, or 0."""
     with socket.socket() as made:
         try:
             place = struct.pack("QIIII", number, IN_PLACE, made.fileno(), descriptor, os.O_CLOEXEC)
-            fcntl.ioctl(listener, ADD_FILE, place)  # before it is connected, so that its process is known by it
+            fcntl.ioctl(listener, ADD_FILE, place)  # before connecting, so that its process is known by it
             made.connect(address)
             made.setblocking(False)
         except OSError as error:

@@ -1,6 +1,6 @@
-"""Landlock, by which a process of Linux gives up access to files and to the network, for itself and its children.
+"""Landlock, by which a Linux process gives up access to files and to the network, for itself and its children.
 
-There is no wrapper of these system calls in Python's library, nor in glibc. See landlock(7); the constants are those of
+Neither Python's library nor glibc wraps these system calls. See landlock(7); the constants are those of
 linux/landlock.h, and the numbers of the calls are the same on every architecture.
 """
 
@@ -14,16 +14,16 @@ VERSION, PATH_BENEATH, NET_PORT = 1, 1, 2
 
 EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1 << 0, 1 << 1, 1 << 2, 1 << 3
 REFER, TRUNCATE, IOCTL_DEVICE = 1 << 13, 1 << 14, 1 << 15
-MAKE_DEVICES = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11  # the making of devices, sockets and pipes
-SYMLINKS = 1 << 12  # and of links
+MAKE_DEVICES = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11  # making devices, sockets and pipes
+SYMLINKS = 1 << 12  # making links
 ALL = (1 << 13) - 1  # of version 1
 BIND_TCP, CONNECT_TCP = 1 << 0, 1 << 1
-ABSTRACT_SOCKETS, SIGNALS = 1 << 0, 1 << 1  # of processes beyond
+ABSTRACT_SOCKETS, SIGNALS = 1 << 0, 1 << 1  # of other processes
 
 READ = EXECUTE | READ_FILE | READ_DIR
 USE = WRITE_FILE | READ_FILE | READ_DIR | IOCTL_DEVICE  # of a device
 WRITE = (ALL | REFER | TRUNCATE) & ~(EXECUTE | MAKE_DEVICES | SYMLINKS)  # and read
-OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL_DEVICE  # the others are of folders
+OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL_DEVICE  # the other rights apply to folders
 NO_NEW_PRIVILEGES = 38  # of prctl
 
 
@@ -37,24 +37,24 @@ class _PathRule(ctypes.Structure):
 
 
 def version() -> int:
-    """The version of Landlock's interface that the kernel offers; 0 for none."""
+    """Returns the version of Landlock's interface that the kernel offers; 0 for none."""
     try:
         return max(0, _call(CREATE_RULESET, None, ctypes.c_size_t(0), VERSION))
-    except (OSError, AttributeError):  # AttributeError: no Linux
+    except (OSError, AttributeError):  # AttributeError: not Linux
         return 0
 
 
 def restrict(rules: Iterable[tuple[str, int]], *, network: bool = True, serves: bool = False) -> None:
-    """Restricts this thread, and what it starts from now on, to the access to files that `rules` name.
+    """Restricts this thread, and everything it starts from now on, to the file access in `rules`.
 
     Args:
-      rules: paths, each with what is allowed there and below; those that do not exist are left out.
-      network: whether connections of TCP, other processes' signals and their abstract sockets are refused too, as far
-        as the kernel can.
-      serves: whether ports may be opened all the same.
+      rules: paths, each with the access rights there and below; missing paths are omitted.
+      network: whether TCP connections, other processes' signals and their abstract sockets are refused too, as far as
+        the kernel can.
+      serves: whether ports may be opened nevertheless.
 
     Raises:
-      OSError: it cannot.
+      OSError: the kernel refuses.
     """
     known = version()
     handled = ALL | (REFER if known >= 2 else 0) | (TRUNCATE if known >= 3 else 0) | (IOCTL_DEVICE if known >= 5 else 0)
@@ -85,7 +85,7 @@ def _add(ruleset: int, path: str, access: int) -> None:
 
 
 def _give_up_privileges() -> None:
-    """Promises never to gain privileges, as by a setuid program, which the kernel wants of who restricts itself."""
+    """Promises never to gain privileges, as by a setuid program, which the kernel requires for restrictions."""
     if ctypes.CDLL(None, use_errno=True).prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0):
         raise OSError(ctypes.get_errno(), "no_new_privs is refused")
 

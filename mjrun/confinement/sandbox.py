@@ -1,8 +1,8 @@
-"""How a process confines itself to what it may do with files nobody vouches for.
+"""The sandbox: a process confines itself to what work on untrusted files requires.
 
-It does so before it reads the first of them, and what it starts is confined with it: Landlock gives it no files but
-those it needs, a filter of system calls no network, no other processes and no metadata of files. Models are loaded in a
-thread that may read their folder alone.
+It does so before it reads the first of them, and everything it starts is confined with it: Landlock grants access only
+to the necessary files, a filter of system calls denies network, other processes and metadata of files. Models are
+loaded in a thread that can read only their folder.
 """
 
 import json
@@ -24,7 +24,7 @@ from mjrun.confinement.confinement import CHECKS, VARIABLE, Confinement, confine
 from mjrun.confinement.connector import Connector
 
 PREFIX = "mjrun-untrusted-"  # of temporary folders
-# What interpreters, drivers and encoders read; those of these that there are.
+# The folders that interpreters, drivers and encoders read; missing ones are skipped.
 LIBRARIES = ("/lib", "/lib32", "/lib64", "/usr/lib", "/usr/lib32", "/usr/lib64", "/usr/local/lib", "/nix/store")
 PROGRAMS = ("/usr", "/bin", "/sbin", "/opt", "/run/opengl-driver")
 SETTINGS = (
@@ -33,7 +33,7 @@ SETTINGS = (
 )
 STATE = ("/proc", *(f"/sys/{name}" for name in ("bus", "class", "dev", "devices", "fs/cgroup", "module")))
 CACHES = ("fontconfig", "matplotlib", "mesa_shader_cache", "mesa_shader_cache_db", "nvidia")
-MODULES = (".py", ".pyc", ".so", ".zip", ".egg", ".dist-info", ".egg-info")  # what an import looks at
+MODULES = (".py", ".pyc", ".so", ".zip", ".egg", ".dist-info", ".egg-info")  # names that an import inspects
 TASKS = "/proc/self/task"  # the threads of this process
 DEVICES = (
     *("null", "zero", "full", "random", "urandom", "dri", "kfd", "dxg"),
@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 
 def means(*, serves: bool = False) -> tuple[str, str]:
-    """What confines a process on this machine: to files, and from the network; the latter empty if nothing does."""
+    """Returns the mechanisms of confinement on this machine: for files, and for the network, which may be empty."""
     version = landlock.version()
     by = f"Landlock {version}" if version else CHECKS
     if seccomp.is_known():
@@ -60,14 +60,14 @@ def with_temporary(wanted: Confinement) -> Confinement:
 
 
 def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
-    """Confines this process and what it starts from now on, and returns how.
+    """Confines this process and everything it starts from now on; returns the limits and their mechanisms.
 
     Args:
       serves: whether it opens a port, for a browser on the same machine.
 
     Raises:
       OSError: the kernel refuses what it offers.
-      RuntimeError: the process has several threads, of which the others would stay free.
+      RuntimeError: the process has several threads; the others would not be confined.
     """
     by, network = means(serves=serves)
     made = replace(wanted, by=by, network=network)
@@ -94,9 +94,9 @@ def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
 
 
 def confined_load(load: Callable[[], T]) -> T:
-    """What `load` returns, called where a model's own files are all that can be opened, if this process is confined.
+    """Calls `load`, in a confined process in a thread that can open only the files of models.
 
-    It is called in a thread of its own then, which can open neither the outputs nor what drivers and encoders read.
+    That thread can open neither the outputs nor the files that drivers and encoders read.
     """
     limits = confinement()
     if limits is None or not landlock.version() or threading.current_thread().name == PREFIX:
@@ -106,7 +106,7 @@ def confined_load(load: Callable[[], T]) -> T:
 
     def work() -> None:
         try:
-            places = (*limits.roots, *limits.files, limits.temporary)  # where copies of models may be
+            places = (*limits.roots, *limits.files, limits.temporary)  # the last may contain copies of models
             rules = [*_libraries(), *((path, landlock.READ) for path in places)]
             landlock.restrict(rules, network=False)
             results.append(load())
@@ -122,15 +122,15 @@ def confined_load(load: Callable[[], T]) -> T:
 
 
 def _close_inherited() -> None:
-    """Closes the files that this process was started with, besides its standard streams."""
+    """Closes the files that this process inherited, except its standard streams."""
     for name in os.listdir("/dev/fd"):  # noqa: PTH208
-        with suppress(OSError):  # the descriptor that the folder was listed by
-            if int(name) > 2 and os.get_inheritable(int(name)):  # which what Python opens is not
+        with suppress(OSError):  # of the descriptor by which the folder is listed
+            if int(name) > 2 and os.get_inheritable(int(name)):  # files that Python opens are not inheritable
                 os.close(int(name))
 
 
 def _system() -> Iterator[tuple[str, int]]:
-    """What a process needs of the system, whatever it works on."""
+    """Yields the files of the system that a process needs, whatever it works on."""
     yield from _libraries()
     home = Path(os.environ.get("HOME") or "/nonexistent")
     cache = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
@@ -139,12 +139,12 @@ def _system() -> Iterator[tuple[str, int]]:
     paths += [str(home / ".fonts"), str(home / ".local/share/fonts"), os.environ.get("IMAGEIO_FFMPEG_EXE", "")]
     yield from ((path, landlock.READ) for path in paths)
     yield from ((f"/dev/{name}", landlock.USE) for name in DEVICES)
-    yield TASKS, landlock.WRITE_FILE  # where threads get their names
+    yield TASKS, landlock.WRITE_FILE  # to name threads
 
 
 @cache
 def _libraries() -> tuple[tuple[str, int], ...]:
-    """What the interpreter reads: itself, its libraries and packages."""
+    """Returns the files that the interpreter reads: itself, its libraries and packages."""
     package = str(Path(__file__).parents[1])
     prefixes = {sys.prefix, sys.base_prefix, sys.exec_prefix}
     paths = {*LIBRARIES, package, sys.executable, *site.getsitepackages(), site.getusersitepackages()}
@@ -159,14 +159,14 @@ def _libraries() -> tuple[tuple[str, int], ...]:
 
 
 def _is_chosen(folder: str) -> bool:
-    """Whether a folder of `sys.path` comes from PYTHONPATH or a .pth file, not from how the program was started."""
+    """Returns whether a folder of `sys.path` comes from PYTHONPATH or a .pth file, not from how the program started."""
     named = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     return sys.flags.safe_path or folder != sys.path[0] or folder in map(os.path.abspath, filter(None, named))
 
 
 def _importable(folder: str) -> Iterator[str]:
-    """The modules and packages in a folder, which may hold other files that are nobody's business."""
-    if os.path.isfile(folder):  # noqa: PTH113 – an archive of them
+    """Yields the modules and packages in a folder, which may contain private files, too."""
+    if os.path.isfile(folder):  # noqa: PTH113 – an archive of modules
         yield folder
         return
     with suppress(OSError), os.scandir(folder) as entries:
@@ -176,7 +176,7 @@ def _importable(folder: str) -> Iterator[str]:
 
 
 def _is_package(folder: str) -> Iterator[bool]:
-    """Of what is in a folder, and in the folders in it, whether it is a module."""
+    """Yields, for each entry of a folder and of its subfolders, whether it is a module."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             yield _is_module(entry.name) or (entry.is_dir() and os.path.exists(f"{entry.path}/__init__.py"))  # noqa: PTH110

@@ -1,9 +1,9 @@
-"""A filter of system calls, by which a process of Linux gives up the network and other processes, with its children.
+"""A filter of system calls, by which a Linux process gives up the network and other processes, with its children.
 
 The filter is a program of classic BPF over `struct seccomp_data`: see seccomp(2) and linux/seccomp.h. It assumes that
 the process runs code of an attacker, and refuses what neither mjrun nor an encoder or a driver needs: sockets, other
-processes, metadata of files, which Landlock leaves alone, input of the terminal, and rarer interfaces of the kernel.
-Calls that are newer than its lists do not exist for the process.
+processes, metadata of files, which Landlock does not cover, input of the terminal, and rare interfaces of the kernel.
+Calls newer than its lists do not exist for the process.
 """
 
 import ctypes
@@ -20,16 +20,16 @@ LOAD, JUMP_IF_EQUAL, JUMP_IF_AT_LEAST, AND, RETURN = 0x20, 0x15, 0x35, 0x54, 0x0
 NUMBER, ARCHITECTURE, ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
 ALLOW, ASK, KILL = 0x7FFF0000, 0x7FC00000, 0x80000000
 REFUSE, UNKNOWN = 0x00050000 | errno.EACCES, 0x00050000 | errno.ENOSYS
-NEWEST = 462  # the last call that this list knows, mseal; those of x32 begin far beyond
+NEWEST = 462  # the last known call, mseal; the numbers of x32 begin far beyond
 SET_SECCOMP, FILTER, NO_NEW_PRIVILEGES = 22, 2, 38  # of prctl
 SECCOMP, SET_FILTER, NEW_LISTENER = (317, 277), 1, 1 << 3  # the call that makes a filter which asks
-WHOLE = 0xFFFFFFFF  # the lower half of an argument, which is all that the kernel uses of those below
+WHOLE = 0xFFFFFFFF  # the lower half of an argument; the kernel ignores the upper half of those below
 SOCKET_TYPE = 0xF  # the bits of a socket's type without its flags
 
-# Of each machine: how the kernel calls it, and its place in the pairs of numbers below.
+# The kernel's identifier of each machine, and its index in the pairs of numbers below.
 MACHINES = {"x86_64": (0xC000003E, 0), "aarch64": (0xC00000B7, 1)}
 
-# Numbers of system calls on x86-64 and 64-bit ARM; None where it does not exist.
+# Numbers of system calls on x86-64 and 64-bit ARM; None if the call does not exist.
 Numbers = Mapping[str, tuple[int | None, int | None]]
 METADATA: Numbers = {
     "chmod": (90, None),
@@ -84,7 +84,7 @@ PROCESSES: Numbers = {
     "ioprio_set": (251, 30),
     "unshare": (272, 97),
     "setns": (308, 268),
-    # What processes without descent in common share: memory, queues and keys of the same user.
+    # Shared memory, queues and keys, which unrelated processes of the same user share.
     "shmget": (29, 194),
     "shmat": (30, 196),
     "shmctl": (31, 195),
@@ -142,8 +142,8 @@ KERNEL: Numbers = {
 }
 SERVING: Numbers = {"bind": (49, 200), "listen": (50, 201), "accept": (43, 202), "accept4": (288, 242)}
 CONNECTING: Numbers = {"connect": (42, 203)}
-# What libraries do without, or by an older call, where a kernel does not know it: io_uring opens sockets and files
-# unseen, and the arguments of the others lie in memory, where no filter sees them.
+# Calls that libraries replace by older ones on kernels without them: io_uring opens sockets and files unseen, and
+# the arguments of the others are in memory, where a filter cannot see them.
 UNSEEN: Numbers = {
     "io_uring_setup": (425, 425),
     "io_uring_enter": (426, 426),
@@ -154,7 +154,7 @@ UNSEEN: Numbers = {
 
 
 class Verdict(Enum):
-    """What follows if an argument has one of some values; `REQUIRE` goes on then, and refuses all others."""
+    """The result if an argument has one of some values; `REQUIRE` continues then, and refuses all other values."""
 
     ALLOW = ALLOW
     REFUSE = REFUSE
@@ -170,18 +170,18 @@ class Check(NamedTuple):
     verdict: Verdict
 
 
-SELF = Check(0, WHOLE, (0,), Verdict.REQUIRE)  # the process that calls, and not another one by its number
-NAMESPACES = 0x7E020000  # the bits of new ones among the flags of clone
+SELF = Check(0, WHOLE, (0,), Verdict.REQUIRE)  # the calling process, not another one by its number
+NAMESPACES = 0x7E020000  # the flags of clone for new namespaces
 FAST_OPEN = 0x20000000  # the flag of a message that connects
-# Requests to a terminal (of the type T) that change nothing; the others change it, or type into it.
+# Terminal requests (of type T) that change nothing; the others change the terminal, or type into it.
 TERMINAL = (0x5401, 0x802C542A, 0x5413, 0x540F, 0x5411, 0x541B, 0x5421, 0x5450, 0x5451)
-# Types of requests: all of terminals, and those by which file systems change attributes, labels and versions.
+# Types of requests: all requests of terminals, and those by which file systems change attributes, labels and versions.
 TYPES = (0x5400, 0x6600, 0x5800, 0x7600, 0x9400)
 CONSOLE = (0x4B00, 0x5600)  # requests to the keyboard and the screen of the machine's console, without their last byte
-OWNERS = (0x8901, 0x8902)  # requests by which a process gets the signals of a descriptor
-SET_OWNER = (8, 15)  # the same of fcntl
+OWNERS = (0x8901, 0x8902)  # requests that redirect the signals of a descriptor to a process
+SET_OWNER = (8, 15)  # the same with fcntl
 
-# Calls that are allowed with some arguments alone.
+# Calls that are allowed with some arguments only.
 CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[Check]]] = {
     "ioctl": (
         (16, 29),
@@ -193,7 +193,7 @@ CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[Check]]] = {
         ),
     ),
     "fcntl": ((72, 25), (Check(1, WHOLE, SET_OWNER, Verdict.REFUSE),)),
-    # Two sockets that are connected to each other for good; one of datagrams could be connected to others.
+    # Two sockets that are connected to each other permanently; datagram sockets could be connected elsewhere.
     "socketpair": (
         (53, 199),
         (
@@ -204,7 +204,7 @@ CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[Check]]] = {
     "sendto": ((44, 206), (Check(3, FAST_OPEN, (FAST_OPEN,), Verdict.REFUSE),)),
     "sendmsg": ((46, 211), (Check(2, FAST_OPEN, (FAST_OPEN,), Verdict.REFUSE),)),
     "sendmmsg": ((307, 269), (Check(3, FAST_OPEN, (FAST_OPEN,), Verdict.REFUSE),)),
-    # Its own group, which may be that of a shell's script, and all processes.
+    # The caller's process group, which may be that of a shell's script, and all processes.
     "kill": ((62, 129), (Check(0, WHOLE, (0, WHOLE), Verdict.REFUSE),)),
     "clone": ((56, 220), (Check(0, NAMESPACES, (0,), Verdict.REQUIRE),)),
     "prlimit64": ((302, 261), (SELF,)),
@@ -213,7 +213,7 @@ CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[Check]]] = {
     "sched_setattr": ((314, 274), (SELF,)),
     "sched_setparam": ((142, 118), (SELF,)),
     "sched_setscheduler": ((144, 119), (SELF,)),
-    # A file that is opened to be read and cut, which Landlock allows before version 3.
+    # A file opened for reading and truncated, which Landlock allows before version 3.
     "open": ((2, None), (Check(1, os.O_TRUNC | os.O_ACCMODE, (os.O_TRUNC,), Verdict.REFUSE),)),
     "openat": ((257, 56), (Check(2, os.O_TRUNC | os.O_ACCMODE, (os.O_TRUNC,), Verdict.REFUSE),)),
 }
@@ -226,7 +226,7 @@ OF_TCP = (
 
 
 class Program(ctypes.Structure):
-    """A program of classic BPF, as the kernel takes it."""
+    """A program of classic BPF, in the form that the kernel expects."""
 
     _fields_ = (("length", ctypes.c_ushort), ("filter", ctypes.c_char_p))
 
@@ -235,21 +235,21 @@ _Step = tuple[int, int, int, int]  # operation, steps to skip if it holds, steps
 
 
 def is_known() -> bool:
-    """Whether there is a filter for this machine."""
+    """Returns whether a filter exists for this machine."""
     return platform.system() == "Linux" and platform.machine() in MACHINES
 
 
 def restrict(*, serves: bool = False) -> int | None:
-    """Restricts this process, and what it starts from now on, to the calls that the filter allows.
+    """Restricts this process, and everything it starts from now on, to the calls that the filter allows.
 
     Args:
-      serves: whether it may open sockets of TCP and wait for connections. The filter asks what `connect` comes to.
+      serves: whether it may open TCP sockets and accept connections. The filter then asks about each `connect`.
 
     Returns:
       The descriptor by which it asks; None if it does not.
 
     Raises:
-      OSError: it cannot.
+      OSError: the kernel refuses.
     """
     library = ctypes.CDLL(None, use_errno=True)
     machine = platform.machine()
@@ -260,7 +260,7 @@ def restrict(*, serves: bool = False) -> int | None:
         listener = library.syscall(SECCOMP[MACHINES[machine][1]], SET_FILTER, NEW_LISTENER, ctypes.byref(asking))
         if listener >= 0:
             return listener
-    made = _assembled(program(machine, serves=serves, asks=False))  # of kernels that cannot ask, before Linux 5.0
+    made = _assembled(program(machine, serves=serves, asks=False))  # for kernels that cannot ask, before Linux 5.0
     if library.prctl(SET_SECCOMP, FILTER, ctypes.byref(made), 0, 0):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
     return None
@@ -276,13 +276,13 @@ def program(machine: str, *, serves: bool = False, asks: bool = True) -> list[_S
 
     Args:
       serves: as in `restrict`.
-      asks: whether it asks, if it serves, what `connect` comes to, and does not refuse it.
+      asks: whether it asks about `connect`, if it serves, instead of refusing it.
     """
     architecture, column = MACHINES[machine]
     steps: list[_Step] = [
         (LOAD, 0, 0, ARCHITECTURE),
         (JUMP_IF_EQUAL, 1, 0, architecture),
-        (RETURN, 0, 0, KILL),  # another set of numbers, as of 32 bits, would pass every comparison below
+        (RETURN, 0, 0, KILL),  # calls of another architecture, such as 32 bits, would pass every comparison below
         (LOAD, 0, 0, NUMBER),
         (JUMP_IF_AT_LEAST, 0, 1, NEWEST + 1),
         (RETURN, 0, 0, UNKNOWN),
@@ -298,7 +298,7 @@ def program(machine: str, *, serves: bool = False, asks: bool = True) -> list[_S
 
 
 def _rule(number: int | None, body: Sequence[_Step]) -> list[_Step]:
-    """The steps that judge the call of a number, and leave all others alone."""
+    """Returns the steps that judge the call of a number, and ignore all others."""
     return [] if number is None else [(JUMP_IF_EQUAL, 0, len(body), number), *body]
 
 

@@ -1,4 +1,4 @@
-"""What kind of result a file is."""
+"""The kinds of results: table, recording, video, image or model."""
 
 import zipfile
 from pathlib import Path
@@ -14,22 +14,22 @@ TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", 
 
 
 def common_kind(a: str, b: str) -> str:
-    """The kind of both files.
+    """Returns the kind of both files.
 
     Raises:
-      UsageError: they are of two kinds.
+      UsageError: they are of different kinds.
     """
     kinds = kind_of(a), kind_of(b)
     if kinds[0] != kinds[1]:
         facts = [f"{clean(path)} is {_with_article(kind)}" for path, kind in zip((a, b), kinds, strict=True)]
-        raise UsageError(f"{' and '.join(facts)}: only two of a kind can be compared")
+        raise UsageError(f"{' and '.join(facts)}: only results of the same kind can be compared")
     return kinds[0]
 
 
 def kind_of(name: str) -> str:
-    """`table`, `recording`, `video`, `image` or `model`: by the suffix, and for an archive and a .webp by its content.
+    """Returns the kind of a file by its suffix, and of an archive or a .webp by its content.
 
-    What is nothing else is a model. A folder is that of a study or an evaluation, or holds the frames of a video.
+    Any other file is a model. A folder is that of a study or an evaluation, or contains the frames of a video.
     """
     path, suffix = Path(name), Path(name).suffix.lower()
     if name == STDIN:
@@ -50,11 +50,11 @@ def _is_recording(path: Path) -> bool:
         with zipfile.ZipFile(path) as archive:
             return {f"{name}.npy" for name in ARRAYS} <= set(archive.namelist())
     except (OSError, ValueError, zipfile.BadZipFile):
-        return False  # reading it as a table says why
+        return False  # reading it as a table reports the fault
 
 
 def _is_animated(path: Path) -> bool:
-    """Whether a WebP file says that it is animated: https://developers.google.com/speed/webp/docs/riff_container."""
+    """Returns whether a WebP file is animated: https://developers.google.com/speed/webp/docs/riff_container."""
     try:
         with path.open("rb") as file:
             head = file.read(21)

@@ -1,4 +1,4 @@
-"""How alike two frames are."""
+"""Measures of the similarity of two frames."""
 
 import importlib.util
 import math
@@ -12,18 +12,18 @@ from mjrun.diff.tolerances import Tolerance
 LIBRARY, EXTRA = "skimage", "diff"
 PEAK = 255  # of colours
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of red, green and blue: ITU-R BT.601
-WINDOW = 7  # pixels a side, over which structural similarity looks
+WINDOW = 7  # pixels per side, over which structural similarity is computed
 
 
 @dataclass(frozen=True)
 class FrameComparison:
-    """What two frames of one size have in common.
+    """The comparison of two frames of one size.
 
     Attributes:
       changed: the share of the pixels that differ beyond the tolerance.
       maximum: the largest absolute difference; infinite where only one of two numbers is finite.
-      mean_square: of the differences.
-      ssim: structural similarity, 1 for equal frames; None where there is none.
+      mean_square: the mean square of the differences.
+      ssim: the structural similarity, 1 for equal frames; None if it cannot be computed.
     """
 
     changed: float
@@ -33,7 +33,7 @@ class FrameComparison:
 
     @property
     def psnr(self) -> float:
-        """The peak signal-to-noise ratio of colours [dB], infinite where they are equal."""
+        """The peak signal-to-noise ratio of colours [dB], infinite if they are equal."""
         return decibels(self.mean_square)
 
 
@@ -41,12 +41,12 @@ EQUAL = FrameComparison(0.0, 0.0, 0.0, 1.0)
 
 
 def decibels(mean_square: float) -> float:
-    """The peak signal-to-noise ratio of colours with this mean square difference [dB]."""
+    """Returns the peak signal-to-noise ratio of colours with this mean square difference [dB]."""
     return 10 * math.log10(PEAK**2 / mean_square) if mean_square else math.inf
 
 
 def is_colour(frame: np.ndarray) -> bool:
-    """Whether a frame has colours `(height, width, channels)`, and not numbers `(height, width)`."""
+    """Returns whether a frame has colours `(height, width, channels)`, and not numbers `(height, width)`."""
     return frame.ndim == 3
 
 
@@ -74,7 +74,7 @@ def _compare_numbers(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> Fram
 
 
 def _same_channels(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both with the channels of the one that has more: an opaque one is so everywhere."""
+    """Returns both with the channels of the one that has more; a missing alpha channel is opaque."""
     if a.shape[2] == b.shape[2]:
         return a, b
     opaque = np.full((*a.shape[:2], 1), PEAK, np.uint8)
@@ -82,7 +82,7 @@ def _same_channels(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def has_similarity() -> bool:
-    """Whether the library that computes structural similarity is installed."""
+    """Returns whether the library that computes structural similarity is installed."""
     return importlib.util.find_spec(LIBRARY) is not None
 
 

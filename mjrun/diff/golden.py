@@ -1,4 +1,4 @@
-"""Compares a simulation with a golden table, block by block while it is measured, in memory that does not grow."""
+"""A comparison of a simulation with a golden table, block by block while it is measured, in constant memory."""
 
 import queue
 import threading
@@ -17,7 +17,7 @@ from mjrun.formats.table_reader import open_table
 from mjrun.model.column import Column
 
 TIME = "time"
-QUEUED_BLOCKS = 4  # that may wait to be compared
+QUEUED_BLOCKS = 4  # that may wait for their comparison
 
 
 class GoldenComparison:
@@ -26,16 +26,16 @@ class GoldenComparison:
     The golden table is opened at once, and read while rows come, in a thread that ends with `finish` or `close`.
 
     Args:
-      path: the golden table.
-      columns: of the rows that come.
-      tolerances: within which numbers agree.
+      path: the path of the golden table.
+      columns: the columns of the measured rows.
+      tolerances: the tolerances within which numbers agree.
 
     Attributes:
-      manifest: of the golden table, in it or beside it; None if there is none.
+      manifest: the manifest of the golden table, in it or next to it; None without one.
 
     Raises:
-      FileError: it cannot be read.
-      UsageError: it has no column in common with the rows but time, or a tolerance is for none of them.
+      FileError: the golden table cannot be read.
+      UsageError: it has no column except time in common with the rows, or a tolerance applies to none of them.
     """
 
     def __init__(self, path: str, columns: Sequence[Column], tolerances: Tolerances) -> None:
@@ -67,16 +67,16 @@ class GoldenComparison:
         self._thread.start()
 
     def add(self, block: np.ndarray) -> None:
-        """Takes rows, float64 `(n, columns)`, which may be changed afterwards.
+        """Adds rows, float64 `(n, columns)`, which may be changed afterwards.
 
         Raises:
-          FileError: the golden table cannot be read on.
+          FileError: the golden table cannot be read further.
         """
         self._raise_failure()
         self._rows.add(np.array(block))
 
     def finish(self) -> TableDifference:
-        """How the golden table, `a`, and all rows, `b`, differ.
+        """Returns the differences between the golden table, `a`, and all rows, `b`.
 
         Raises:
           FileError: the golden table cannot be read to its end.
@@ -87,7 +87,7 @@ class GoldenComparison:
         return self._result
 
     def close(self) -> None:
-        """Gives the comparison up, unless it is finished."""
+        """Cancels the comparison, unless it is finished."""
         self._end(completely=False)
 
     def _end(self, *, completely: bool) -> None:
@@ -118,16 +118,16 @@ class _End:
 
 
 class _GivenUpError(Exception):
-    """No more rows come, and nobody wants the result."""
+    """The comparison was cancelled: no more rows come, and the result is unused."""
 
 
 class _ComingRows:
-    """Rows that one thread adds and another one reads."""
+    """Rows that one thread adds and another reads."""
 
     path = Path("the simulation")
 
     def __init__(self, columns: Sequence[Column], golden_names: Sequence[str]) -> None:
-        # .csv holds cleaned names.
+        # .csv contains cleaned names.
         self.names = [c.name if c.name in golden_names else clean(c.name) for c in columns]
         self.units: Mapping[str, str] = {n: c.unit for n, c in zip(self.names, columns, strict=True)}
         self._queue: queue.Queue[np.ndarray | _End] = queue.Queue(QUEUED_BLOCKS)
@@ -148,11 +148,12 @@ class _ComingRows:
             raise _GivenUpError
 
     def drain(self) -> None:
-        """Takes what is left, so that adding never blocks."""
+        """Discards the remaining rows, so that adding never blocks."""
         while not self._is_ended:
             self._is_ended = isinstance(self._queue.get(), _End)
 
 
 def _nothing_in_common(path: str, golden: Sequence[str], measured: Sequence[str]) -> str:
     lists = [f"{clean(path)}: {listing(golden) or 'none'}", f"measured: {listing(measured)}"]
-    return "\n".join([f"the golden table {clean(path)} has no column in common with what is measured but time", *lists])
+    fault = f"the golden table {clean(path)} and the measured columns have nothing except time in common"
+    return "\n".join([fault, *lists])

@@ -1,4 +1,4 @@
-"""What can differ between two models."""
+"""The differences between two models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ Value = str | int | float | bool
 
 @dataclass(frozen=True)
 class FieldDifference:
-    """What two models say otherwise of one object, or of the whole model.
+    """A difference between two models in one object, or in the whole model.
 
     Attributes:
       field: MuJoCo's name: `body_mass`, `opt.timestep`. `name` is the name of an object or of the model, `order` the
         order of objects of a kind.
-      object: its name, or both where they differ: `torso`, `torso → trunk`; empty of the whole model. With its kind for
-        a name: `joint knee`.
-      components: of the field that differ, `slide`; empty if it has one only, or if all do.
-      a, b: the values of these components: numbers, names of objects, MuJoCo's own words.
-      unit: of the numbers; empty for pure ones, and where MuJoCo does not tell.
+      object: the name of the object, or both names if they differ: `torso`, `torso → trunk`; empty for the whole model.
+        For a name, with the kind: `joint knee`.
+      components: the components of the field that differ, `slide`; empty if it has one only, or if all differ.
+      a, b: the values of these components: numbers, names of objects, MuJoCo's names.
+      unit: the unit of the numbers; empty for pure numbers and unknown units.
     """
 
     field: str
@@ -29,7 +29,7 @@ class FieldDifference:
 
     @property
     def largest(self) -> float | None:
-        """The largest difference of two numbers; None if these are not numbers."""
+        """The largest difference of two numbers; None if the values are not numbers."""
         numbers = [(a, b) for a, b in zip(self.a, self.b, strict=False) if not isinstance(a, str | bool)]
         return max((abs(float(b) - float(a)) for a, b in numbers if not isinstance(b, str)), default=None)
 
@@ -39,11 +39,11 @@ class ArrayDifference:
     """Data of one asset or flex, or of the whole model, that differ between two models.
 
     Attributes:
-      field, object: as in FieldDifference.
-      shape_a, shape_b: of the arrays.
-      count: of the numbers that differ; None where the shapes do.
-      largest: difference of two numbers; None where the shapes differ.
-      sha256_a, sha256_b: of the bytes of the arrays.
+      field, object: as for FieldDifference.
+      shape_a, shape_b: the shapes of the arrays.
+      count: the number of values that differ; None if the shapes do.
+      largest: the largest difference of two numbers; None if the shapes differ.
+      sha256_a, sha256_b: the hashes of the bytes of the arrays.
     """
 
     field: str
@@ -61,12 +61,12 @@ Difference = FieldDifference | ArrayDifference
 
 @dataclass(frozen=True)
 class ComputedDifference:
-    """A field that differs, and that the compiler works out from others.
+    """A field that differs, and that the compiler derives from others.
 
     Attributes:
       field: MuJoCo's name; `stat` for the statistics.
-      objects: how many differ in it.
-      largest: difference of two numbers; None where they are not numbers, or not as many.
+      objects: the number of objects that differ in it.
+      largest: the largest difference of two numbers; None if the values are not numbers, or differ in number.
     """
 
     field: str
@@ -76,11 +76,11 @@ class ComputedDifference:
 
 @dataclass(frozen=True)
 class ModelObject:
-    """An object that one of two models has.
+    """An object that only one of two models has.
 
     Attributes:
       kind: `body`, `joint`, `geom`, …
-      name: or `geom:3` if it has none.
+      name: the name of the object; `geom:3` if it has none.
     """
 
     kind: str
@@ -93,7 +93,7 @@ class XmlPlace:
 
     Attributes:
       file: the model, or a file that it includes or attaches.
-      line: counted from 1.
+      line: the number of the line, counted from 1.
     """
 
     file: str
@@ -109,9 +109,9 @@ class XmlChange:
 
     Attributes:
       element: its start tag with its name, `<geom name="floor">`, or with all its attributes if it has none.
-      attribute: that differs; empty if the whole element is in one model only.
-      a, b: the values of the attribute as they are written; None where it is not.
-      place_a, place_b: of the elements; None where there is none.
+      attribute: the attribute that differs; empty if only one model has the element.
+      a, b: the values of the attribute as written; None if it is missing.
+      place_a, place_b: the places of the elements; None if an element is missing.
     """
 
     element: str
@@ -124,17 +124,17 @@ class XmlChange:
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """What differs between two models, `a` and `b`.
+    """The differences between two models, `a` and `b`.
 
     Attributes:
-      a, b: where they come from.
-      fields: values that differ.
-      arrays: data of assets, and other long arrays, that differ.
-      only_a, only_b: objects that one of them has.
-      computed: fields that differ and that the compiler works out from others. Where nothing else differs, they are
+      a, b: their sources.
+      fields: the values that differ.
+      arrays: the data of assets, and other long arrays, that differ.
+      only_a, only_b: the objects that only one of them has.
+      computed: the fields that differ and that the compiler derives from others. If nothing else differs, they are
         among `fields` and `arrays` instead.
-      xml: what differs in the source, with lines, where both are XML files.
-      warnings: MuJoCo's, from compilation.
+      xml: the differences in the source, with lines, if both are XML files.
+      warnings: MuJoCo's warnings during compilation.
     """
 
     a: str
@@ -149,5 +149,5 @@ class ModelComparison:
 
     @property
     def equal(self) -> bool:
-        """Whether both compile to the same model."""
+        """True if both compile to the same model."""
         return not (self.fields or self.arrays or self.only_a or self.only_b)

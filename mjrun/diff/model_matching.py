@@ -1,9 +1,9 @@
-"""Which objects of one compiled model are which of another, and which rows of their fields belong together.
+"""The matching of the objects of two compiled models, and of the rows of their fields.
 
-Objects of a kind are matched by name, wherever they are. Those that have no name in one of the models, or whose name
-the other does not have, are compared within their parent body (within the model, for kinds without one), in order:
-what is equal is matched, so that a renamed object is still the same; between these, unnamed objects of one type that
-refer to the same are, and then unnamed objects one after the other.
+Objects of a kind are matched by name, wherever they are. Objects without a name in one of the models, or with a name
+that the other lacks, are compared in order within their parent body (within the model, for kinds without one). Equal
+objects are matched first, so that a renamed object stays the same; between these, unnamed objects of one type that
+refer to the same objects, and then the remaining unnamed objects one after the other.
 """
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from mjrun.model.names import COUNTS, KIND_OF, KIND_OF_COUNT, KINDS, QPOS_COMPON
 
 
 class EqualBlock(NamedTuple):
-    """`size` items from `a` on in one sequence that equal those from `b` on in the other."""
+    """A stretch of `size` items from `a` on in one sequence that equals that from `b` on in the other."""
 
     a: int
     b: int
@@ -29,10 +29,10 @@ class EqualBlock(NamedTuple):
 
 
 def equal_blocks(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[EqualBlock]:
-    """The equal stretches of two sequences, in order; the last is empty, at the end of both.
+    """Returns the equal stretches of two sequences, in order; the last is empty, at the end of both.
 
-    What both begin and end with is equal; a longest common stretch is looked for in between, so that one item that
-    has changed to what comes next is a change, not one removed and one added.
+    The common beginning and the common end are equal; longest common stretches are searched between them. Thus one item
+    that changes into the next one counts as a change, not as one removal and one addition.
     """
     start = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
     rest = min(len(a), len(b)) - start
@@ -46,7 +46,7 @@ def equal_blocks(a: Sequence[Hashable], b: Sequence[Hashable]) -> list[EqualBloc
 
 
 BODY = "body"
-# Kinds whose objects belong to a body, by the field that says to which.
+# The field with the body of each object, for kinds whose objects belong to a body.
 PARENTS = {
     BODY: "body_parentid", "joint": "jnt_bodyid", "geom": "geom_bodyid", "site": "site_bodyid", "camera": "cam_bodyid",
     "light": "light_bodyid",
@@ -63,32 +63,32 @@ class ModelObjects:
 
     @cached_property
     def names(self) -> dict[str, list[str]]:
-        """The names of the objects of each kind, by id; empty for those without one."""
+        """The names of the objects of each kind, by id; empty for unnamed objects."""
         return {
             kind: [mujoco.mj_id2name(self.model, obj, i) or "" for i in range(getattr(self.model, COUNTS[kind]))]
             for kind, obj in KINDS.items()
         }
 
     def label(self, kind: str, index: int) -> str:
-        """The name of an object, `geom:3` if it has none."""
+        """Returns the name of an object, `geom:3` if it has none."""
         return self.names[kind][index] or f"{kind}:{index}"
 
     def referred(self, obj: int, index: int) -> str:
-        """The name of what an id of the type `obj` refers to; `none` of −1."""
+        """Returns the name of the object that an id of the type `obj` refers to; `none` for −1."""
         kind = KIND_OF[obj]
         return self.label(kind, index) if 0 <= index < len(self.names[kind]) else "none"
 
     def parents(self, kind: str) -> np.ndarray:
-        """The body of each object; 0 for kinds that belong to none."""
+        """Returns the body of each object; 0 for kinds that belong to none."""
         if kind not in PARENTS:
             return np.zeros(len(self.names[kind]), int)
         parents = array(self.model, PARENTS[kind]).astype(int)
         if kind == BODY:
-            parents[0] = -1  # the world has none
+            parents[0] = -1  # the world has no parent
         return parents
 
     def keys(self, kind: str, *, whole: bool) -> list[Hashable]:
-        """What each object of a kind is compared by: all that it is, or only its types and what it refers to."""
+        """Returns the comparison key of each object of a kind: all its values, or only its types and references."""
         if (kind, whole) not in self._keys:
             fields = [f for f in model_fields() if f.rows == COUNTS[kind] and not f.computed]
             columns = [self._column(f) for f in fields if f.name != PARENTS.get(kind) and (whole or self._is_coarse(f))]
@@ -106,7 +106,7 @@ class ModelObjects:
         return [tuple(self._token(k, i) for i, k in zip(row, of, strict=True)) for row, of in rows]
 
     def _token(self, obj: int, index: float) -> Hashable:
-        """What an id refers to, by name; the number itself if it is no id."""
+        """Returns the name of the object that an id refers to; the number itself if it is not an id."""
         names = self.names[KIND_OF[obj]] if obj else []
         if not obj:
             return index
@@ -115,11 +115,11 @@ class ModelObjects:
 
 @dataclass(frozen=True)
 class Match:
-    """The objects of one kind: `a[k]` of one model is `b[k]` of the other, in the order of the first.
+    """The matching of the objects of one kind: `a[k]` of one model is `b[k]` of the other, in the order of the first.
 
     Attributes:
       a, b: ids, `(n,)`.
-      only_a, only_b: ids of those that only one of the models has.
+      only_a, only_b: the ids of the objects that only one of the models has.
     """
 
     a: np.ndarray
@@ -129,7 +129,7 @@ class Match:
 
 
 class ObjectMatching:
-    """Which objects of two models are the same."""
+    """The matching of the objects of two models."""
 
     def __init__(self, a: ModelObjects, b: ModelObjects) -> None:
         self.a, self.b = a, b
@@ -140,10 +140,10 @@ class ObjectMatching:
                 self.matches[kind] = self._match(kind, self._match_within_bodies(kind, bodies))
 
     def canonical(self, side: str, values: np.ndarray, kinds: np.ndarray | None) -> np.ndarray:
-        """The ids among `values`, of the types `kinds`, by numbers that both models share.
+        """Replaces the ids among `values`, of the types `kinds`, by numbers that both models share.
 
         Args:
-          side: `a` or `b`: the model that the values are of.
+          side: the model of the values, `a` or `b`.
         """
         if kinds is None:
             return values
@@ -155,12 +155,12 @@ class ObjectMatching:
         return result
 
     def parent_numbers(self, side: str, kind: str) -> np.ndarray:
-        """The body of each object of a kind, by numbers that both models share."""
+        """Returns the body of each object of a kind, by numbers that both models share."""
         parents = (self.a if side == "a" else self.b).parents(kind)
         return self._numbers(side, BODY)[parents]
 
     def _numbers(self, side: str, kind: str) -> np.ndarray:
-        """A number for every object of a kind; the last, which is that of −1, is −1."""
+        """Returns a number for each object of a kind; the last one, for the id −1, is −1."""
         match, objects = self.matches[kind], self.a if side == "a" else self.b
         numbers = -2.0 * np.arange(1, len(objects.names[kind]) + 2) - (side == "b")
         numbers[match.a if side == "a" else match.b] = np.arange(len(match.a))
@@ -175,18 +175,18 @@ class ObjectMatching:
         return Match(a, b, only_a, [i for i in range(len(self.b.names[kind])) if i not in matched])
 
     def _match_bodies(self) -> dict[int, int]:
-        """The bodies of the second model by those of the first: by name, and the others below matched parents."""
+        """Matches the bodies of both models: by name, and the others below matched parents."""
         pairs = {0: 0} | self._named(BODY)
         left_a, left_b = self._unmatched(BODY, pairs)
         queue = list(pairs.items())
-        for parent_a, parent_b in queue:  # which grows
+        for parent_a, parent_b in queue:  # it grows
             added = [*self._aligned(BODY, left_a.get(parent_a, []), left_b.get(parent_b, []))]
             pairs |= dict(added)
             queue += added
         return pairs
 
     def _match_within_bodies(self, kind: str, bodies: Mapping[int, int]) -> dict[int, int]:
-        """The objects of a kind: by name, and the others within matched bodies."""
+        """Matches the objects of a kind: by name, and the others within matched bodies."""
         pairs = self._named(kind)
         left_a, left_b = self._unmatched(kind, pairs)
         for body_a, body_b in bodies.items():
@@ -198,7 +198,7 @@ class ObjectMatching:
         return {i: ids[name] for i, name in enumerate(self.a.names[kind]) if name in ids}
 
     def _unmatched(self, kind: str, pairs: Mapping[int, int]) -> tuple[dict[int, list[int]], dict[int, list[int]]]:
-        """The objects of both models that are not in `pairs`, by their bodies."""
+        """Returns the objects of both models that are not in `pairs`, by their bodies."""
         groups: tuple[dict[int, list[int]], dict[int, list[int]]] = {}, {}
         for objects, matched, group in zip((self.a, self.b), (set(pairs), set(pairs.values())), groups, strict=True):
             for index, body in enumerate(objects.parents(kind).tolist()):
@@ -207,7 +207,7 @@ class ObjectMatching:
         return groups
 
     def _aligned(self, kind: str, a: Sequence[int], b: Sequence[int]) -> Iterator[Pair]:
-        """Objects without a common name: first those that are equal; between them the unnamed, in order."""
+        """Yields pairs of objects without a common name: first equal ones; between them unnamed ones in order."""
         for gap_a, gap_b, equal in self._blocks(kind, a, b, whole=True):
             yield from equal
             unnamed_a = [i for i in gap_a if not self.a.names[kind][i]]
@@ -219,7 +219,7 @@ class ObjectMatching:
     def _blocks(
         self, kind: str, a: Sequence[int], b: Sequence[int], *, whole: bool
     ) -> Iterator[tuple[Sequence[int], Sequence[int], list[Pair]]]:
-        """The objects of both models as stretches that differ, each with the equal ones that follow it."""
+        """Yields the objects of both models as stretches that differ, each with the equal objects that follow it."""
         if not a or not b:
             return
         keys_a, keys_b = self.a.keys(kind, whole=whole), self.b.keys(kind, whole=whole)
@@ -237,8 +237,8 @@ class Rows:
     """The rows along one dimension that both models have.
 
     Attributes:
-      a, b: `a[k]` of one model is `b[k]` of the other.
-      labels: what each belongs to: `torso`, `root/x`; both names where they differ, `torso → trunk`.
+      a, b: indices of rows: `a[k]` of one model is `b[k]` of the other.
+      labels: the object of each row: `torso`, `root/x`; both names if they differ, `torso → trunk`.
     """
 
     a: np.ndarray
@@ -247,20 +247,20 @@ class Rows:
 
 
 class RowMatching:
-    """The rows of two models, by what counts them."""
+    """The rows of two models along each dimension."""
 
     def __init__(self, objects: ObjectMatching) -> None:
         self.objects = objects
         self._rows: dict[str, Rows | None] = {}
 
     def rows(self, dimension: str) -> Rows | None:
-        """The rows along `dimension`, MuJoCo's name of a count; None if they belong to no objects."""
+        """Returns the rows along `dimension`, MuJoCo's name of a count; None if they belong to no objects."""
         if dimension not in self._rows:
             self._rows[dimension] = self._find(dimension)
         return self._rows[dimension]
 
     def label(self, kind: str, a: int, b: int) -> str:
-        """An object that both models have."""
+        """Returns the label of an object that both models have."""
         first, second = self.objects.a.label(kind, a), self.objects.b.label(kind, b)
         return first if first == second else f"{first} → {second}"
 
@@ -272,7 +272,7 @@ class RowMatching:
         return self._parts(dimension) if dimension in PARTS else None
 
     def _parts(self, dimension: str) -> Rows:
-        """Rows of which an object may have several, such as degrees of freedom."""
+        """Returns the rows of a dimension along which an object may have several, such as degrees of freedom."""
         kind = PARTS[dimension]
         a, b, labels = list[int](), list[int](), list[str]()
         match = self.objects.matches[kind]
@@ -287,7 +287,7 @@ class RowMatching:
         return Rows(np.array(a, int), np.array(b, int), labels)
 
 
-# What counts parts of objects → the kind of these.
+# The kind of object to which the rows of a dimension belong.
 PARTS = {
     "nq": "joint", "nv": "joint", "nu": "actuator", "nout": "actuator", "na": "actuator", "ntree": "body",
     "nmocap*3": "body", "nmocap*4": "body",
@@ -295,7 +295,7 @@ PARTS = {
 
 
 def _stretch(model: mujoco.MjModel, dimension: str, index: int) -> tuple[int, Sequence[str]]:
-    """The first row of the parts of an object, and the names of these; a single one needs none."""
+    """Returns the first row of an object along a dimension, and the names of its rows; a single one needs none."""
     if dimension in ("nq", "nv"):
         start, components = (
             (model.jnt_qposadr, QPOS_COMPONENTS) if dimension == "nq" else (model.jnt_dofadr, QVEL_COMPONENTS)

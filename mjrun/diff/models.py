@@ -1,4 +1,4 @@
-"""Do two models agree? What is compared is what MuJoCo compiles them to, object by object."""
+"""The comparison of two models, by what MuJoCo compiles them to, object by object."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -42,9 +42,9 @@ from mjrun.model.names import PLURALS, QUATERNION, VECTOR
 from mjrun.model.source import Source
 from mjrun.model.units import field_unit
 
-SHORT = 8  # numbers of an object that are told one by one; more are told as an array
+SHORT = 8  # numbers of an object that are listed one by one; more are reported as an array
 COLOUR, LIMITS = ("r", "g", "b", "a"), ("lower", "upper")
-# The names of the components of a field, by how its name ends and how many they are.
+# The names of the components of a field, by the end of its name and their number.
 COMPONENTS: dict[tuple[str, int], Sequence[str]] = {
     ("pos", 3): VECTOR, ("axis", 3): VECTOR, ("_dir", 3): VECTOR, ("scale", 3): VECTOR, ("0", 3): VECTOR,
     ("quat", 4): QUATERNION, ("rgba", 4): COLOUR, ("ambient", 3): COLOUR, ("diffuse", 3): COLOUR,
@@ -58,7 +58,7 @@ TEXTS = ("text_data", "plugin_attr")
 
 
 class FieldComparer:
-    """Compares fields of two models whose objects are matched."""
+    """A comparison of fields of two models whose objects are matched."""
 
     def __init__(self, objects: ObjectMatching, tolerances: Tolerances) -> None:
         self._objects, self._rows = objects, RowMatching(objects)
@@ -66,7 +66,7 @@ class FieldComparer:
         self._tolerances = tolerances
 
     def differences(self, field: ModelField) -> Iterator[Difference]:
-        """What differs in one field, in the order of the first model."""
+        """Yields the differences in one field, in the order of the first model."""
         if field.rows in STRETCHES:
             yield from self._stretches(field)
         elif self._rows.rows(field.rows) is not None:
@@ -75,7 +75,7 @@ class FieldComparer:
             yield from self._array(field.name, "", *(array(model, field.name) for model in self._models))
 
     def disagree(self, name: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Where two arrays of one shape differ; floats within the tolerance of the field do not, nor NaN from NaN."""
+        """Returns where two arrays of one shape differ; floats within the tolerance of the field agree, as do NaNs."""
         different = a != b
         if not np.issubdtype(a.dtype, np.floating) or not different.any():
             return different
@@ -94,14 +94,14 @@ class FieldComparer:
             yield FieldDifference(field.name, rows.labels[k], components, a.plain(k, chosen), b.plain(k, chosen), unit)
 
     def _align_components(self, field: ModelField, a: "_Values", b: "_Values") -> Sequence[str]:
-        """Makes the columns of both correspond, and names them."""
+        """Makes the columns of both correspond, and returns their names."""
         dimension = str(field.extents[1]) if len(field.extents) > 1 else ""
         columns = self._rows.rows(dimension) if dimension else None
         if columns is not None:
             a.columns(columns.a)
             b.columns(columns.b)
             return columns.labels
-        width = max(a.width, b.width)  # of user data, of which the shorter ends in zeros
+        width = max(a.width, b.width)  # of user data; the shorter one is padded with zeros
         a.pad(width)
         b.pad(width)
         named = next((names for (end, n), names in COMPONENTS.items() if n == width and field.name.endswith(end)), None)
@@ -125,7 +125,7 @@ class FieldComparer:
                 yield from self._short(field, label, a, b)
 
     def _short(self, field: ModelField, label: str, a: "_Values", b: "_Values") -> Iterator[FieldDifference]:
-        """The few numbers of an object as one row."""
+        """Yields the difference in the few numbers of an object, as one row."""
         a, b = a.flat(), b.flat()
         chosen = np.flatnonzero(self._different(field, a, b)[0]).tolist()
         if chosen:
@@ -133,7 +133,7 @@ class FieldComparer:
             yield FieldDifference(field.name, label, components, a.plain(0, chosen), b.plain(0, chosen))
 
     def _different(self, field: ModelField, a: "_Values", b: "_Values") -> np.ndarray:
-        """Where rows differ: numbers beyond the tolerance, and ids of what is not the same object."""
+        """Returns where rows differ: numbers beyond the tolerance, and ids of different objects."""
         first, second = self._canonical("a", a), self._canonical("b", b)
         different = self.disagree(field.name, first, second)
         if a.kinds is None or b.kinds is None:
@@ -167,24 +167,24 @@ class _Values:
         return self.array.shape[1]
 
     def rows(self, indices: np.ndarray) -> "_Values":
-        """Some of the rows."""
+        """Returns some of the rows."""
         return self._with(self.array[indices], None if self.kinds is None else self.kinds[indices])
 
     def flat(self) -> "_Values":
-        """All of it as one row."""
+        """Returns all values as one row."""
         return self._with(self.array.reshape(1, -1), None if self.kinds is None else self.kinds.reshape(1, -1))
 
     def columns(self, indices: np.ndarray) -> None:
-        """Leaves some of the columns."""
+        """Selects some of the columns."""
         self.array = self.array[:, indices]
 
     def pad(self, width: int) -> None:
-        """Adds columns of zeros."""
+        """Appends columns of zeros."""
         if width > self.width:
             self.array = np.pad(self.array, ((0, 0), (0, width - self.width)))
 
     def plain(self, row: int, columns: Sequence[int]) -> tuple[Value, ...]:
-        """Some values of one row, as they are told."""
+        """Returns some values of one row as plain values."""
         return tuple(self._plain(row, column) for column in columns)
 
     def _plain(self, row: int, column: int) -> Value:
@@ -211,23 +211,23 @@ def _sha256(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
-MEMORY = "a compiled model"  # what one is called that comes from no file
+MEMORY = "a compiled model"  # the name of a model without a source
 
 
 def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -> ModelComparison:
-    """Compares what two models compile to, object by object.
+    """Compares the compilation of two models, object by object.
 
-    Objects are matched by name; unnamed ones by their place among those of their parent body. Addresses, ids and
+    Objects are matched by name, unnamed ones by their position among those of their parent body. Addresses, ids and
     counts are not compared as numbers, but as the objects that they refer to, so that an inserted object is one
-    difference. Names of files are not compared at all. Numbers agree within the tolerance of their field; NaN agrees
-    with NaN, and 0 with −0. Integers, choices and names must be equal.
+    difference. Names of files are not compared. Numbers agree within the tolerance of their field; NaN equals NaN, and
+    0 equals −0. Integers, choices and names must be equal.
 
     Args:
-      tolerances: by the names of fields, `body_mass` or `opt.timestep`; exact if nothing is said.
+      tolerances: the tolerances by the names of fields, `body_mass` or `opt.timestep`; exact by default.
 
     Raises:
       ModelError: one of the models cannot be found, read or compiled.
-      UsageError: an override of one of them names nothing, or its value does not fit; a tolerance is for no field.
+      UsageError: an override refers to nothing, or its value does not fit; a tolerance applies to no field.
     """
     with collected_warnings() as warnings:
         first, second = a.load(), b.load()
@@ -256,7 +256,7 @@ def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -
 
 
 def _field_names(model: mujoco.MjModel) -> list[str]:
-    """The names of all fields that can differ within a tolerance."""
+    """Returns the names of all fields that can have a tolerance."""
     visual = [(f"vis.{section}", getattr(model.vis, field)) for section, field in VISUAL.items()]
     settings = [("opt", model.opt), ("stat", model.stat), *visual]
     names = [f"{path}.{name}" for path, owner in settings for name in dir(type(owner)) if not name.startswith("_")]
@@ -264,7 +264,7 @@ def _field_names(model: mujoco.MjModel) -> list[str]:
 
 
 def _settings(a: mujoco.MjModel, b: mujoco.MjModel, comparer: FieldComparer) -> Iterator[Difference]:
-    """What differs in options, flags, visual settings, and sizes that the user sets."""
+    """Yields the differences in options, flags, visual settings, and sizes that the user sets."""
     yield from _converted((*option_differences(b, a), *visual_differences(b, a)), comparer)
     for size in (*SIZES, *user_sizes()):
         first, second = int(getattr(a, size)), int(getattr(b, size))
@@ -273,7 +273,7 @@ def _settings(a: mujoco.MjModel, b: mujoco.MjModel, comparer: FieldComparer) -> 
 
 
 def _converted(settings: Sequence[NonDefaultSetting], comparer: FieldComparer) -> Iterator[FieldDifference]:
-    """Settings of the second model whose `default` is that of the first."""
+    """Yields the differences in settings of the second model whose `default` is that of the first."""
     for setting in settings:
         a, b = _values(setting.default), _values(setting.value)
         chosen = [i for i, (x, y) in enumerate(zip(a, b, strict=True)) if _differ(setting.path, x, y, comparer)]
@@ -301,7 +301,7 @@ def _component_names(path: str, count: int) -> Sequence[str]:
 
 
 def _names(objects: ObjectMatching) -> Iterator[FieldDifference]:
-    """Names that differ: of the models, and of objects that are the same but for it."""
+    """Yields the names that differ: of the models, and of objects that are otherwise the same."""
     a, b = (bytes(each.model.names).partition(b"\0")[0].decode("utf-8", "replace") for each in (objects.a, objects.b))
     if a != b:
         yield FieldDifference("name", "", (), (a,), (b,))
@@ -313,9 +313,9 @@ def _names(objects: ObjectMatching) -> Iterator[FieldDifference]:
 
 
 def _orders(objects: ObjectMatching) -> Iterator[FieldDifference]:
-    """Objects that stand in another order, on which the layout of `qpos`, `ctrl` and `sensordata` depends.
+    """Yields objects in a different order, on which the layout of `qpos`, `ctrl` and `sensordata` depends.
 
-    Objects of bodies are compared within their body, so that a body that moves is one difference.
+    Objects of bodies are compared within their body, so that a moved body is one difference.
     """
     for kind, match in objects.matches.items():
         parents = objects.a.parents(kind)[match.a]

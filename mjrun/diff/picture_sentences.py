@@ -1,4 +1,4 @@
-"""What differs between two videos or images, in a sentence each, and which differences are allowed."""
+"""The differences between two videos or images as sentences, and the limits that allow them."""
 
 from collections.abc import Iterator
 
@@ -10,16 +10,16 @@ from mjrun.packages import require
 
 
 def require_library(options: PictureDiffOptions) -> None:
-    """Raises MissingExtraError or WrongVersionError if a similarity is asked for that cannot be computed."""
+    """Raises MissingExtraError or WrongVersionError if a requested similarity cannot be computed."""
     if options.min_ssim is not None:
         require(option("min_ssim"), EXTRA, LIBRARY)
 
 
 def picture_sentences(picture: PictureDifference, a: str, b: str, options: PictureDiffOptions) -> list[str]:
-    """What differs beyond the limits of `options`; without limits, every pixel beyond the tolerance counts.
+    """Returns the differences beyond the limits of `options`; without limits, every pixel beyond the tolerance counts.
 
     Raises:
-      UsageError: a limit does not fit these pictures.
+      UsageError: a limit does not apply to these pictures.
     """
     _require_fitting(picture, options)
     differences = [*_structure(picture, a, b)]
@@ -31,23 +31,23 @@ def picture_sentences(picture: PictureDifference, a: str, b: str, options: Pictu
 
 
 def frame_facts(frame: FrameDifference) -> str:
-    """`PSNR 31.2 dB, SSIM 0.912, 3.1 % of the pixels changed, by 0.25 at most`."""
+    """Returns the measures of a frame: `PSNR 31.2 dB, SSIM 0.912, 3.1 % of the pixels changed, by 0.25 at most`."""
     facts = [
         "" if frame.psnr is None else f"PSNR {frame.psnr:.2f} dB",
         "" if frame.ssim is None else f"SSIM {frame.ssim:.4f}",
         f"{percent(frame.changed)} of the pixels changed",
-        f"by {'what is not finite' if frame.maximum is None else f'{frame.maximum:.6g}'} at most",
+        f"by {'a non-finite value' if frame.maximum is None else f'{frame.maximum:.6g} at most'}",
     ]
     return ", ".join(filter(None, facts))
 
 
 def percent(share: float) -> str:
-    """A share as a percentage, which is never rounded to nothing."""
+    """Formats a share as a percentage, which is never rounded to zero."""
     return f"{100 * share:.3g} %"
 
 
 def frame_place(frame: FrameDifference, picture: PictureDifference) -> str:
-    """`frame 17, time 0.283 s: `; nothing for images."""
+    """Returns the place of a frame, `frame 17, time 0.283 s: `; empty for images."""
     if picture.frames_a == picture.frames_b == 1 and frame.time is None:
         return ""
     return f"frame {frame.frame}" + ("" if frame.time is None else f", time {frame.time:.6g} s") + ": "
@@ -58,14 +58,14 @@ def _require_fitting(picture: PictureDifference, options: PictureDiffOptions) ->
     for name, limit in limits.items():
         if limit is not None and picture.pixels == "numbers":
             raise UsageError(
-                f"{option(name)} is for colours: numbers agree within {option('atol')} and {option('rtol')}"
+                f"{option(name)} applies to colours; numbers are compared within {option('atol')} and {option('rtol')}"
             )
     if options.min_ssim is not None and min(picture.size_a) < WINDOW:
-        raise UsageError(f"{option('min_ssim')} needs images of {WINDOW} pixels a side at least")
+        raise UsageError(f"{option('min_ssim')} requires images of at least {WINDOW}x{WINDOW} pixels")
 
 
 def _structure(picture: PictureDifference, a: str, b: str) -> Iterator[str]:
-    """What differs besides the pixels."""
+    """Yields the differences other than those of pixels."""
     if picture.size_a != picture.size_b:
         one, other = (f"{width}x{height}" for width, height in (picture.size_a, picture.size_b))
         yield f"the size is {one} in {a}, {other} in {b}"
@@ -74,7 +74,7 @@ def _structure(picture: PictureDifference, a: str, b: str) -> Iterator[str]:
     if picture.fps_a and picture.fps_b and picture.fps_a != picture.fps_b:
         yield f"the rate is {picture.fps_a:.9g} frames per second in {a}, {picture.fps_b:.9g} in {b}"
     if picture.frames_a != picture.frames_b:
-        yield f"there are {picture.frames_a} frames in {a}, {picture.frames_b} in {b}"
+        yield f"the number of frames is {picture.frames_a} in {a}, {picture.frames_b} in {b}"
 
 
 def _changed(picture: PictureDifference) -> Iterator[str]:
@@ -90,7 +90,7 @@ def _changed(picture: PictureDifference) -> Iterator[str]:
 
 
 def _beyond_limits(picture: PictureDifference, options: PictureDiffOptions) -> Iterator[str]:
-    """The worst frame by every limit that is not kept."""
+    """Yields the worst frame by each limit that is exceeded."""
     worst, similar, changed = picture.worst, picture.least_similar, picture.most_changed
     if options.min_psnr is not None and worst and worst.psnr is not None and worst.psnr < options.min_psnr:
         yield f"{frame_place(worst, picture)}PSNR {worst.psnr:.6g} dB is less than {options.min_psnr:g} dB"

@@ -1,4 +1,4 @@
-"""Compares videos and images, frame by frame: two frames are in memory, and the worst pair."""
+"""The comparison of videos and images, frame by frame, with two frames and the worst pair in memory."""
 
 import math
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from mjrun.formats.video_reader import read_video
 
 
 class Frames(Protocol):
-    """Frames of one size, decoded anew with each iteration."""
+    """Frames of one size, decoded again with each iteration."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -28,7 +28,7 @@ class Frames(Protocol):
 
     @property
     def fps(self) -> float | None:
-        """Frames per second, if they are known."""
+        """Frames per second; None if unknown."""
         ...
 
     def __iter__(self) -> Iterator[np.ndarray]: ...
@@ -49,24 +49,24 @@ class ImageFrames:
         for path in self._paths[1:]:
             frame = read_image(path, indices=self._indices)
             if _size(frame) != self.size or is_colour(frame) != is_colour(self._first):
-                raise FileError(path, "is of another size or kind than the images before it")
+                raise FileError(path, "differs in size or kind from the images before it")
             yield frame
 
 
 @dataclass(frozen=True)
 class WorstFrames:
-    """The pair of frames with the largest mean square difference, or the first where nothing differs."""
+    """The pair of frames with the largest mean square difference; the first pair if nothing differs."""
 
     a: np.ndarray
     b: np.ndarray
 
 
 def compare_images(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
-    """Compares two images. Those with the same palette are compared by its indices, as numbers.
+    """Compares two images. Images with the same palette are compared by its indices, as numbers.
 
     Raises:
       FileError: one cannot be read.
-      UnknownNameError: an image with this suffix cannot be read.
+      UnknownNameError: images with this suffix cannot be read.
     """
     indices = bool(read_palette(a)) and read_palette(a) == read_palette(b)
     one, other = (ImageFrames([Path(path)], indices=indices) for path in (a, b))
@@ -77,14 +77,14 @@ def compare_videos(a: str, b: str, tolerance: Tolerance) -> tuple[PictureDiffere
     """Compares two videos, or folders of images.
 
     Raises:
-      FileError: one cannot be read, or a folder holds no images, or images that are not alike.
+      FileError: one cannot be read, or a folder contains no images, or images of several sizes or kinds.
       UsageError: the format can be written, but not read.
     """
     return compare(_frames(a), _frames(b), tolerance)
 
 
 def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifference, WorstFrames | None]:
-    """How two videos or images differ, and the worst pair of frames; None where their sizes or kinds differ."""
+    """Returns the differences of two videos or images, and the worst pair of frames; None if sizes or kinds differ."""
     summary = PictureSummary(a, b)
     for one, other in zip_longest(a, b):
         if one is not None and other is not None and summary.are_comparable(one, other):
@@ -94,10 +94,10 @@ def compare(a: Frames, b: Frames, tolerance: Tolerance) -> tuple[PictureDifferen
 
 
 class PictureSummary:
-    """Gathers how pairs of frames differ.
+    """The accumulated differences of pairs of frames.
 
     Attributes:
-      worst_frames: the pair with the largest mean square difference; None before there is a pair.
+      worst_frames: the pair with the largest mean square difference; None before the first pair.
     """
 
     def __init__(self, a: Frames, b: Frames) -> None:
@@ -109,14 +109,14 @@ class PictureSummary:
         self._frames = self._differing = 0
         self._changed = self._squares = self._similarity = 0.0
         self._first: FrameDifference | None = None
-        # The worst by mean square, by similarity and by pixels that changed.
+        # The worst frames by mean square, by similarity and by changed pixels.
         self._worst: FrameDifference | None = None
         self._least_similar: FrameDifference | None = None
         self._most_changed: FrameDifference | None = None
         self._worst_square, self._least_ssim = -1.0, 1.0
 
     def are_comparable(self, a: np.ndarray, b: np.ndarray) -> bool:
-        """Whether two frames have the same size, and are both colours or both numbers."""
+        """Returns whether two frames have the same size, and are both colours or both numbers."""
         self._kinds |= {"colours" if is_colour(frame) else "numbers": None for frame in (a, b)}
         return self._a.size == self._b.size and is_colour(a) == is_colour(b)
 
@@ -126,7 +126,7 @@ class PictureSummary:
         self._counts[1] += in_b
 
     def add(self, a: np.ndarray, b: np.ndarray, comparison: FrameComparison) -> None:
-        """Takes the next pair of frames."""
+        """Adds the next pair of frames."""
         difference = self._difference(comparison, is_colour(a))
         if comparison.mean_square > self._worst_square:
             self._worst_square, self.worst_frames = comparison.mean_square, WorstFrames(a, b)
@@ -144,7 +144,7 @@ class PictureSummary:
         self._similarity += math.nan if comparison.ssim is None else comparison.ssim
 
     def result(self) -> PictureDifference:
-        """What was found in all of them."""
+        """Returns the differences in all frames."""
         frames = max(1, self._frames)
         kinds = " and ".join(sorted(self._kinds))
         return PictureDifference(
@@ -182,7 +182,7 @@ def _frames(path: str) -> Frames:
         return read_video(path)
     images = sorted(each for each in Path(path).iterdir() if each.suffix.lower() == ".png")
     if not images:
-        raise FileError(path, "holds no .png images")
+        raise FileError(path, "contains no .png images")
     return ImageFrames(images, indices=False)
 
 

@@ -1,4 +1,4 @@
-"""What made two results, as far as they say so: versions, machines and models that are not the same."""
+"""The provenance of two results: versions, machines and models that differ, as far as their manifests state them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,13 +6,13 @@ from typing import Any
 from mjrun.errors import clean, plain
 from mjrun.formats.input_file import cut
 
-# Keys of a manifest, and what messages call them.
+# Keys of a manifest, and their names in messages.
 VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "numpy": "numpy", "machine": "the machine"}
 SETTINGS = {"timestep": "the timestep", "seed": "the seed"}
 
 
 def provenance_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> list[str]:
-    """A sentence for each thing that differs between the manifests of two results, which may say anything."""
+    """Returns a sentence for each difference between the manifests of two results, whose content is untrusted."""
     if not a or not b:
         return []
     named = {**VERSIONS, **SETTINGS}
@@ -26,26 +26,26 @@ def provenance_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -
 
 
 def _changed_options(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[tuple[str, object, object]]:
-    """The options of the simulation that differ, such as overrides of the model, each with both values."""
+    """Returns the options of the simulation that differ, such as overrides of the model, each with both values."""
     one, other = (_part(_part(manifest, "options"), "simulation") for manifest in (a, b))
     both = [key for key in one if key in other and key not in (*SETTINGS, "model")]
     return [(key, one[key], other[key]) for key in both if plain(one[key]) != plain(other[key])]
 
 
 def _model_note(a: Mapping[str, Any], b: Mapping[str, Any], *, is_overridden: bool) -> list[str]:
-    """Which model differs, if one does."""
+    """Returns a sentence about the models if they differ."""
     one, other = _part(a, "model"), _part(b, "model")
     hashes = one.get("sha256"), other.get("sha256")
     if not all(hashes) or hashes[0] == hashes[1]:
         return []
-    same_physics = "physics" in a and a["physics"] == b.get("physics")  # which recordings tell
-    but = "; what moves in them is" if same_physics else ""
+    same_physics = "physics" in a and a["physics"] == b.get("physics")  # only recordings have it
+    but = "; their physics is the same" if same_physics else ""
     names = _shown(one.get("path", "")), _shown(other.get("path", ""))
     if is_overridden or not all(names):
-        return [f"the models, or what is overridden in them, are not the same{but}"]
+        return [f"the models, or their overrides, differ{but}"]
     if names[0] == names[1]:
-        return [f"the model {names[0]}, or a file that it names, has changed{but}"]
-    return [f"the models {names[0]} and {names[1]} are not the same{but}"]
+        return [f"the model {names[0]}, or a file that it refers to, has changed{but}"]
+    return [f"the models {names[0]} and {names[1]} differ{but}"]
 
 
 def _part(manifest: Mapping[str, Any], key: str) -> Mapping[str, Any]:

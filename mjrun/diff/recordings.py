@@ -1,4 +1,4 @@
-"""Compares recordings: their states step by step, in memory that does not grow with their length."""
+"""The comparison of recordings: their states step by step, in memory that does not grow with their length."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -31,7 +31,7 @@ class RecordedRows:
         self._recording = recording
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """Blocks of float64 `(n, 1 + size)`."""
+        """Yields blocks of float64 `(n, 1 + size)`."""
         for steps, states in self._recording.blocks():
             yield np.column_stack([steps, states])
 
@@ -42,15 +42,16 @@ def compare_recordings(
     """Compares the states of the same steps.
 
     Args:
-      model: whose joints name the numbers of a state; without, they have their place in their field: `qpos/3`.
+      model: the model whose joints name the numbers of a state; without it, they have their index in their field:
+        `qpos/3`.
 
     Returns:
-      How the states differ, None where their sizes do; what else differs; and what may be the reason, in sentences.
+      The differences of the states, None if their sizes differ; other differences; and possible reasons, in sentences.
 
     Raises:
       FileError: a file is not a complete recording.
       UnknownNameError: a wildcard matches no number of the state.
-      UsageError: an option does not fit recordings, or these are not of `model`.
+      UsageError: an option does not apply to recordings, or they do not belong to `model`.
     """
     with ExitStack() as stack:
         one, other = (stack.enter_context(RecordingReader(path)) for path in (a, b))
@@ -68,7 +69,7 @@ def compare_recordings(
 
 
 def _names(recording: RecordingReader, model: mujoco.MjModel | None) -> list[str]:
-    """What the numbers of a state are called."""
+    """Returns the names of the numbers of a state."""
     sizes = recorded_sizes(recording.facts)
     if model is not None:
         ours = state.sizes(model)
@@ -87,7 +88,7 @@ def _names(recording: RecordingReader, model: mujoco.MjModel | None) -> list[str
 
 
 def recorded_sizes(facts: Mapping[str, Any]) -> dict[str, int]:
-    """The sizes of the recorded model, if the recording says all of them; it may say anything."""
+    """Returns the sizes of the recorded model; empty unless the untrusted recording has all of them."""
     sizes = facts.get("sizes")
     if not isinstance(sizes, dict) or not all(type(sizes.get(name)) is int for name in state.SIZES):
         return {}
@@ -95,7 +96,7 @@ def recorded_sizes(facts: Mapping[str, Any]) -> dict[str, int]:
 
 
 def _size_differences(one: RecordingReader, other: RecordingReader, a: str, b: str) -> list[str]:
-    """What differs in the sizes of two models, one sentence for each."""
+    """Returns a sentence for each difference in the sizes of two models."""
     first, second = recorded_sizes(one.facts), recorded_sizes(other.facts)
     pairs = [(name, first[name], second[name]) for name in first if second]
     differing = [f"{name} is {x} in {a}, {y} in {b}" for name, x, y in pairs if x != y]

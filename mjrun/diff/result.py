@@ -1,4 +1,4 @@
-"""What a comparison finds. As JSON (`mjrun diff --json`), these dataclasses are objects with the same keys.
+"""The result of a comparison. As JSON (`mjrun diff --json`), these dataclasses are objects with the same keys.
 
 Reports with the same `schema` have these keys, and may have new ones.
 """
@@ -16,10 +16,10 @@ class CellDifference:
     """A cell that differs.
 
     Attributes:
-      row, row_b: of A and of B, counted from 0; in recordings, numbers of states.
-      at: the time of the row [s], or the step of the state; None where rows are aligned by something else.
+      row, row_b: the numbers of the row in A and in B, counted from 0; in recordings, numbers of states.
+      at: the time of the row [s], or the step of the state; None if rows are aligned by something else.
       a, b: the numbers, as the shortest texts that read back as the same bits; or the texts.
-      key: the key of the row, as in `friction = 0.3, seed = 2`, where rows are aligned by such columns; else empty.
+      key: the key of the row, as in `friction = 0.3, seed = 2`, if rows are aligned by such columns; else empty.
     """
 
     row: int
@@ -32,19 +32,19 @@ class CellDifference:
 
 @dataclass(frozen=True)
 class ColumnDifference:
-    """How the cells of one column differ, b − a.
+    """The differences of the cells of one column, b − a.
 
     Attributes:
-      name: of the column.
-      unit: where a file says it; else empty.
+      name: the name of the column.
+      unit: the unit, if a file states it; else empty.
       atol, rtol: the tolerance.
-      differing: in how many rows the difference is beyond the tolerance.
-      maximum: the largest absolute difference; None if it is not finite, as where a text differs.
-      rms: the root of the mean square of the differences; None if it is not finite.
+      differing: the number of rows in which the difference exceeds the tolerance.
+      maximum: the largest absolute difference; None if it is not finite, as for texts that differ.
+      rms: the root mean square of the differences; None if it is not finite.
       last: the difference in the last row that both have; None if it is not finite.
-      first: the first cell beyond the tolerance; None if there is none.
-      worst: the cell with the largest difference of those beyond the tolerance; None if there is none.
-      text: whether a text was among the cells that were compared.
+      first: the first cell beyond the tolerance; None without one.
+      worst: the cell with the largest difference of those beyond the tolerance; None without one.
+      text: true if a text was among the compared cells.
     """
 
     name: str
@@ -65,10 +65,10 @@ class UnmatchedRows:
     """Rows that only one of two tables has.
 
     Attributes:
-      count: how many.
-      first: the number of the first, counted from 0; None if there is none.
-      at: its time [s] or step, where rows are aligned by it; else None.
-      key: its key, where rows are aligned by other columns; else empty.
+      count: the number of rows.
+      first: the number of the first row, counted from 0; None without one.
+      at: its time [s] or step, if rows are aligned by it; else None.
+      key: its key, if rows are aligned by other columns; else empty.
     """
 
     count: int
@@ -79,11 +79,11 @@ class UnmatchedRows:
 
 @dataclass(frozen=True)
 class UnitDifference:
-    """A column whose unit is not the same in both tables.
+    """A column whose units in the two tables differ.
 
     Attributes:
-      name: of the column.
-      a, b: its unit in each.
+      name: the name of the column.
+      a, b: its unit in each table.
     """
 
     name: str
@@ -93,17 +93,17 @@ class UnitDifference:
 
 @dataclass(frozen=True)
 class TableDifference:
-    """How two tables, or the states of two recordings, differ.
+    """The differences of two tables, or of the states of two recordings.
 
     Attributes:
-      aligned: what tells which rows belong together: `time`, `row`, `step`, or names of columns.
-      rows: how many were compared.
-      rows_a, rows_b: how many each has.
-      only_a, only_b: rows that the other one does not have.
-      columns: that both have, the worst first.
-      columns_only_a, columns_only_b: names of columns that the other one does not have.
-      units: that differ.
-      shared_agree: whether the rows and columns that both have, of which there are some, agree.
+      aligned: the key by which rows are matched: `time`, `row`, `step`, or names of columns.
+      rows: the number of compared rows.
+      rows_a, rows_b: the number of rows of each.
+      only_a, only_b: the rows that only one of them has.
+      columns: the columns that both have, the worst first.
+      columns_only_a, columns_only_b: the names of the columns that only one of them has.
+      units: the units that differ.
+      shared_agree: true if they have rows and columns in common, and these agree.
     """
 
     aligned: str
@@ -121,17 +121,17 @@ class TableDifference:
 
 @dataclass(frozen=True)
 class FrameDifference:
-    """How two frames, or two images, differ.
+    """The differences of two frames, or of two images.
 
     Attributes:
-      frame: its number, counted from 0.
-      time: in the video [s]; None for images, and where the files do not say the rate.
+      frame: the number of the frame, counted from 0.
+      time: its time in the video [s]; None for images, and if the files do not state the rate.
       changed: the share of the pixels that differ beyond the tolerance.
       maximum: the largest absolute difference: of colours from 0 to 255, or of numbers; None if it is not finite.
-      psnr: the peak signal-to-noise ratio [dB], 10·log10(255²/mean square difference); None for numbers, and where no
+      psnr: the peak signal-to-noise ratio [dB], 10·log10(255²/mean square difference); None for numbers, and if no
         pixel differs.
       ssim: the structural similarity of the luma (Wang et al., 2004; uniform windows of 7 × 7 pixels); None for
-        numbers, frames of less than 7 pixels a side, and without scikit-image.
+        numbers, frames with less than 7 pixels per side, and without scikit-image.
     """
 
     frame: int
@@ -144,22 +144,22 @@ class FrameDifference:
 
 @dataclass(frozen=True)
 class PictureDifference:
-    """How two videos or images differ.
+    """The differences of two videos or images.
 
     Attributes:
-      pixels: `colours`, or `numbers` for depth and segmentation; `colours and numbers` where the two are not alike.
-      size_a, size_b: width and height.
-      fps_a, fps_b: frames per second; None for images, and where the files do not say it.
-      frames_a, frames_b: how many each has.
-      frames: how many were compared; 0 where the sizes differ.
-      differing: how many differ beyond the tolerance.
+      pixels: `colours`, or `numbers` for depth and segmentation; `colours and numbers` if the two differ in this.
+      size_a, size_b: the width and height of each.
+      fps_a, fps_b: the frames per second of each; None for images, and if the files do not state the rate.
+      frames_a, frames_b: the number of frames of each.
+      frames: the number of compared frames; 0 if the sizes differ.
+      differing: the number of frames that differ beyond the tolerance.
       changed: the mean share of pixels that differ beyond the tolerance.
-      psnr: of all frames together [dB]; None for numbers, and where nothing differs.
-      ssim: the mean over all frames; None where it is not known of one.
-      first: the first frame that differs beyond the tolerance; None if there is none.
-      worst: the frame with the largest mean square difference; None if nothing differs at all.
-      least_similar: the frame with the least structural similarity; None if nothing differs, or it is not known.
-      most_changed: the frame with the largest share of pixels that differ; None if no frame does.
+      psnr: that of all frames together [dB]; None for numbers, and if nothing differs.
+      ssim: the mean over all frames; None if that of a frame is unknown.
+      first: the first frame that differs beyond the tolerance; None without one.
+      worst: the frame with the largest mean square difference; None if nothing differs.
+      least_similar: the frame with the least structural similarity; None if nothing differs, or it is unknown.
+      most_changed: the frame with the largest share of pixels that differ; None if no frame differs.
     """
 
     pixels: str
@@ -185,9 +185,9 @@ class GoldenFacts:
     """The two sides of a comparison with a golden table.
 
     Attributes:
-      mjrun, mujoco: the versions that made the golden table; empty if it does not say.
-      mjrun_now, mujoco_now: those that simulated now.
-      updated: whether the golden table was made, or replaced.
+      mjrun, mujoco: the versions that made the golden table; empty if unknown.
+      mjrun_now, mujoco_now: the versions of the current simulation.
+      updated: true if the golden table was created or replaced.
     """
 
     mjrun: str
@@ -199,21 +199,21 @@ class GoldenFacts:
 
 @dataclass(frozen=True)
 class DiffResult:
-    """What a comparison finds.
+    """The result of a comparison.
 
     Attributes:
-      kind: of A and B: `table`, `recording`, `video`, `image` or `model`; `golden` where A is a golden table, and B is
-        a simulation.
-      a, b: what is compared, as it was named.
-      equal: whether they agree.
-      differences: a sentence for each way in which they do not.
-      notes: what may be the reason of it: versions, machines and models that are not the same. They decide nothing.
-      table: of tables, golden ones and recordings, the columns; None for others, and for recordings whose states do
-        not fit.
-      model: of models, their fields and objects; else None.
-      picture: of videos and images; else None.
-      golden: of a golden table, what made it; else None.
-      schema: of this document.
+      kind: the kind of A and B: `table`, `recording`, `video`, `image` or `model`; `golden` if A is a golden table and
+        B a simulation.
+      a, b: the compared results, as named by the user.
+      equal: true if they agree.
+      differences: a sentence for each difference.
+      notes: possible reasons: versions, machines and models that differ. They do not affect the result.
+      table: the columns of tables, golden tables and recordings; None for others, and for recordings whose states
+        differ in size.
+      model: the fields and objects of models; else None.
+      picture: the frames of videos and images; else None.
+      golden: the versions that made a golden table; else None.
+      schema: the schema of this document.
     """
 
     kind: str

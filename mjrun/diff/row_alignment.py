@@ -1,7 +1,8 @@
-"""Two streams of rows, merged: which rows belong together, and which only one of them has.
+"""The alignment of two streams of rows: the pairs of rows that belong together, and the rows that only one has.
 
-A row has a key, which never falls: the time, or the step of a state. Memory holds a few blocks of either stream. Where
-the cells of several columns are the key, as of the points of two studies, rows may be in any order, and are in memory.
+A row has a key that never decreases: the time, or the step of a state. Memory contains a few blocks of either stream.
+If the cells of several columns are the key, as for the points of two studies, rows may be in any order, and are held in
+memory.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,15 +16,15 @@ from mjrun.diff.result import UnmatchedRows
 from mjrun.diff.tolerances import Tolerance, as_numbers, cell_text
 from mjrun.errors import FileError, clean, option
 
-ENOUGH = 2**16  # numbers that are compared at a time, or a few more
+ENOUGH = 2**16  # the number of values to compare at a time, or a few more
 
 
 class Rows(Protocol):
-    """Rows of cells, as an open table has them."""
+    """Rows of cells, as an open table provides them."""
 
     @property
     def path(self) -> Path:
-        """What messages call them."""
+        """The name of the table in messages."""
         ...
 
     @property
@@ -33,11 +34,11 @@ class Rows(Protocol):
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Their units by name, as far as they are known."""
+        """The known units of the columns by name."""
         ...
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """The rows, once: blocks `(n, columns)` of float64, or of objects where other cells are among them."""
+        """Yields the rows once: blocks `(n, columns)` of float64, or of objects if they contain other cells."""
         ...
 
 
@@ -48,7 +49,7 @@ class Pairs:
     Attributes:
       a, b: float64 or object `(n, columns)`.
       rows_a, rows_b: their numbers, counted from 0, `(n,)`.
-      keys: of A's rows, `(n,)`, numbers or texts; None where rows have none.
+      keys: the keys of A's rows, `(n,)`, numbers or texts; None if rows have none.
     """
 
     a: np.ndarray
@@ -60,27 +61,27 @@ class Pairs:
 
 @dataclass(frozen=True)
 class EqualRows:
-    """So many rows that belong together and were not looked at: they are the same."""
+    """A run of rows skipped unparsed because their bytes are identical."""
 
     count: int
 
 
-# Passes over rows that are the same in both tables, from where either is, and returns how many.
+# Skips rows that are identical in both tables, from the current row of each, and returns their number.
 Skip = Callable[[], int]
 
 
 class RowStream:
-    """The rows of a table from its first one that is not merged yet.
+    """The rows of a table from the first one that is not merged yet.
 
     Args:
-      columns: those to compare.
-      key: the column with the keys; None for rows without.
+      columns: the columns to compare.
+      key: the column with the keys; None for rows without keys.
 
     Attributes:
-      values: the rows that are here, float64 or object `(n, columns)`.
-      keys: their keys `(n,)`; empty where rows have none.
+      values: the loaded rows, float64 or object `(n, columns)`.
+      keys: their keys `(n,)`; empty if rows have none.
       row: the number of the first, counted from 0.
-      is_ended: whether no more are to come.
+      is_ended: true if no more rows follow.
     """
 
     def __init__(self, table: Rows, columns: Sequence[str], key: str | None) -> None:
@@ -98,7 +99,7 @@ class RowStream:
         return len(self.values)
 
     def fill(self) -> None:
-        """Adds blocks of rows, unless all are here."""
+        """Loads more blocks of rows, unless all are loaded."""
         blocks: list[np.ndarray] = []
         missing = ENOUGH
         while missing > 0 and (block := next(self._blocks, None)) is not None:
@@ -116,17 +117,17 @@ class RowStream:
         self.values = np.concatenate([self.values, values]) if len(self.values) else values
 
     def pass_over(self, count: int) -> None:
-        """Counts rows that come next and were not looked at."""
+        """Counts the next rows, which were skipped."""
         self.row += count
         self._last = -np.inf
 
     def drop(self, count: int) -> None:
-        """Leaves out the first rows, which are merged."""
+        """Removes the first rows, which are merged."""
         self.values, self.keys = self.values[count:], self.keys[count:]
         self.row += count
 
     def note_unmatched(self, indices: np.ndarray) -> None:
-        """Counts rows that are here, and have none that belongs to them."""
+        """Counts loaded rows that match none of the other table."""
         if len(indices) and not self._unmatched:
             first = int(indices[0])
             self._first_unmatched = (self.row + first, self.keys[first] if len(self.keys) else np.nan)
@@ -134,14 +135,14 @@ class RowStream:
 
     @property
     def unmatched(self) -> UnmatchedRows:
-        """The rows without any that belongs to them."""
+        """The rows that match none of the other table."""
         row, key = self._first_unmatched
         return UnmatchedRows(self._unmatched, row, None if np.isnan(key) else float(key))
 
     def _numbers(self, keys: np.ndarray) -> np.ndarray:
         numbers = as_numbers(keys)
         if numbers is None:
-            raise FileError(self._table.path, f"{self._key_name} holds something else than numbers")
+            raise FileError(self._table.path, f"{self._key_name} contains values that are not numbers")
         return numbers
 
     def _require_ascending(self, keys: np.ndarray) -> None:
@@ -150,19 +151,19 @@ class RowStream:
         if falls.any():
             at = int(falls.argmax())
             row = self.row + len(self) + at
-            fault = f"is {keys[at]}, and must be a number"
+            fault = f"is {keys[at]}, but must be a number"
             if not np.isnan(keys[at]):
-                fault = f"{keys[at]:.9g} follows {before[at]:.9g}, and must not fall"
+                fault = f"{keys[at]:.9g} follows {before[at]:.9g}, but must not decrease"
             raise FileError(
                 self._table.path,
                 f"row {row}: {self._key_name} {fault}",
-                f"{option('align')} row compares rows of the same number",
+                f"{option('align')} row compares rows by their number",
             )
         self._last = keys[-1]
 
 
 def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | EqualRows]:
-    """Rows of the same number; the others are noted."""
+    """Yields the rows with the same number; unmatched rows are counted."""
     while True:
         yield from _equal_rows(a, b, skip)
         if not _fill(a, b):
@@ -175,7 +176,7 @@ def pairs_by_row(a: RowStream, b: RowStream, skip: Skip) -> Iterator[Pairs | Equ
 
 
 def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -> Iterator[Pairs | EqualRows]:
-    """Rows whose keys agree, several of one key in their order; the others are noted."""
+    """Yields the rows whose keys agree, several with one key in their order; unmatched rows are counted."""
     while True:
         yield from _equal_rows(a, b, skip)
         if not _fill(a, b):
@@ -190,7 +191,7 @@ def pairs_by_key(a: RowStream, b: RowStream, tolerance: Tolerance, skip: Skip) -
 
 
 def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[EqualRows]:
-    """Passes over equal rows, if none of either wait here."""
+    """Skips equal rows if no loaded rows of either wait."""
     if len(a) or len(b):
         return
     if count := skip():
@@ -200,7 +201,7 @@ def _equal_rows(a: RowStream, b: RowStream, skip: Skip) -> Iterator[EqualRows]:
 
 
 def _fill(a: RowStream, b: RowStream) -> bool:
-    """Makes sure that there are rows of both, as long as there are any; False where neither has more."""
+    """Loads rows of both until each has some or is at its end; returns whether either has any."""
     for stream in (a, b):
         while not len(stream) and not stream.is_ended:
             stream.fill()
@@ -208,7 +209,7 @@ def _fill(a: RowStream, b: RowStream) -> bool:
 
 
 def _pass_over(a: RowStream, b: RowStream) -> None:
-    """Notes the rows of one where the other is at its end."""
+    """Counts the rows of one table as unmatched when the other is at its end."""
     for stream in (a, b):
         stream.note_unmatched(np.arange(len(stream)))
         stream.drop(len(stream))
@@ -224,7 +225,7 @@ def _first_pairs(a: RowStream, b: RowStream, count: int) -> Pairs:
 
 
 def _merged(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]:
-    """The pairs among the rows that are here, up to where a row may belong to one that is still to come."""
+    """Yields the pairs among the loaded rows, up to where a row may match one that is not loaded yet."""
     in_a, in_b = _matches(a.keys, b.keys, tolerance)
     end_a, end_b = _ends(a, b, in_a, in_b, tolerance)
     if not end_a and not end_b:
@@ -241,19 +242,19 @@ def _merged(a: RowStream, b: RowStream, tolerance: Tolerance) -> Iterator[Pairs]
 
 
 def _ends(a: RowStream, b: RowStream, in_a: np.ndarray, in_b: np.ndarray, tolerance: Tolerance) -> tuple[int, int]:
-    """How many rows of each are settled: no row that is still to come can belong to them."""
+    """Returns the number of settled rows of each: no row that is still to come can match them."""
     last = [stream.keys[-1] for stream in (a, b) if not stream.is_ended]
     if not last:
         return len(a), len(b)
     limit = min(last)
-    limit -= 2 * (tolerance.atol + tolerance.rtol * abs(limit))  # what is near to a row must have no nearer one
+    limit -= 2 * (tolerance.atol + tolerance.rtol * abs(limit))  # a row near a settled one must have no nearer match
     end_a, end_b = int(np.searchsorted(a.keys, limit)), int(np.searchsorted(b.keys, limit))
     pairs_a, pairs_b = in_a[in_b < end_b], in_b[in_a < end_a]  # both rows of a pair are settled
     return max([end_a, *(pairs_a[-1:] + 1)]), max([end_b, *(pairs_b[-1:] + 1)])
 
 
 def _matches(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of keys that agree, each the nearest of the other; several of one key in their order."""
+    """Returns the indices of keys that agree, each the nearest of the other; several with one key in their order."""
     if not len(a) or not len(b):
         return np.empty(0, int), np.empty(0, int)
     to_b, to_a = _nearest(a, b), _nearest(b, a)
@@ -263,7 +264,7 @@ def _matches(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> tuple[np.nda
 
 
 def _nearest(keys: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """The index of the nearest of `others` for each of `keys`, and of the second for the second of one key."""
+    """Returns the index of the nearest of `others` for each of `keys`; repeated keys get repeated ones in order."""
     after = np.minimum(np.searchsorted(others, keys), len(others) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(keys - others[before]) < np.abs(keys - others[after]), before, after)
@@ -272,7 +273,7 @@ def _nearest(keys: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def _near(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> np.ndarray:
-    """Where keys agree; 0 and −0 do, too."""
+    """Returns where keys agree; 0 agrees with −0."""
     return np.abs(a - b) <= tolerance.atol + tolerance.rtol * np.abs(b)
 
 
@@ -280,14 +281,14 @@ class KeyedRows:
     """All rows of a table, by their keys.
 
     Args:
-      columns: those to compare.
+      columns: the columns to compare.
       key: the columns whose cells are the key.
 
     Attributes:
       values: the cells to compare, `(n, columns)`.
       texts: the keys, as messages show them.
-      row: how many rows there are.
-      unmatched: those without any that belongs to them.
+      row: the number of rows.
+      unmatched: the rows that match none of the other table.
     """
 
     def __init__(self, table: Rows, columns: Sequence[str], key: Sequence[str]) -> None:
@@ -305,7 +306,7 @@ class KeyedRows:
             self._places[text, number] = index
 
     def matches(self, other: "KeyedRows") -> tuple[np.ndarray, np.ndarray]:
-        """The indices of rows of the same key in both, several of one key in their order; the others are noted."""
+        """Returns indices of rows with the same key in both, repeated keys in order; unmatched rows are counted."""
         both = [(index, other._places[key]) for key, index in self._places.items() if key in other._places]
         pairs = np.array(sorted(both), int).reshape(-1, 2)
         for rows, matched in ((self, pairs[:, 0]), (other, pairs[:, 1])):
@@ -319,7 +320,7 @@ class KeyedRows:
 
 
 def pairs_by_columns(a: KeyedRows, b: KeyedRows) -> Iterator[Pairs]:
-    """The rows of the same key."""
+    """Yields the rows with the same key."""
     rows_a, rows_b = a.matches(b)
     if len(rows_a):
         keys = np.array(a.texts, object)[rows_a]
@@ -327,7 +328,7 @@ def pairs_by_columns(a: KeyedRows, b: KeyedRows) -> Iterator[Pairs]:
 
 
 def _text(cell: float | int | str) -> str:
-    """A cell of a key: the same for 3, 3.0 and the text 3, for 0 and -0, and for an empty text and none."""
+    """Formats a cell of a key: the same for 3, 3.0 and the text 3, for 0 and −0, for an empty and a missing text."""
     if isinstance(cell, str):
         try:
             cell = float(cell)

@@ -18,15 +18,15 @@ from mjrun.model.names import PLURALS
 
 
 def table_sentences(table: TableDifference, a: str, b: str, what: str = "row", *, common: bool = False) -> list[str]:
-    """What differs between two tables or recordings.
+    """Returns the differences between two tables or recordings.
 
     Args:
-      a, b: what they are called.
-      what: a row or a state.
+      a, b: their names.
+      what: the noun for a row: `row` or `state`.
       common: whether only rows and columns that both have count.
     """
     if common:
-        of_one = [] if table.rows else [f"no {what} is in both"]
+        of_one = [] if table.rows else [f"no {what} exists in both"]
     else:
         of_one = [
             *_columns_of_one(table.columns_only_a, a),
@@ -42,7 +42,7 @@ def table_sentences(table: TableDifference, a: str, b: str, what: str = "row", *
 
 
 def place(cell: CellDifference, aligned: str) -> str:
-    """Where a number that differs is: `row 207, time 0.412 s`."""
+    """Returns the place of a number that differs: `row 207, time 0.412 s`."""
     if aligned == "step":
         return f"step {cell.at:.0f}"
     row = f"row {cell.row}" if cell.row == cell.row_b else f"rows {cell.row} and {cell.row_b}"
@@ -52,12 +52,12 @@ def place(cell: CellDifference, aligned: str) -> str:
 
 
 def golden_versions(golden: GoldenFacts) -> str:
-    """Which versions made a golden table, and which simulate now."""
+    """Returns a sentence about the versions that made a golden table, and the current ones."""
     made = ", ".join(f"{name} {v}" for name, v in (("mjrun", golden.mjrun), ("MuJoCo", golden.mujoco)) if v)
     now = f"mjrun {golden.mjrun_now}, MuJoCo {golden.mujoco_now}"
     if made == now:
-        return f"both are of {now}"
-    return f"it is of {clean(made) or 'unknown versions'}, this is {now}"
+        return f"both were made by {now}"
+    return f"it was made by {clean(made) or 'unknown versions'}, this is {now}"
 
 
 def _columns_of_one(names: Sequence[str], where: str) -> Iterator[str]:
@@ -74,7 +74,7 @@ def _rows_of_one(rows: UnmatchedRows, where: str, aligned: str, what: str) -> It
 
 
 def unmatched_place(rows: UnmatchedRows, aligned: str) -> str:
-    """Where the first of them is."""
+    """Returns the place of the first of the rows."""
     if rows.at is None:
         return f"row {rows.first}{', ' if rows.key else ''}{rows.key}"
     return f"step {rows.at:.0f}" if aligned == "step" else f"row {rows.first}, time {rows.at!r} s"
@@ -89,35 +89,35 @@ def _column(column: ColumnDifference, table: TableDifference, what: str) -> str:
 
 
 def cell_texts(column: ColumnDifference, cell: CellDifference) -> tuple[str, str]:
-    """The two cells of a column as messages show them: texts in quotes."""
+    """Returns the two cells of a column as messages show them: texts in quotes."""
     return (quoted(cell.a), quoted(cell.b)) if column.text else (cell.a, cell.b)
 
 
 def shared_sentence(table: TableDifference, what: str = "row") -> str:
-    """That what both tables have agrees, although they differ; empty if it does not."""
+    """Returns a sentence that the shared rows and columns agree, although the tables differ; empty if they do not."""
     if not table.shared_agree:
         return ""
     both = f"{counted(table.rows, what)} and {counted(len(table.columns), 'column')}"
-    return f"the {both} that both have agree; {option('common')} compares nothing else"
+    return f"the {both} that both have agree; {option('common')} compares only these"
 
 
-LISTED = 10  # objects of a field, names of a kind and changes of the XML that are listed before a list is cut
-NUMBERS = 7  # of a row that are shown side by side; of more, the one that differs most
+LISTED = 10  # entries of a list before it is cut: objects of a field, names of a kind, changes of the XML
+NUMBERS = 7  # numbers of a row that are shown side by side; of more, only the largest difference
 DIGITS = 6  # of a number, or as many as it takes to see a difference
 HASH = 12  # characters of a SHA-256
 
 
 def model_sentences(result: ModelComparison) -> list[str]:
-    """A line for each value, array, and model with objects of its own."""
+    """Returns a line for each value, array, and model with additional objects."""
     values = [_field_line(each) for each in result.fields]
     return [*values, *map(_array_line, result.arrays), *_objects_of_one(result)]
 
 
 def model_lines(result: ModelComparison, *, every: bool = False) -> Iterator[str]:
-    """What differs: values, arrays, objects of one model, what follows from these, the XML.
+    """Yields the differences: values, arrays, objects of one model, computed values, the XML.
 
     Args:
-      every: whether long lists are not cut.
+      every: whether long lists are shown in full.
     """
     most = None if every else LISTED
     for _, group in groupby(result.fields, lambda each: each.field):
@@ -155,7 +155,7 @@ def _field_line(difference: FieldDifference) -> str:
 
 
 def _most(difference: FieldDifference) -> str:
-    """Of many numbers, how many differ, and by how much at most."""
+    """Returns how many of many numbers differ, and the largest difference."""
     largest = "" if difference.largest is None else f", by {difference.largest:.{DIGITS}g} at most"
     return f"differs in {len(difference.a)} values{largest}"
 
@@ -189,7 +189,7 @@ def _row(texts: Sequence[str]) -> str:
 
 
 def _pair(a: Value, b: Value) -> tuple[str, str]:
-    """Two values with as many digits as it takes to tell them apart."""
+    """Formats two values with as many digits as it takes to distinguish them."""
     if isinstance(a, float) and isinstance(b, float) and a != b:
         for digits in range(DIGITS, 18):
             first, second = f"{a:.{digits}g}", f"{b:.{digits}g}"
@@ -205,7 +205,7 @@ def _plain(value: Value) -> str:
 
 
 def _objects(objects: Sequence[ModelObject]) -> str:
-    """Objects by kind."""
+    """Formats objects by kind."""
     parts: list[str] = []
     for kind, group in groupby(objects, lambda each: each.kind):
         names = [clean(each.name) for each in group]

@@ -1,6 +1,6 @@
-"""Compares two files of tables, of any formats: which columns, by which key, within which tolerances.
+"""The comparison of two files of tables, in any formats: selects columns, key and tolerances.
 
-Tables that mjrun makes of many simulations, the points of a study and the episodes of an evaluation, have keys.
+Tables of results of many simulations, the points of a study and the episodes of an evaluation, have keys.
 """
 
 import contextlib
@@ -21,10 +21,10 @@ from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.formats.tables import input_format
 from mjrun.options.diff import ALIGNMENTS, TableDiffOptions
 
-STUDY, EPISODES = "results", "episodes"  # kinds, which are the stems of the files
+STUDY, EPISODES = "results", "episodes"  # kinds, named after the stems of the files
 SUFFIXES = (".parquet", ".csv")
 POINT, EPISODE, POLICY, SEED, STATUS = "point", "episode", "policy", "seed", "status"
-# The columns of each kind, by which it is recognised.
+# The columns that identify each kind.
 COLUMNS = {
     STUDY: (POINT, STATUS, "steps", "exit_code", "message"),
     EPISODES: (EPISODE, SEED, "return", "length", "steps", "ending", "outcome"),
@@ -37,7 +37,7 @@ class ResultTable:
 
     Attributes:
       kind: one of `COLUMNS`.
-      keys: columns of which a row's key may be made, and of a study its metrics.
+      keys: the columns that may identify a row; for a study they include its metrics.
     """
 
     kind: str
@@ -45,7 +45,7 @@ class ResultTable:
 
     @classmethod
     def of(cls, names: Sequence[str]) -> "ResultTable | None":
-        """The table with columns of these names; None if it is another kind of table."""
+        """Returns the table with columns of these names; None if it is another kind of table."""
         if names[:1] == [POINT] and {*COLUMNS[STUDY]} <= {*names}:
             return cls(STUDY, names[: names.index(STATUS)])
         if {*COLUMNS[EPISODES]} <= {*names}:
@@ -55,29 +55,29 @@ class ResultTable:
     def common_key(
         self, other: "ResultTable", manifests: Sequence[Mapping[str, Any] | None]
     ) -> tuple[Sequence[str], Sequence[str]]:
-        """The columns that identify a row in both tables, and the numbers of rows, which mean nothing then."""
+        """Returns the columns that identify a row in both tables, and those with row numbers, which are ignored."""
         both = [name for name in self.keys if name in other.keys]
         if self.kind == EPISODES:
             return [name for name in both if name not in (POINT, EPISODE)], (POINT, EPISODE)
         metrics = [manifest["metrics"] for manifest in manifests if manifest and "metrics" in manifest]
         parameters = [name for name in both if name != POINT and not any(name in each for each in metrics)]
-        if not metrics or not parameters:  # which are which is not known, or nothing varies
+        if not metrics or not parameters:  # parameters and metrics cannot be distinguished, or nothing varies
             return [POINT], ()
         return parameters, (POINT,)
 
 
 def table_path(path: str) -> str:
-    """The table in the folder of a study or an evaluation; any other path unchanged."""
+    """Returns the table in the folder of a study or an evaluation; any other path unchanged."""
     return next(map(str, _tables(Path(path))), path) if is_folder(Path(path)) else path
 
 
 def is_results(folder: Path) -> bool:
-    """Whether a folder is that of a study or an evaluation, and has a table."""
+    """Returns whether a folder belongs to a study or an evaluation, and contains a table."""
     return bool(_tables(folder))
 
 
 def result_manifest(path: Path) -> Mapping[str, Any] | None:
-    """The manifest of a .csv of results, which is in the table beside it."""
+    """Returns the manifest of a .csv of results, which is in the table next to it."""
     beside = path.with_suffix(SUFFIXES[0])
     if path.stem not in COLUMNS or path.suffix != SUFFIXES[1] or not is_file(beside):
         return None
@@ -87,7 +87,7 @@ def result_manifest(path: Path) -> Mapping[str, Any] | None:
 
 
 def _tables(folder: Path) -> list[Path]:
-    """The tables in a folder that can be read here, the best first."""
+    """Returns the tables in a folder that can be read here, the best first."""
     paths = [folder / f"{kind}{suffix}" for kind in COLUMNS for suffix in SUFFIXES]
     return [path for path in paths if is_file(path) and _is_readable(path)]
 
@@ -109,12 +109,12 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
       a, b: files, or folders of a study or an evaluation; one may be `-`, standard input.
 
     Returns:
-      How they differ, and what may be the reason of it, in sentences.
+      The differences, and possible reasons, in sentences.
 
     Raises:
-      FileError: a file cannot be read as a table, has no rows, or its time falls.
+      FileError: a file cannot be read as a table, has no rows, or its time decreases.
       UnknownNameError: a wildcard matches no column, or a column to align by is missing.
-      UsageError: the tables have no columns in common, or cannot be aligned as asked for.
+      UsageError: the tables have no columns in common, or cannot be aligned as requested.
     """
     if a == b == STDIN:
         raise UsageError("only one of the two can come from standard input")
@@ -140,13 +140,13 @@ def compare_tables(a: str, b: str, options: TableDiffOptions) -> tuple[TableDiff
         try:
             table = compare_rows(reader_a, reader_b, columns, key, tolerances, chosen_a, chosen_b, skip)
         except CellError as error:
-            error.add_note(f"{option('columns')} chooses columns; others may hold anything")
+            error.add_note(f"{option('columns')} selects the columns to compare; others may contain anything")
             raise
         return table, provenance_notes(*manifests)
 
 
 def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> list[tuple[TableReader, list[str]]]:
-    """Opens both with the columns that they have in common, each beside the names of all of its columns."""
+    """Opens both tables with their common columns; returns each with the names of all of its columns."""
     first, second = (b, a) if b == STDIN else (a, b)  # standard input can be opened once only
     second_names, first_names = _names(second), list[str]()
     others = set(second_names)
@@ -164,7 +164,7 @@ def _open_both(a: str, b: str, options: TableDiffOptions, stack: ExitStack) -> l
 
 
 def _names(path: str) -> list[str]:
-    """All columns of a file."""
+    """Returns the names of all columns of a file."""
     names: list[str] = []
 
     def collect(name: str) -> bool:
@@ -184,7 +184,7 @@ def _is_chosen(name: str, options: TableDiffOptions) -> bool:
 
 
 def _named_keys(options: TableDiffOptions) -> list[str]:
-    """The columns that the option `align` names."""
+    """Returns the columns that the option `align` names."""
     return [] if options.align in (None, *ALIGNMENTS) else [name.strip() for name in options.align.split(",")]
 
 
@@ -194,7 +194,7 @@ def _key(
     manifests: Sequence[Mapping[str, Any] | None],
     options: TableDiffOptions,
 ) -> tuple[str | Sequence[str] | None, Collection[str]]:
-    """The columns that tell which rows belong together, and those that are not compared then."""
+    """Returns the columns by which rows are matched, and the columns that are not compared then."""
     both = [name for name in names_a if name in names_b]
     if named := _named_keys(options):
         for name in named:
@@ -203,7 +203,7 @@ def _key(
                     raise UnknownNameError("column", name, both, where="both tables")
         return named, ()
     if options.align == TIME and TIME not in both:
-        raise UsageError(f"{option('align')} time: only a table with a column 'time' can be aligned by it")
+        raise UsageError(f"{option('align')} time requires a column 'time' in both tables")
     if options.align == ROW:
         return None, ()
     if TIME in both:
@@ -216,7 +216,7 @@ def _key(
 
 
 def _nothing_in_common(names: Mapping[str, Sequence[str]], options: TableDiffOptions) -> str:
-    which = f" that {option('columns')} chooses" if options.columns else ""
-    besides = " but time" if all(TIME in each for each in names.values()) else ""
+    which = f" selected by {option('columns')}" if options.columns else ""
+    exception = " except time" if all(TIME in each for each in names.values()) else ""
     lists = [f"{clean(path)}: {listing(each) or 'none'}" for path, each in names.items()]
-    return "\n".join([f"the tables have no columns{which} in common{besides}", *lists])
+    return "\n".join([f"the tables have no columns{which} in common{exception}", *lists])

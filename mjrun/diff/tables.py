@@ -1,4 +1,4 @@
-"""Compares tables, and recordings as tables of states, in memory that does not grow with their length."""
+"""The comparison of tables, and of recordings as tables of states, in memory that does not grow with their length."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,11 +22,11 @@ from mjrun.errors import FileError
 
 
 class ColumnComparison:
-    """The differences of columns, b − a, gathered block by block.
+    """The differences of columns, b − a, accumulated block by block.
 
     Args:
-      names: of the columns.
-      tolerances: of each.
+      names: the names of the columns.
+      tolerances: the tolerance of each column.
     """
 
     def __init__(self, names: Sequence[str], tolerances: Sequence[Tolerance]) -> None:
@@ -40,12 +40,12 @@ class ColumnComparison:
         self._text = np.zeros(count, bool)
 
     def add_equal(self, rows: int) -> None:
-        """Takes rows in which all bits are the same."""
+        """Adds rows in which all bits are the same."""
         self._rows += rows
         self._last[:] = 0
 
     def add(self, pairs: Pairs) -> None:
-        """Takes rows that belong together."""
+        """Adds rows that belong together."""
         self.add_equal(len(pairs.a))
         if pairs.a.dtype == pairs.b.dtype == np.float64:
             columns = np.flatnonzero((pairs.a.view(np.int64) != pairs.b.view(np.int64)).any(axis=0))
@@ -61,7 +61,7 @@ class ColumnComparison:
                 self._add_numbers(pairs, np.array([column]), a[None], b[None])
 
     def _add_numbers(self, pairs: Pairs, columns: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
-        """Takes the numbers of some columns, float64 `(columns, n)`."""
+        """Adds the numbers of some columns, float64 `(columns, n)`."""
         with np.errstate(invalid="ignore", over="ignore"):
             difference = b - a
             if not np.isfinite(difference).all():
@@ -71,7 +71,7 @@ class ColumnComparison:
         self._add_differences(pairs, columns, np.array(agree), difference)
 
     def _add_cells(self, pairs: Pairs, column: int, a: np.ndarray, b: np.ndarray) -> None:
-        """Takes the cells of a column, of which some are texts or large integers."""
+        """Adds the cells of a column that contains texts or large integers."""
         agree, difference = compare_cells(a, b, self._tolerances[column])
         self._text[column] |= any(isinstance(cell, str) for cell in (*a, *b))
         self._add_differences(pairs, np.array([column]), agree[None], difference[None])
@@ -88,7 +88,7 @@ class ColumnComparison:
                 self._add_beyond(pairs, column, beyond, size[index])
 
     def _add_beyond(self, pairs: Pairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
-        """Takes the rows of one column that are beyond its tolerance."""
+        """Adds the rows of one column that are beyond its tolerance."""
         self._differing[column] += len(beyond)
         self._first[column] = self._first[column] or _cell(pairs, column, int(beyond[0]))
         worst = int(beyond[size[beyond].argmax()])
@@ -96,7 +96,7 @@ class ColumnComparison:
             self._worst_size[column], self._worst[column] = size[worst], _cell(pairs, column, worst)
 
     def results(self, units: Mapping[str, str]) -> list[ColumnDifference]:
-        """What was found in each column."""
+        """Returns the differences of each column."""
         rms = np.sqrt(self._squares / max(1, self._rows))
         return [
             ColumnDifference(
@@ -129,14 +129,14 @@ def compare_rows(
     """Compares the rows of two tables in one pass.
 
     Args:
-      columns: those to compare, which both have.
-      key: the column that tells which rows belong together, and never falls; None for rows of the same number. Or
-        several such columns, which may be in any order; the rows of both are in memory then.
-      names_a, names_b: all columns that are to be compared, of each.
-      skip: passes over equal rows, where that is faster than to look at them.
+      columns: the columns to compare, which both have.
+      key: the column by which rows are matched, which never decreases; None matches rows by number. Several columns may
+        be in any order; then the rows of both are held in memory.
+      names_a, names_b: all selected columns of each.
+      skip: a function that skips equal rows, if that is faster than reading them.
 
     Raises:
-      FileError: a table has no rows, cannot be read, or its key falls.
+      FileError: a table has no rows, cannot be read, or its key decreases.
     """
     if key is None or isinstance(key, str):
         stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)

@@ -1,4 +1,4 @@
-"""When two numbers, or two cells of a table, agree: absolute and relative tolerances, by column."""
+"""Tolerances, absolute and relative, within which two numbers or two cells of a table agree, by column."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,9 +13,9 @@ from mjrun.errors import UnknownNameError, clean, concerning
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Numbers agree where |a − b| ≤ atol + rtol·|b|, as in numpy.isclose; with 0 and 0, if their bits are the same.
+    """A tolerance: numbers agree if |a − b| ≤ atol + rtol·|b|, as in numpy.isclose.
 
-    NaN agrees with NaN, and what is infinite with itself alone.
+    If both are 0, the bits must be equal. NaN agrees with NaN, and an infinite number only with itself.
     """
 
     atol: float = 0.0
@@ -26,7 +26,7 @@ class Tolerance:
         return self.atol == self.rtol == 0
 
     def agree(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Where `a` and `b`, float64 of one shape, agree."""
+        """Returns where `a` and `b`, float64 of one shape, agree."""
         both_nan = np.isnan(a) & np.isnan(b)
         if self.is_exact:
             return (a.view(np.int64) == b.view(np.int64)) | both_nan
@@ -39,9 +39,9 @@ class Tolerances:
     """The tolerance of each column.
 
     Args:
-      default: of columns that no pattern matches.
-      patterns: names with wildcards, each with an absolute tolerance, or an absolute and a relative one; the last one
-        that matches counts.
+      default: the tolerance of columns that no pattern matches.
+      patterns: names with wildcards, each with an absolute tolerance, or an absolute and a relative one; the last match
+        counts.
     """
 
     def __init__(self, default: Tolerance, patterns: Mapping[str, Sequence[float]]) -> None:
@@ -49,15 +49,15 @@ class Tolerances:
         self._patterns = [(pattern, Tolerance(*numbers)) for pattern, numbers in patterns.items()]
 
     def of(self, name: str) -> Tolerance:
-        """The tolerance of the column `name`."""
+        """Returns the tolerance of the column `name`."""
         return self._last_match(name, self._default)
 
     def of_key(self, name: str) -> Tolerance:
-        """The same for a column by which rows are aligned: none, unless a pattern matches it."""
+        """Returns the tolerance of a column by which rows are aligned: zero, unless a pattern matches it."""
         return self._last_match(name, Tolerance())
 
     def require(self, names: Iterable[str], kind: str = "column") -> None:
-        """Raises UnknownNameError if a pattern matches none of `names`, which are those of a kind of thing."""
+        """Raises UnknownNameError if a pattern matches none of `names`, which are names of this kind."""
         require_matches("tol", [pattern for pattern, _ in self._patterns], names, kind)
 
     def _last_match(self, name: str, default: Tolerance) -> Tolerance:
@@ -66,7 +66,7 @@ class Tolerances:
 
 
 def matches(name: str, pattern: str) -> bool:
-    """Whether `pattern`, a name with the wildcards of a shell, matches `name`."""
+    """Returns whether `pattern`, a name with the wildcards of a shell, matches `name`."""
     return name == pattern or fnmatchcase(name, pattern)
 
 
@@ -83,31 +83,31 @@ Cell = float | int | str
 
 
 def as_numbers(column: np.ndarray) -> np.ndarray | None:
-    """A column as float64; None if that does not hold all of its cells."""
+    """Returns a column as float64; None if that cannot represent all of its cells."""
     if column.dtype == np.float64:
         return column
     return column.astype(np.float64) if all(type(cell) is float for cell in column) else None
 
 
 def compare_cells(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> tuple[np.ndarray, np.ndarray]:
-    """Where the cells of two columns agree, and the differences b − a, which are infinite where a text differs."""
+    """Returns where the cells of two columns agree, and the differences b − a, infinite where a text differs."""
     pairs = [_compare(x, y, tolerance) for x, y in zip(a.tolist(), b.tolist(), strict=True)]
     agree, difference = zip(*pairs, strict=True)
     return np.array(agree, bool), np.array(difference, float)
 
 
 def cell_text(cell: Cell) -> str:
-    """A cell as a text that reads back as the same."""
+    """Returns a cell as a text that reads back as the same."""
     return cell if isinstance(cell, str) else repr(cell)
 
 
 def _compare(x: Cell, y: Cell, tolerance: Tolerance) -> tuple[bool, float]:
     if isinstance(x, str) and isinstance(y, str):
-        agree = clean(x) == clean(y)  # .csv holds cleaned texts
+        agree = clean(x) == clean(y)  # .csv contains cleaned texts
         return agree, 0.0 if agree else math.inf
     if isinstance(x, str) or isinstance(y, str):
         try:
-            return _compare(_number(x), _number(y), tolerance)  # .csv has no quotes around a text that is a number
+            return _compare(_number(x), _number(y), tolerance)  # .csv does not quote a text that is a number
         except ValueError:
             return False, math.inf
     if not all(isinstance(each, int) or math.isfinite(each) for each in (x, y)):

@@ -1,7 +1,7 @@
-"""What differs between the XML of two models: elements and attributes, with their lines, includes followed.
+"""The differences between the XML of two models: elements and attributes, with their lines, includes followed.
 
-Elements are matched within matched parents: by tag and name (or class), then those that are equal, then those of one
-tag in their order. Attributes that hold the same numbers are the same, however they are written.
+Elements are matched within matched parents: by tag and name (or class), then equal ones, then those with the same tag
+in their order. Attributes with the same numbers are equal, however they are written.
 """
 
 from collections.abc import Hashable, Iterator, Sequence
@@ -18,7 +18,7 @@ Pair = tuple[Element, Element]
 
 
 def xml_changes(a: Source, b: Source) -> list[XmlChange]:
-    """What differs between the XML of two models, in the order of the first; nothing unless both are XML files.
+    """Returns the differences between the XML of two models, in the order of the first; none unless both are XML files.
 
     Models that both attach are compared by their file names.
     """
@@ -40,7 +40,7 @@ def _xml_file(source: Source) -> Path | None:
 def _changes(a: Element, b: Element) -> Iterator[XmlChange]:
     contents = _contents(a, b)
     yield from _attribute_changes(a, b)
-    waiting = [*reversed(_sections(a, b))]  # pairs of lists of siblings, the next last
+    waiting = [*reversed(_sections(a, b))]  # pairs of lists of siblings, the next one last
     while waiting:
         children_a, children_b = waiting.pop()
         pairs = _matched(children_a, children_b, contents)
@@ -58,7 +58,7 @@ def _changes(a: Element, b: Element) -> Iterator[XmlChange]:
 
 
 def _sections(a: Element, b: Element) -> list[tuple[list[Element], list[Element]]]:
-    """The children of both roots; sections that occur in both are one, however often they are opened."""
+    """Returns the children of both roots; sections that occur in both are merged, however often they are opened."""
     tags = [child.tag for child in a.children]
     shared = [tag for tag in dict.fromkeys(tags) if any(child.tag == tag for child in b.children)]
     rest = tuple([child for child in root.children if child.tag not in shared] for root in (a, b))
@@ -77,7 +77,7 @@ def _attribute_changes(a: Element, b: Element) -> Iterator[XmlChange]:
 
 
 def _matched(a: Sequence[Element], b: Sequence[Element], contents: dict[int, int]) -> list[Pair]:
-    """The elements that are the same, in the order of the first."""
+    """Returns the matched elements, in the order of the first."""
     named = {key: element for element in b if (key := _key(element))}
     pairs = {id(one): (one, named[key]) for one in a if (key := _key(one)) in named}
     taken = {id(other) for _, other in pairs.values()}
@@ -93,7 +93,7 @@ def _matched(a: Sequence[Element], b: Sequence[Element], contents: dict[int, int
 
 
 def _by_tag(a: Sequence[Element], b: Sequence[Element]) -> dict[int, Pair]:
-    """Unnamed elements of one tag, one after the other."""
+    """Returns pairs of unnamed elements with the same tag, in order."""
     unnamed: dict[str, list[Element]] = {}
     for element in reversed(b):
         if not _key(element):
@@ -102,13 +102,13 @@ def _by_tag(a: Sequence[Element], b: Sequence[Element]) -> dict[int, Pair]:
 
 
 def _key(element: Element) -> tuple[str, str] | None:
-    """The tag and name of an element, or the class of defaults."""
+    """Returns the tag and name of an element, or the class of defaults."""
     name = element.attributes.get("class") if element.tag == "default" else element.attributes.get("name")
     return (element.tag, name) if name else None
 
 
 def _contents(*roots: Element) -> dict[int, int]:
-    """All that each element below `roots` holds, by the id of the element, as a number that equal elements share."""
+    """Returns a number for the content of each element below `roots`, by its id; equal elements share it."""
     contents: dict[int, int] = {}
     numbers: dict[Hashable, int] = {}
     for root in roots:
@@ -120,7 +120,7 @@ def _contents(*roots: Element) -> dict[int, int]:
 
 
 def _value(text: str) -> Value:
-    """An attribute as its numbers, if it holds numbers."""
+    """Returns an attribute as its numbers, if it contains numbers."""
     try:
         return tuple(map(float, text.split()))
     except ValueError:
@@ -128,7 +128,7 @@ def _value(text: str) -> Value:
 
 
 def _tag(element: Element) -> str:
-    """The start tag of an element with its name or class, or else with all its attributes."""
+    """Returns the start tag of an element with its name or class, or else with all its attributes."""
     name = next((key for key in ("name", "class") if key in element.attributes), None)
     attributes = element.attributes if name is None else {name: element.attributes[name]}
     written = [f'{key}="{text}"' for key, text in attributes.items()]

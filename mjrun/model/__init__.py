@@ -1,1 +1,1 @@
-"""Models: load, override, name."""
+"""Models: sources, compilation, overrides, names and descriptions."""

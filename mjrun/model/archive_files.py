@@ -1,4 +1,4 @@
-"""Files on disk and inside archives by one kind of path: `robot.mjz/meshes/arm.obj` lies in `robot.mjz`."""
+"""Files on disk and in archives, addressed by one kind of path: `robot.mjz/meshes/arm.obj` is in `robot.mjz`."""
 
 import zipfile
 from pathlib import Path
@@ -6,11 +6,11 @@ from pathlib import Path
 from mjrun.confinement.confinement import is_readable
 from mjrun.suffixes import ARCHIVES
 
-MOST = 1 << 26  # [bytes] files beyond this are not read; MJCF is smaller
+MOST = 1 << 26  # [bytes] larger files are not read; MJCF files are smaller
 
 
 def file_size(path: str) -> int | None:
-    """The size of a file [bytes]; None if there is none."""
+    """Returns the size of a file [bytes]; None if it does not exist."""
     if not is_readable(path):
         return None
     archive = _archive(path)
@@ -24,7 +24,7 @@ def file_size(path: str) -> int | None:
 
 
 def file_content(path: str) -> bytes | None:
-    """The content of a file; None if there is none, or more than `MOST`."""
+    """Returns the content of a file; None if it does not exist or is larger than `MOST`."""
     if (file_size(path) or MOST + 1) > MOST:
         return None
     archive = _archive(path)
@@ -38,7 +38,7 @@ def file_content(path: str) -> bytes | None:
 
 
 def unpacked_size(path: Path) -> int:
-    """The bytes of all files in the archive `path`, according to it; 0 of what is none, or damaged."""
+    """Returns the total size of the files in an archive [bytes], according to the archive; 0 if it is damaged."""
     try:
         with zipfile.ZipFile(path) as opened:
             return sum(info.file_size for info in opened.infolist())
@@ -47,11 +47,11 @@ def unpacked_size(path: Path) -> int:
 
 
 def main_mjcf(path: Path) -> str | None:
-    """The MJCF that MuJoCo reads first: `path` itself, or the one in an archive; None of a compiled model."""
+    """Returns the MJCF that MuJoCo reads first: `path` itself, or a member of an archive; None without one."""
     if path.suffix not in ARCHIVES:
         return str(path) if path.suffix == ".xml" else None
     try:
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # opening a pipe would block
             return None
         with zipfile.ZipFile(path) as opened:
             sources = [name for name in opened.namelist() if name.endswith(".xml")]
@@ -63,7 +63,7 @@ def main_mjcf(path: Path) -> str | None:
 
 
 def _archive(path: str) -> Path | None:
-    """The archive that a path lies in."""
+    """Returns the archive that contains a path."""
     parents = (parent for parent in Path(path).parents if parent.suffix in ARCHIVES)
     return next((parent for parent in parents if parent.is_file()), None)
 

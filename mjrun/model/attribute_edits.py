@@ -1,8 +1,8 @@
-"""Numbers in the text of an MJCF file: attributes with other values; every other byte stays as it was.
+"""Edits of numeric attributes in the text of an MJCF file; every other byte stays unchanged.
 
-An override that names an element changes the attribute that holds the value: that of the element, or that of the class
-default that it comes from, if everything that takes it from there is to have the same value; else the element gets an
-attribute of its own.
+An override that names an element changes the attribute that holds the value. This is the element's attribute, or that
+of the class default it inherits from, if every element that inherits the value gets the same new one; otherwise the
+element gets an attribute itself.
 """
 
 import re
@@ -18,14 +18,14 @@ from mjrun.errors import UsageError, clean
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.xml_source import START_TAG, Element, XmlSource, read_xml
 
-# Attributes whose name is not that of the field of MjSpec, by kind of element or for all.
+# Attributes whose name differs from that of the MjSpec field.
 NAMES = {"solref_limit": "solreflimit", "solimp_limit": "solimplimit"}
 NAMES |= {"solref_friction": "solreffriction", "solimp_friction": "solimpfriction"}
-# Of a body, in the element below it.
+# Attributes of a body that belong to its <inertial> element.
 INERTIAL = {"mass": "mass", "ipos": "pos", "inertia": "diaginertia", "fullinertia": "fullinertia", "iquat": "quat"}
 ORIENTATIONS = ("euler", "axisangle", "xyaxes", "zaxis")
 SECTIONS = {"opt": "option", "stat": "statistic", "compiler": "compiler", "size": "size"}
-# Of actuators that MJCF has shortcuts for, what the first numbers of gain and bias are called.
+# Names of the first gain and bias parameters of the actuator elements that have shortcuts for them.
 SHORTCUTS = {
     ("position", "gainprm", 0): "kp",
     ("position", "biasprm", 1): "kp",
@@ -39,13 +39,13 @@ SHORTCUTS = {
 
 @dataclass(frozen=True)
 class Change:
-    """An attribute with a new value.
+    """A new value of an attribute.
 
     Attributes:
-      element: whose it is.
-      attribute: its name.
-      value: what is to be written.
-      is_default: whether the element is a class default.
+      element: the element with the attribute.
+      attribute: the name of the attribute.
+      value: the text of the new value.
+      is_default: true if the element is a class default.
     """
 
     element: Element
@@ -55,17 +55,17 @@ class Change:
 
     @property
     def sentence(self) -> str:
-        """Where it is, and what is written."""
+        """The place of the attribute and its new value."""
         where = " of a class default" if self.is_default else ""
         place = f"{self.element.file.name}:{self.element.line}"
         return f"{clean(place)}: {self.attribute}{where} = {self.value}"
 
 
 def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
-    """What in the file at `path`, and those that it includes, `overrides` of numbers change.
+    """Returns the attribute changes that make the overrides in the file at `path` and the files that it includes.
 
     Raises:
-      UsageError: an override changes what is no attribute of the text, such as the gain of a muscle.
+      UsageError: no attribute of the text holds the overridden value, such as the gain of a muscle.
     """
     text, changed = read_xml(path), confined_load(lambda: mujoco.MjSpec.from_file(str(path)))
     for override in overrides:
@@ -78,10 +78,10 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
 
 
 def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
-    """The text of one file with its attributes changed."""
+    """Returns the text of one file with its attributes changed."""
     for each in sorted(made, key=lambda change: -change.element.offset):
         tag = START_TAG.match(xml, each.element.offset)
-        assert tag, "an element begins where its parser said"
+        assert tag, "the parser reported an element here"
         xml = xml[: tag.start()] + _with_attribute(tag[0], each.attribute, each.value) + xml[tag.end() :]
     return xml
 
@@ -105,7 +105,7 @@ def _of_override(text: XmlSource, changed: mujoco.MjSpec, override: Override) ->
     everyone = getattr(changed, ELEMENTS[kind])
     written = _written(text, kind)
     if len(written) != len(everyone) or len(fields) != 1:
-        raise _refusal(override, "it is not written out in this file: attached or replicated models are not")
+        raise _refusal(override, "its elements are not written out in this file, as in attached or replicated models")
     chosen = {id(written[index]): everyone[index] for index in indices}
     for element in written:
         if id(element) in chosen:
@@ -141,7 +141,7 @@ def _of_element(
 
 
 def _holder(element: Element, field: str, override: Override) -> tuple[Element, str]:
-    """The element and its attribute that hold a field."""
+    """Returns the element and the attribute that hold a field."""
     if element.tag == "body" and field in INERTIAL:
         inner = next((child for child in element.children if child.tag == "inertial"), None)
         if inner is None:
@@ -150,17 +150,17 @@ def _holder(element: Element, field: str, override: Override) -> tuple[Element, 
             raise _refusal(override, f"its <inertial> is oriented by {other}, which quat would contradict")
         return inner, INERTIAL[field]
     if element.tag == "freejoint":
-        raise _refusal(override, "a <freejoint> has no attributes of joints")
+        raise _refusal(override, "a <freejoint> has no joint attributes")
     if field in ("gainprm", "biasprm") and element.tag != "general":
         name = SHORTCUTS.get((element.tag, field, override.index or 0))
         if name is None:
-            raise _refusal(override, f"<{element.tag}> has no attribute for it; <general> has")
+            raise _refusal(override, f"<{element.tag}> has no attribute for it; use <general>")
         return element, name
     return element, NAMES.get(field, field)
 
 
 def _text(values: np.ndarray, old: str, override: Override) -> str:
-    """The value of the attribute: as many numbers as were there, and those that changed."""
+    """Returns the attribute value: as many numbers as before, and those that changed."""
     if override.target.endswith(("gainprm", "biasprm")) and len(old.split()) <= 1:
         number = values[override.index or 0]
         return repr(float(abs(number)))  # kp and kv are gains; the bias is their negative
@@ -181,7 +181,7 @@ def _of_section(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> 
 
 
 def _written(text: XmlSource, kind: str) -> list[Element]:
-    """The elements of a kind, in the order in which MjSpec has them."""
+    """Returns the elements of a kind in the order of MjSpec."""
     elements: list[Element] = []
     for element in text.elements():
         parent = element.parent.tag if element.parent else ""
@@ -207,7 +207,7 @@ def _written(text: XmlSource, kind: str) -> list[Element]:
 
 
 def _default_with(text: XmlSource, element: Element, attribute: str) -> Element | None:
-    """The class default that gives `element` its `attribute`; None if the value is MuJoCo's own."""
+    """Returns the class default that sets `attribute` of `element`; None if the value is MuJoCo's default."""
     default = _default_class(text, element)
     while default is not None and default.tag == "default":
         for child in default.children:

@@ -1,19 +1,20 @@
-"""The description of one column of a table: its name, its unit, and the object of the model it belongs to."""
+"""The description of a table column: its name, its unit, and the model object that it belongs to."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Column:
-    """A named series of numbers, or of texts.
+    """A named series of numbers or texts.
 
     Attributes:
       name: `group/object[/component]`, as in `qpos/knee` and `xpos/hand/z`; `time` alone.
-      unit: SI, as in `m/s`; empty for pure numbers.
+      unit: the SI unit, such as `m/s`; empty for pure numbers.
       meaning: a short description.
-      kind, id: the kind of object it belongs to (`joint`, `body`, …) and its MuJoCo id; −1 for none.
-      labels: for a column of texts, the texts that the numbers are indices into, −1 for none; tables show the texts.
-      integer: whether all its numbers are whole, so that formats that know integers write them as such.
+      kind: the kind of the object that the column belongs to (`joint`, `body`, …); empty for none.
+      id: the MuJoCo id of that object; −1 for none.
+      labels: the texts of a text column, whose numbers are indices into them; −1 means no text. Tables show the texts.
+      integer: true if all numbers are whole; formats that distinguish integers write them as such.
     """
 
     name: str

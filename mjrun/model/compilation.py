@@ -1,4 +1,4 @@
-"""Compilation of a model: overrides applied, the result checked, and MuJoCo's refusals put into errors."""
+"""Compilation of a model: applies overrides, checks the result, and reports MuJoCo's refusals as errors."""
 
 import math
 import re
@@ -18,33 +18,33 @@ from mjrun.model.override import Override, apply, elements_at
 from mjrun.shared_status import doing
 from mjrun.timeline import rational
 
-# Prefixes and endings of fields that no motion comes from, or that are looked at where they are used.
+# Prefixes and endings of fields that do not affect the motion, or that are checked where they are used.
 LEFT_OUT = ("key_", "numeric_", "tuple_", "mesh_normal", "mesh_polynormal")
 LEFT_OUT_ENDINGS = ("_user", "_texcoord")
 # Endings of bounds and tolerances, which may be infinite.
 BOUNDS = ("range", "margin", "gap", "cutoff", "tolerance", "yield", "limited")
-# Fields that follow from others: a fault of theirs is one of these others.
+# Fields computed from others: a fault in them is a fault in one of the others.
 DERIVED = ("0", "_aabb", "_rbound", "_subtreemass", "_L")
 
 
 def non_finite_number(model: mujoco.MjModel) -> str | None:
-    """The first number of a model that is not finite, `its dof_damping is nan, of joint 'hip'`; None if there is none.
+    """Returns a sentence about the first number of a model that is not finite; None if all are finite.
 
-    MuJoCo compiles NaN, and the simulation explodes. Bounds may be infinite. Keyframes are not looked at: one that
-    nobody starts from does no harm.
+    An example is `dof_damping of joint 'hip' must be finite, not nan`. MuJoCo compiles NaN, and the simulation
+    diverges. Bounds may be infinite. Keyframes are not checked: they do no harm unless a simulation starts from them.
     """
     for name in _numbers(mujoco.MjOption):
-        if (value := _bad(np.asarray(getattr(model.opt, name)), name)) is not None:
-            return f"its opt.{name} is {value[1]}"
+        if (bad := _bad(np.asarray(getattr(model.opt, name)), name)) is not None:
+            return f"opt.{name} must be finite, not {bad[1]}"
     for name in _numbers(mujoco.MjModel):
-        if (value := _bad(getattr(model, name), name)) is not None:
-            return f"its {name} is {value[1]}{_owner(model, name, value[0])}"
+        if (bad := _bad(getattr(model, name), name)) is not None:
+            return f"{name}{_owner(model, name, bad[0])} must be finite, not {bad[1]}"
     return None
 
 
 @cache
 def _numbers(of: type) -> list[str]:
-    """The fields of a model, or of its options, that hold numbers from which its motion comes."""
+    """Returns the names of the fields of a model, or of its options, whose numbers affect the motion."""
     example = mujoco.MjSpec().compile()
     owner = example.opt if of is mujoco.MjOption else example
     fields = {name: getattr(owner, name) for name in dir(owner) if not name.startswith("_")}
@@ -58,19 +58,19 @@ def _numbers(of: type) -> list[str]:
 
 
 def _bad(values: np.ndarray, name: str) -> tuple[int, float] | None:
-    """The row and the value of the first number that cannot be."""
+    """Returns the row and the value of the first invalid number."""
     if np.isfinite(values).all():
         return None
     wrong = np.isnan(values) if name.endswith(BOUNDS) else ~np.isfinite(values)
     if not wrong.any():
         return None
-    index = int(wrong.argmax())  # of all numbers, row by row
+    index = int(wrong.argmax())  # among all numbers, row by row
     row = index // max(1, int(np.prod(values.shape[1:])))
     return row, float(values.flat[index])
 
 
 def _owner(model: mujoco.MjModel, field: str, row: int) -> str:
-    """Whose number it is, `, of joint 'hip'`."""
+    """Returns the owner of a number, ` of joint 'hip'`; empty if it is not one object's."""
     prefix = field.partition("_")[0]
     if prefix == "dof":
         prefix, row = "jnt", int(model.dof_jntid[row])
@@ -78,22 +78,22 @@ def _owner(model: mujoco.MjModel, field: str, row: int) -> str:
     if kind is None:
         return ""
     name = mujoco.mj_id2name(model, KINDS[kind], row)
-    return f", of {kind} {quoted(name) if name else row}"
+    return f" of {kind} {quoted(name) if name else row}"
 
 
 DELAYED = ("actuator", "sensor")
 
 
 def lengthen_buffers(spec: mujoco.MjSpec, overrides: Iterable[Override]) -> None:
-    """Makes the buffers of all elements whose delay is overridden as long as their delay needs, if they are shorter.
+    """Extends the sample buffers of elements whose delay is overridden, if they are shorter than the delay needs.
 
-    MuJoCo reads delays from a buffer of samples: one that is too short makes the delay shorter, without a word.
+    MuJoCo reads delayed values from a buffer of samples; a short buffer silently shortens the delay.
 
     Args:
-      overrides: that were applied to `spec`.
+      overrides: the overrides that were applied to `spec`.
     """
     timestep = spec.option.timestep
-    if not timestep > 0:  # which the compiler refuses
+    if not timestep > 0:  # the compiler reports it
         return
     for override in overrides:
         kind, _, rest = override.target.partition("/")
@@ -103,11 +103,11 @@ def lengthen_buffers(spec: mujoco.MjSpec, overrides: Iterable[Override]) -> None
             element.nsample = max(element.nsample, math.ceil(rational(element.delay) / rational(timestep)))
 
 
-# Everything that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
+# All exceptions that MuJoCo's loaders are known to raise for a bad file. "Caught an unknown exception!" is
 # a RuntimeError and means that memory ran out.
 FAULTS = (ValueError, RuntimeError, MemoryError, TypeError, mujoco.FatalError, zipfile.BadZipFile, OSError)
-LONGEST = 1e12  # [s] a timestep; times of later steps must be finite numbers too
-NOT_UTF8 = "a name in it is not UTF-8; save the file as UTF-8"
+LONGEST = 1e12  # [s] the longest timestep: the times of later steps must be finite numbers, too
+NOT_UTF8 = "it contains a name that is not UTF-8; save the file as UTF-8"
 # "Element 'geom', line 12", "Element name 'x', id 3, line 12", "Line number=12"; names may hold anything.
 _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTILINE)
 
@@ -115,16 +115,16 @@ _LINE = re.compile(r"(?:', |id -?\d+, )line (\d+)$|Line number=(\d+)", re.MULTIL
 def compile_model(
     parse: Callable[[], mujoco.MjSpec], overrides: Sequence[Override], path: Path, advice: str = ""
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Compiles what `parse` returns, with overrides; returns both.
+    """Compiles the specification that `parse` returns, with overrides; returns both.
 
     Args:
-      overrides: applied in order.
-      path: the model as errors call it.
-      advice: added as a note to MuJoCo's refusal of a model without overrides.
+      overrides: overrides, applied in order.
+      path: the name of the model in errors.
+      advice: a note for MuJoCo's refusal of a model without overrides.
 
     Raises:
       BrokenModelError: MuJoCo refuses the model.
-      UsageError: an override names nothing, or its value does not fit.
+      UsageError: an override refers to nothing, or its value does not fit.
     """
     with without_log():
         try:
@@ -154,32 +154,32 @@ def compile_model(
 
 
 def refuse_plugins(spec: mujoco.MjSpec, path: Path) -> None:
-    """Raises BrokenModelError if the model is run by plugins, which are libraries, in a confined process."""
+    """Raises BrokenModelError if this process is confined and the model uses plugins, which are native code."""
     if confinement() and spec.plugins:
         names = listing(sorted({plugin.plugin_name for plugin in spec.plugins}))
-        hint = f"they are code, and {option('untrusted')} runs none"
+        hint = f"plugins are code, which {option('untrusted')} does not run"
         raise BrokenModelError(path, f"it uses plugins: {names}", hint=hint)
 
 
 def check_model(model: mujoco.MjModel, path: Path, timestep_advice: str = "") -> None:
-    """Raises BrokenModelError if names in `model` are not UTF-8, or a number in it cannot be, as its timestep."""
+    """Raises BrokenModelError if a name in `model` is not UTF-8, or if its timestep or another number is invalid."""
     try:
         model.names.decode("utf-8")
     except UnicodeDecodeError:
         raise BrokenModelError(path, NOT_UTF8) from None
     if not _is_timestep(step := model.opt.timestep):
         must = "be positive and finite" if not step > 0 or math.isinf(step) else f"be at most {LONGEST:g} s"
-        raise BrokenModelError(path, f"its timestep is {step:g}, and must {must}", hint=timestep_advice)
+        raise BrokenModelError(path, f"the timestep must {must}, not {step:g}", hint=timestep_advice)
     if fault := non_finite_number(model):
-        raise BrokenModelError(path, f"{fault}, and must be finite")
+        raise BrokenModelError(path, fault)
 
 
 def broken_model(path: Path, error: BaseException, hint: str = "", advice: str = "") -> BrokenModelError:
-    """MuJoCo's refusal `error` of the model `path` as an error with its line, if MuJoCo says which.
+    """Returns MuJoCo's refusal `error` of the model `path` as an error, with its line if MuJoCo reports one.
 
     Args:
-      hint: a last line for the message.
-      advice: a note for when there is no hint.
+      hint: the last line of the message.
+      advice: a note that is added if there is no hint.
     """
     message = str(error).strip()
     if "unknown exception" in message or isinstance(error, MemoryError):

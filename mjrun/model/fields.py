@@ -1,11 +1,11 @@
-"""The fields of a compiled model: what counts their rows, what their numbers refer to, and their values in words.
+"""The fields of a compiled model: their dimensions, the objects that their ids refer to, and their values in words.
 
-Names, extents and meanings are MuJoCo's own, from its description of mjModel. A field is of one of three sorts:
+Names, extents and meanings come from MuJoCo's description of mjModel. Each field is of one of three sorts:
 
 - *Layout*: addresses and counts, which follow from the order and number of objects; names and paths; the bounding
   volumes and sparsity patterns of the engine.
-- *Computed*: what the compiler works out from other fields, such as `dof_M0` and `body_subtreemass`.
-- All others, which say what the model is. A field that a later MuJoCo adds is one of these until it is listed here.
+- *Computed*: fields that the compiler derives from others, such as `dof_M0` and `body_subtreemass`.
+- All others, which define the model. A field added by a later MuJoCo belongs here until it is listed.
 
 Units are in `mjrun.model.units`.
 """
@@ -27,7 +27,7 @@ Obj = mujoco.mjtObj
 Value = str | int | float | bool
 SINGLE: type = np.float32
 
-# Dimensions along which each object of a kind has a stretch of its own, by the field with the addresses of these.
+# Dimensions along which each object of a kind has several rows, by the field with the addresses of these.
 STRETCHES = {
     "nmeshvert": "mesh_vertadr", "nmeshnormal": "mesh_normaladr", "nmeshtexcoord": "mesh_texcoordadr",
     "nmeshface": "mesh_faceadr", "nhfielddata": "hfield_adr", "ntexdata": "tex_adr",
@@ -46,7 +46,7 @@ LAYOUT = {
     *("buffer", "names", "names_map", "paths", "signature", "pair_signature", "numeric_size", "text_size"),
     *("tuple_size", "body_treeid", "dof_bodyid", "dof_jntid", "dof_parentid", "dof_treeid", "tendon_treeid"),
 }
-COMPARED_COUNTS = {"flex_cellnum", "actuator_ctrlnum"}  # which the user chooses
+COMPARED_COUNTS = {"flex_cellnum", "actuator_ctrlnum"}  # counts that the user chooses
 
 COMPUTED = {
     *("body_rootid", "body_weldid", "body_simple", "body_sameframe", "body_subtreemass", "body_invweight0"),
@@ -59,10 +59,10 @@ COMPUTED = {
     *("mesh_polymap", "tendon_length0", "tendon_invweight0", "actuator_acc0", "actuator_length0"),
     *("sensor_datatype", "sensor_needstage", "sensor_dim"),
 }
-# Numbers of the whole model that say what it is. Other counts follow from its objects.
+# Numbers of the whole model that define it. Other counts follow from its objects.
 SIZES = ("nuserdata", "njmax", "nconmax")
 
-# Fields that hold ids, by what these are the ids of: a kind of object, or the field that says which kind.
+# The kind of object that the ids in a field refer to, or the field that determines the kind.
 REFERENCES = {
     "body_parentid": "body", "body_rootid": "body", "body_weldid": "body", "body_plugin": "plugin",
     "jnt_bodyid": "body", "jnt_actuatorid": "actuator",
@@ -82,13 +82,13 @@ REFERENCES = {
 
 _Geom, _Wrap, _Transmission = mujoco.mjtGeom, mujoco.mjtWrap, mujoco.mjtTrn
 _WRAPS = (_Wrap.mjWRAP_SPHERE, _Wrap.mjWRAP_CYLINDER)
-# What a tendon passes, by the type of the point.
+# The type of object at each type of point in the path of a tendon.
 WRAPPED = {
     int(_Wrap.mjWRAP_JOINT): Obj.mjOBJ_JOINT,
     int(_Wrap.mjWRAP_SITE): Obj.mjOBJ_SITE,
     **{int(wrap): Obj.mjOBJ_GEOM for wrap in _WRAPS},
 }
-# What the ids in a field refer to, by the value of the field that says so; by itself, that is one of mjtObj.
+# The type of object that the ids in a field refer to, by the value of the determining field; by default that mjtObj.
 _REFERRED: dict[str, dict[int, mujoco.mjtObj]] = {
     "geom_dataid": {
         int(_Geom.mjGEOM_MESH): Obj.mjOBJ_MESH,
@@ -117,13 +117,13 @@ _ENUM = re.compile(r"\((mjt\w+)\)")
 
 @dataclass(frozen=True)
 class ModelField:
-    """One array of a compiled model.
+    """An array of a compiled model.
 
     Attributes:
-      name: MuJoCo's, `body_mass`.
-      extents: of the array: what counts its rows, `nbody`, then numbers and names of numbers.
-      enum: what its values are members of; None if they are numbers.
-      boolean: whether its values are true or false.
+      name: MuJoCo's name, such as `body_mass`.
+      extents: the extents of the array: the count of its rows, `nbody`, then numbers and names of numbers.
+      enum: the enum of its values; None for numbers.
+      boolean: true if its values are booleans.
     """
 
     name: str
@@ -133,16 +133,16 @@ class ModelField:
 
     @property
     def computed(self) -> bool:
-        """Whether the compiler works it out from other fields."""
+        """True if the compiler derives it from other fields."""
         return self.name in COMPUTED
 
     @property
     def rows(self) -> str:
-        """What counts its rows."""
+        """The name of the count of its rows."""
         return str(self.extents[0])
 
     def plain(self, value: Any) -> Value:
-        """One of its numbers as a plain value: a number, a boolean, or MuJoCo's word."""
+        """Converts one of its numbers to a plain value: a number, a boolean, or MuJoCo's name."""
         if self.enum is not None:
             return enum_name(self.enum, value)
         if self.boolean:
@@ -152,19 +152,19 @@ class ModelField:
 
 @cache
 def arrays() -> dict[str, ModelField]:
-    """Every array of a compiled model by name, in MuJoCo's order."""
+    """Returns the arrays of a compiled model by name, in MuJoCo's order."""
     described: Any = structs.STRUCTS["mjModel"].fields
     return {each.name: _field(each) for each in described if each.array_extent}
 
 
 @cache
 def model_fields() -> tuple[ModelField, ...]:
-    """Every array of a compiled model that does not follow from the order and number of objects alone."""
+    """Returns the arrays of a compiled model that do not follow from the order and number of objects alone."""
     return tuple(field for field in arrays().values() if not is_layout(field.name))
 
 
 def is_layout(name: str) -> bool:
-    """Whether a field follows from the order and number of objects alone."""
+    """Returns whether a field follows from the order and number of objects alone."""
     if name in COMPARED_COUNTS:
         return False
     tree = name.startswith("tree_") and name != "tree_sleep_policy"
@@ -179,13 +179,13 @@ def _field(described: Any) -> ModelField:
 
 
 def user_sizes() -> list[str]:
-    """The names of the widths of the user data, `nuser_body` …"""
+    """Returns the names of the widths of the user data, `nuser_body` …"""
     described: Any = structs.STRUCTS["mjModel"].fields
     return [each.name for each in described if each.name.startswith("nuser_")]
 
 
 def array(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """A field of `model`; text as its bytes, the signature of an exclude as its two bodies, a mocap id as a boolean."""
+    """Returns a field of `model`: texts as bytes, signatures of excludes as two bodies, mocap ids as booleans."""
     value = getattr(model, name)
     if isinstance(value, bytes):
         return np.frombuffer(value, np.uint8)
@@ -195,7 +195,7 @@ def array(model: mujoco.MjModel, name: str) -> np.ndarray:
 
 
 def plain_values(model: mujoco.MjModel, name: str) -> list[Any]:
-    """The rows of a field as plain values, or tuples of these; ids as the names of objects, None of no object."""
+    """Returns the rows of a field as plain values, or tuples of these; ids as object names, None without an object."""
     field, values, kinds = arrays()[name], array(model, name), referred_kinds(model, name)
     rows = as_rows(values)
     if kinds is None and field.enum is None and rows.dtype != SINGLE:
@@ -209,22 +209,22 @@ def plain_values(model: mujoco.MjModel, name: str) -> list[Any]:
 
 
 def decimal_float(value: Any) -> float:
-    """A number as a float; in single precision the shortest decimal that rounds to it, 0.1 and not 0.10000000149."""
+    """Converts a number to a float; in single precision to the shortest decimal: 0.1 instead of 0.10000000149."""
     return float(str(value)) if isinstance(value, SINGLE) else float(value)
 
 
 def floats(values: Iterable[Any]) -> tuple[float, ...]:
-    """Numbers as floats."""
+    """Converts numbers to floats."""
     return tuple(map(decimal_float, values))
 
 
 def as_rows(values: np.ndarray) -> np.ndarray:
-    """A field as `(n, m)`, whatever its rows are."""
+    """Returns a field as `(n, m)`, whatever the shape of its rows."""
     return values.reshape(len(values), math.prod(values.shape[1:]))
 
 
 def referred_kinds(model: mujoco.MjModel, name: str) -> np.ndarray | None:
-    """For each number in a field the mjtObj that it is the id of, 0 where it is no id; None if the field has no ids."""
+    """Returns the mjtObj whose id each number in a field is, 0 if it is not an id; None if the field has no ids."""
     if name not in REFERENCES:
         return None
     values, target = array(model, name), REFERENCES[name]
@@ -233,10 +233,10 @@ def referred_kinds(model: mujoco.MjModel, name: str) -> np.ndarray | None:
     kinds = array(model, target).astype(int)
     if table := _REFERRED.get(name):
         kinds = _looked_up(kinds, table)
-    if name == "actuator_trnid":  # of an orientation either a ball joint, or a site relative to another
+    if name == "actuator_trnid":  # an orientation acts on a ball joint, or on a site relative to another
         turns_joint = (model.actuator_trntype == int(_Transmission.mjTRN_SO3)) & (values[:, 1] < 0)
         kinds[turns_joint] = int(Obj.mjOBJ_JOINT)
-    if target == "eq_objtype":  # which only connect and weld have
+    if target == "eq_objtype":  # which is set for connect and weld only
         kinds = np.where(kinds, kinds, _looked_up(model.eq_type, _EQUALITIES))
     kinds = np.where(kinds == int(Obj.mjOBJ_XBODY), int(Obj.mjOBJ_BODY), kinds)
     kinds = np.where(np.isin(kinds, list(KIND_OF)), kinds, 0)
@@ -248,9 +248,9 @@ def _looked_up(kinds: np.ndarray, table: Mapping[int, mujoco.mjtObj]) -> np.ndar
 
 
 def stretch(model: mujoco.MjModel, dimension: str, index: int) -> slice:
-    """The rows along one of `STRETCHES` that belong to the object `index`; none where its address is −1."""
+    """Returns the rows along one of `STRETCHES` that belong to the object `index`; none if its address is −1."""
     starts = array(model, STRETCHES[dimension])
-    if dimension == "nskinbonevert":  # by bone; those of a skin lie together
+    if dimension == "nskinbonevert":  # addresses are by bone; the bones of a skin are adjacent
         starts = starts[model.skin_boneadr]
     start = int(starts[index])
     if start < 0:
@@ -260,5 +260,5 @@ def stretch(model: mujoco.MjModel, dimension: str, index: int) -> slice:
 
 
 def stretch_kind(dimension: str) -> str:
-    """The kind of object whose stretches lie along a dimension."""
+    """Returns the kind of object whose rows lie along a dimension."""
     return KIND_OF_COUNT[f"n{STRETCHES[dimension].partition('_')[0]}"]

@@ -1,4 +1,4 @@
-"""Fingerprints of compiled models: of all of a model, and of its physics alone."""
+"""Fingerprints of compiled models: of the whole model, and of its physics alone."""
 
 import hashlib
 from collections.abc import Iterator
@@ -7,22 +7,22 @@ from functools import cache
 import mujoco
 import numpy as np
 
-# Arrays of MjModel that only affect images, keyframes and names, and the numbers of their entries.
+# Arrays of MjModel that only affect images, keyframes and names, and their sizes.
 VISUAL = ("cam_", "key_", "light_", "mat_", "name_", "names", "paths", "skin_", "tex_", "text_")
 VISUAL += ("nbuffer", "ncam", "nkey", "nlight", "nmat", "nnames", "npaths", "nskin", "ntex", "signature")
 VISUAL_SUFFIXES = ("_rgba", "_group", "_matid", "_texcoord", "_texcoordadr", "_texcoordnum")
-LOCATIONS = ("_pathadr", "npaths", "nbuffer")  # of the names of files, whose lengths they depend on
+LOCATIONS = ("_pathadr", "npaths", "nbuffer")  # fields that depend on the lengths of file names
 
 
 def model_fingerprint(model: mujoco.MjModel) -> str:
-    """SHA-256 of the compiled model, with all its assets and overrides."""
+    """Returns the SHA-256 of the compiled model, with all its assets and overrides."""
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
     return hashlib.sha256(content.data).hexdigest()
 
 
 def content_fingerprint(model: mujoco.MjModel) -> str:
-    """SHA-256 of the compiled model with all its assets, but not of where their files are: the same in any folder."""
+    """Returns the SHA-256 of the compiled model with all its assets, independent of the folder of their files."""
     digest = hashlib.sha256()
     for name, value in _fields(model):
         if name != "paths" and not name.endswith(LOCATIONS):
@@ -31,7 +31,7 @@ def content_fingerprint(model: mujoco.MjModel) -> str:
 
 
 def _fields(owner: object) -> Iterator[tuple[str, bytes]]:
-    """Every number, text and array of a structure and of the structures in it."""
+    """Yields the numbers, texts and arrays of a structure and of its inner structures."""
     for name in _public(type(owner)):
         value = getattr(owner, name)
         if isinstance(value, bytes):
@@ -43,7 +43,7 @@ def _fields(owner: object) -> Iterator[tuple[str, bytes]]:
 
 
 def physics_fingerprint(model: mujoco.MjModel) -> str:
-    """SHA-256 of the options, and of every array that does not only affect images, keyframes and names."""
+    """Returns the SHA-256 of the options, and of every array that does not only affect images, keyframes and names."""
     digest = hashlib.sha256()
     for name, value in physics_fields(model):
         digest.update(name.encode() + b"\0" + value.tobytes())
@@ -51,7 +51,7 @@ def physics_fingerprint(model: mujoco.MjModel) -> str:
 
 
 def physics_fields(model: mujoco.MjModel) -> Iterator[tuple[str, np.ndarray]]:
-    """The numbers and arrays of a model and of its options, by name, but for what only affects images and names."""
+    """Yields the numbers and arrays of a model and of its options, except those that only affect images and names."""
     for owner in (model, model.opt):
         for name in _names(type(owner)):
             value = getattr(owner, name)

@@ -16,11 +16,11 @@ from mjrun.shared_status import doing
 
 @dataclass(frozen=True)
 class Info:
-    """The description of a model, to be made.
+    """A request for the description of a model.
 
     Args:
       model: a file, `scene:NAME`, another source, or a compiled model. It is not changed.
-      sections: some of `mjrun.model.description.model_description.SECTIONS`; all of them when empty.
+      sections: some of `mjrun.model.description.model_description.SECTIONS`; all of them if empty.
     """
 
     model: ModelLike
@@ -30,7 +30,7 @@ class Info:
         """Loads the model and describes it.
 
         Raises:
-          UnknownNameError: there is no such section; the model is not loaded.
+          UnknownNameError: a section does not exist; the model is not loaded.
           ModelError: the model cannot be loaded.
         """
         reporter = reporter or WarningReporter()
@@ -58,9 +58,9 @@ class InfoResult:
     """The description of a model.
 
     Attributes:
-      description: has an attribute for each section.
-      sections: the names of those requested, in order.
-      warnings: MuJoCo's, and those of its known bugs that affect the model.
+      description: the description, with an attribute for each section.
+      sections: the names of the requested sections, in order.
+      warnings: MuJoCo's warnings, and those about its known bugs that affect the model.
     """
 
     description: ModelDescription
@@ -68,7 +68,7 @@ class InfoResult:
     warnings: Sequence[str]
 
     def document(self) -> dict[str, Any]:
-        """The sections by name, and `warnings`, as JSON holds them; a number that is not finite is null."""
+        """Returns the sections by name, and `warnings`, as a JSON object; numbers that are not finite become null."""
         sections = {name: _plain(self.description.section(name)) for name in self.sections}
         return {**sections, "warnings": list(self.warnings)}
 

@@ -1,4 +1,4 @@
-"""A keyframe in the text of an MJCF file: new, or in place of the one of its name; every other byte stays as it was."""
+"""Edits that add a keyframe to the text of an MJCF file, or replace one; every other byte stays unchanged."""
 
 import re
 from collections.abc import Mapping
@@ -12,8 +12,8 @@ from mjrun.errors import clean
 from mjrun.model.xml_source import START_TAG, Element, XmlParser
 
 BOM = b"\xef\xbb\xbf"
-INDENT = b"  "  # where the file shows none of its own
-# Of every attribute of a key, the field of MjData that it holds, in MuJoCo's order.
+INDENT = b"  "  # for files without indentation
+# The field of MjData that each attribute of a key holds, in MuJoCo's order.
 ATTRIBUTES = {
     "time": "time",
     "qpos": "qpos",
@@ -26,13 +26,13 @@ ATTRIBUTES = {
 
 
 def with_key(xml: bytes, name: str, fields: Mapping[str, np.ndarray]) -> bytes:
-    """The MJCF `xml` with a key called `name` that holds `fields` of MjData, by their names; empty ones are left out.
+    """Returns the MJCF `xml` with a key called `name` that holds `fields` of MjData, by name; empty fields are omitted.
 
-    A key of that name is replaced. Another goes behind the last one, or into a section of its own at the end. All that
-    is around it stays as it is, to the byte: comments, indentation, line ends, encoding.
+    A key with that name is replaced. A new key follows the last one, or goes into a new section at the end. All other
+    bytes stay unchanged: comments, indentation, line ends, encoding.
 
     Raises:
-      ValueError: it is not an MJCF model, or not well-formed; the message says what it is instead.
+      ValueError: `xml` is not an MJCF model, or not well-formed; the message states the fault.
     """
     if xml.startswith(BOM):
         return BOM + with_key(xml.removeprefix(BOM), name, fields)
@@ -59,10 +59,10 @@ def with_key(xml: bytes, name: str, fields: Mapping[str, np.ndarray]) -> bytes:
 
 
 def key_names(xml: bytes) -> list[str]:
-    """The names of the keys that are written in `xml` itself; empty for those without one.
+    """Returns the names of the keys in `xml`; empty for unnamed keys. Included files are not read.
 
     Raises:
-      ValueError: it is not an MJCF model, or not well-formed.
+      ValueError: `xml` is not an MJCF model, or not well-formed.
     """
     return [_name(key) for key in _keys(_parse(xml.removeprefix(BOM)))]
 
@@ -73,14 +73,14 @@ def _keys(root: Element) -> list[Element]:
 
 
 def _name(key: Element) -> str:
-    """The name of a key, in UTF-8 as MuJoCo reads it."""
+    """Returns the name of a key, decoded as UTF-8 like MuJoCo does."""
     return key.attributes.get("name", "").encode("latin-1").decode("utf-8", "replace")
 
 
 def _inner(xml: bytes, element: Element) -> int:
-    """Where the start tag of an element ends."""
+    """Returns the offset at which the start tag of an element ends."""
     tag = START_TAG.match(xml, element.offset)
-    assert tag, "an element begins where its parser said"
+    assert tag, "the parser reported an element here"
     return tag.end()
 
 
@@ -89,25 +89,25 @@ def _is_empty(xml: bytes, element: Element) -> bool:
 
 
 def _end(xml: bytes, element: Element) -> int:
-    """Where an element ends."""
+    """Returns the offset at which an element ends."""
     return _inner(xml, element) if _is_empty(xml, element) else xml.index(b">", element.closing) + 1
 
 
 def _with_child(xml: bytes, parent: Element, child: bytes, indent: bytes, unit: bytes, newline: bytes) -> bytes:
-    """`xml` with a `child` at the end of `parent`, which is indented by `indent`."""
+    """Returns `xml` with `child` at the end of `parent`, which is indented by `indent`."""
     inserted = newline + indent + unit + child
     if _is_empty(xml, parent):
         end = _inner(xml, parent)
         opened = re.sub(rb"\s*/>\Z", b">", xml[parent.offset : end])
         closing = newline + indent + f"</{parent.tag}>".encode()
         return _replaced(xml, parent.offset, end, opened + inserted + closing)
-    end = len(xml[: parent.closing].rstrip(b" \t\r\n"))  # behind the last thing in it
+    end = len(xml[: parent.closing].rstrip(b" \t\r\n"))  # after its last child
     rest = xml[end : parent.closing]
     return _replaced(xml, end, end, inserted + (b"" if b"\n" in rest else newline + indent))
 
 
 def _lines(name: str, fields: Mapping[str, np.ndarray]) -> list[bytes]:
-    """The lines of a key, not indented: name and time, then a line for each vector."""
+    """Returns the lines of a key without indentation: name and time, then one line for each vector."""
     texts = [
         f"{attribute}={quoteattr(' '.join(map(_number, values)))}"
         for attribute, source in ATTRIBUTES.items()
@@ -118,7 +118,7 @@ def _lines(name: str, fields: Mapping[str, np.ndarray]) -> list[bytes]:
 
 
 def _number(value: float) -> str:
-    """The shortest number that is read as exactly `value`."""
+    """Returns the shortest text that reads back as exactly `value`."""
     return repr(value).removesuffix(".0")
 
 
@@ -127,15 +127,15 @@ def _replaced(xml: bytes, start: int, end: int, text: bytes) -> bytes:
 
 
 def _indent(xml: bytes, start: int) -> bytes:
-    """What is before `start` in its line, if it is nothing but blanks."""
+    """Returns the text before `start` on its line if it is blank."""
     before = xml[:start].rpartition(b"\n")[2]
     return b"" if before.strip(b" \t") else before
 
 
 def _parse(xml: bytes) -> Element:
-    """The root of `xml`, with all elements below it."""
-    # MuJoCo takes a file for UTF-8, whatever it declares, and reads past bytes that are not. As Latin-1 every byte is a
-    # character, so that positions are those of bytes.
+    """Returns the root of `xml`, with all elements below it."""
+    # MuJoCo reads a file as UTF-8, whatever encoding it declares, and accepts invalid bytes. In Latin-1 every byte is a
+    # character, so positions in the text are positions of bytes.
     parser = XmlParser(Path(), "iso-8859-1")
     try:
         parser.expat.Parse(xml, True)

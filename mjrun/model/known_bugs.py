@@ -1,4 +1,4 @@
-"""Known bugs of the installed MuJoCo, and whether they affect a model."""
+"""Known bugs of the installed MuJoCo, and the models that they affect."""
 
 import mujoco
 
@@ -9,11 +9,11 @@ SPARSE_NEWTON = (
 
 
 def bugs_of_version(version: str) -> list[str]:
-    """The known bugs of a version of MuJoCo."""
+    """Returns the known bugs of a version of MuJoCo."""
     return [SPARSE_NEWTON] if version == "4.0.0" else []
 
 
 def bugs_of_model(model: mujoco.MjModel) -> list[str]:
-    """The known bugs of the installed MuJoCo that can change the motion of `model`."""
+    """Returns the known bugs of the installed MuJoCo that can change the motion of `model`."""
     sparse_newton = model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON and mujoco.mj_isSparse(model)
     return bugs_of_version(mujoco.mj_versionString()) if sparse_newton else []

@@ -1,4 +1,4 @@
-"""MuJoCo's process-wide state: its log file and timers switched off, its warnings collected instead of printed."""
+"""MuJoCo's process-wide state: disables its log file and timers, and collects its warnings instead of printing them."""
 
 import ctypes
 import warnings
@@ -14,7 +14,7 @@ from mjrun.errors import MjrunWarning
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the working directory."""
+    """Prevents MuJoCo from writing MUJOCO_LOG.TXT into the working directory."""
     log = mujoco.MjLogConfig.get()
     to_file, log.logto_file = log.logto_file, False
     log.set()
@@ -26,10 +26,10 @@ def without_log() -> Iterator[None]:
 
 
 class without_timers:  # noqa: N801 - a context manager, and a class as it is entered once a step
-    """Keeps MuJoCo from reading the clock dozens of times per step for its internal profile, which mjrun does not use.
+    """A context in which MuJoCo does not read the clock dozens of times per step for its profile, which mjrun ignores.
 
-    The Python bindings install a clock, and `set_mjcb_time(None)` only restores it. Without it a step is as fast as
-    in C: it takes a fifth to a half less time for small models.
+    The Python bindings install a clock, and `set_mjcb_time(None)` only restores it. Without it, a step is as fast as
+    in C: for small models it takes a fifth to a half less time.
     """
 
     def __enter__(self) -> None:
@@ -44,7 +44,7 @@ class without_timers:  # noqa: N801 - a context manager, and a class as it is en
 
 @cache
 def _clock() -> ctypes.c_void_p | None:
-    """MuJoCo's global `mjcb_time`, or None where it cannot be found."""
+    """Returns MuJoCo's global `mjcb_time`; None if it cannot be located."""
     for library in sorted(Path(mujoco.__file__).parent.glob("libmujoco*")):
         with suppress(OSError, ValueError):
             return ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time")
@@ -55,8 +55,8 @@ def _clock() -> ctypes.c_void_p | None:
 def collected_warnings() -> Iterator[list[str]]:
     """Collects MuJoCo's warnings inside the block, each text once, in order; the list is filled when the block ends.
 
-    These are the warnings of the engine and those that its bindings raise as Python warnings. MuJoCo does not
-    write MUJOCO_LOG.TXT into the working directory meanwhile.
+    These are the warnings of the engine, and those that the bindings raise as Python warnings. Within the block MuJoCo
+    does not write MUJOCO_LOG.TXT into the working directory.
     """
     messages: dict[str, None] = {}
 
@@ -78,5 +78,5 @@ def collected_warnings() -> Iterator[list[str]]:
                 note(str(warning.message))
             else:
                 warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
-        # The bindings raise an attach conflict both ways, once whole and once as its first line.
+        # The bindings report an attach conflict twice: the whole text, and its first line.
         texts.extend(t for t in messages if not any(other.startswith(f"{t}\n") for other in messages))

@@ -1,7 +1,7 @@
-"""The files that a model names, looked at before MuJoCo opens them: on a pipe or a device it would wait for ever.
+"""The files that a model refers to, checked before MuJoCo opens them: a pipe or a device would block it.
 
-They are found by their attributes in the text, which is fast, and needs no well-formed XML. Each is looked for wherever
-MuJoCo may look for it.
+Their names are extracted from the text by regular expressions, which is fast and accepts text that is not well-formed.
+Each file is looked up in every place where MuJoCo may look for it.
 """
 
 import html
@@ -16,13 +16,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable, tells_of_processes
+from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_files import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
-# Patterns that begin with a word are searched for ten times as fast as others. A mesh of URDF has a filename.
+# Patterns that begin with a word are ten times as fast as others. URDF writes the file of a mesh as filename.
 _FILE_NAMES = rb"file(?:name|right|left|up|down|front|back)?"
 _FOLDER_NAMES = rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))"
 _FILE = re.compile(_FILE_NAMES + _VALUE)
@@ -30,7 +30,7 @@ _FOLDER = re.compile(_FOLDER_NAMES + _VALUE)
 _ABSOLUTE = re.compile(rb"((?:" + _FILE_NAMES + rb"|" + _FOLDER_NAMES + rb")\s*=\s*[\"'])(?=/)")
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
-MOST_PIXELS = 2**28  # of an image: 16384 a side, which MuJoCo unpacks into 805 MB
+MOST_PIXELS = 2**28  # per image: 16384x16384 pixels, which MuJoCo decodes into 805 MB
 ROOTS = (b"mujoco", b"mujocoinclude", b"robot")
 
 KINDS = {
@@ -42,7 +42,7 @@ KINDS = {
 
 
 class _NamedFile(NamedTuple):
-    """A file as it is named in line `line` of the file `by`."""
+    """A file name in line `line` of the file `by`."""
 
     name: str
     by: Path
@@ -51,7 +51,7 @@ class _NamedFile(NamedTuple):
 
 @dataclass
 class _NamedFiles:
-    """What a model and all that it includes or attaches name; `models` are the latter, with their texts."""
+    """The file names in a model and in its includes and attached models; `models` maps the latter to their texts."""
 
     files: list[_NamedFile] = field(default_factory=list)
     folders: dict[str, None] = field(default_factory=lambda: {"": None})
@@ -59,16 +59,16 @@ class _NamedFiles:
 
 
 def require_regular_files(path: Path, text: bytes | None, member: str = "") -> None:
-    """Checks that no file named in the MJCF or URDF `text`, or in what it includes, is a pipe, a socket or a device.
+    """Checks that no file named in the MJCF or URDF `text`, or in its includes, is a pipe, a socket or a device.
 
-    In a confined process, none may lie where it must not read either, whether there is one or not.
+    In a confined process, no such file may be outside the readable folders either, whether it exists or not.
 
     Args:
-      path: of the text; what it names may lie beside it, or in the working directory.
-      member: the path of the text, if it lies in the archive `path`.
+      path: the path of the text; its files may be next to it, or in the working directory.
+      member: the path of the text if it is in the archive `path`.
 
     Raises:
-      BrokenModelError: one is, or does.
+      BrokenModelError: a file is of such a kind, or outside.
     """
     named = _collect(path, text or b"", member)
     if confinement():
@@ -83,11 +83,11 @@ def require_regular_files(path: Path, text: bytes | None, member: str = "") -> N
 
 
 def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Path]:
-    """Returns every regular file that MuJoCo may open for the MJCF or URDF `text`, `path` excluded, each once.
+    """Returns the regular files that MuJoCo may open for the MJCF or URDF `text`, each once, without `path` itself.
 
     Args:
-      path: of the text, or of the archive that holds it.
-      member: the path of the text, if it lies in the archive `path`.
+      path: the path of the text, or of the archive that contains it.
+      member: the path of the text if it is in the archive `path`.
     """
     named = _collect(path, text or b"", member)
     places = (place for file in named.files for place in _places(file, path, named.folders, working=False))
@@ -98,18 +98,18 @@ def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Pat
 
 
 def with_root(text: bytes, root: Path) -> bytes:
-    """Returns MJCF or URDF with `root` put before every absolute path in it."""
+    """Returns MJCF or URDF with `root` prepended to every absolute path in it."""
     prefix = html.escape(str(root)).encode()
     return _ABSOLUTE.sub(lambda match: match[1] + prefix, text)
 
 
 def without_root(text: bytes, root: Path) -> bytes:
-    """Returns what `with_root` was called with."""
+    """Returns the argument of `with_root` from its result."""
     return text.replace(html.escape(str(root)).encode(), b"")
 
 
 def foreign_file(path: Path, text: bytes | None) -> str | None:
-    """A file beyond the model's folder that the text includes or attaches, and that is no MJCF: none to be cited."""
+    """Returns an included or attached file outside the model's folder that is not MJCF, so errors must not quote it."""
     folder = path.parent.resolve()
     for place, content in _collect(path, text or b"").models.items():
         root = _ROOT.match(content)
@@ -119,7 +119,7 @@ def foreign_file(path: Path, text: bytes | None) -> str | None:
 
 
 def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
-    """Goes through the text and those of the files that it includes or attaches."""
+    """Collects the file names in a text, and in the files that it includes or attaches."""
     named, waiting, visited = _NamedFiles(), deque([(Path(member or path), text)]), {str(path.absolute())}
     while waiting and len(visited) <= MAX_FILES:
         by, content = waiting.popleft()
@@ -128,18 +128,18 @@ def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
         for tag in _MODEL.finditer(content):
             for name, line in _values(_FILE, tag[0]):
                 for place in _places(_NamedFile(name, by, line), path, [""]):
-                    whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would not end
+                    whole = os.path.abspath(place)  # noqa: PTH100 – pathlib keeps .., and a circle would never end
                     if whole not in visited and (inner := file_content(place)) is not None:
                         visited.add(whole)
                         named.models[place] = inner
                         waiting.append((Path(place), inner))
     if waiting and confinement():
-        raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, too many to look at each")
+        raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, too many to check each")
     return named
 
 
 def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, int]]:
-    """The values of an attribute in `text`, with their lines."""
+    """Yields the values of an attribute in `text`, with their lines."""
     line, position = 1, 0
     for found in attribute.finditer(text):
         line += text.count(b"\n", position, found.start())
@@ -152,35 +152,35 @@ def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, in
 def _is_regular(place: str) -> bool:
     try:
         return stat.S_ISREG(os.stat(place).st_mode)  # noqa: PTH116
-    except (OSError, ValueError):  # there is none, or no file can be called so
+    except (OSError, ValueError):  # it does not exist, or no file can have this name
         return False
 
 
 def _places(file: _NamedFile, main: Path, folders: Iterable[str], *, working: bool = True) -> Iterator[str]:
-    """Where MuJoCo may look for a file; URDF drops the folders of its names, and the package that they are in.
+    """Yields the places where MuJoCo may look for a file; URDF drops the folders and the package of a file name.
 
     Args:
-      working: whether in the working directory too.
+      working: whether the working directory is included.
     """
     bases = dict.fromkeys((str(main.parent), str(file.by.parent)))
     if working:
         bases[""] = None
     names = dict.fromkeys((file.name, file.name.rpartition("://")[2], file.name.rpartition("/")[2]))
-    # Thousands of paths: pathlib takes five times as long.
+    # There are thousands of paths: pathlib takes five times as long.
     yield from (os.path.join(base, folder, name) for base in bases for folder in folders for name in names)  # noqa: PTH118
 
 
 def _require_readable(file: _NamedFile, main: Path, folders: Iterable[str]) -> None:
-    """Checks that MuJoCo, which looks for a file in one of several places, finds it where this process may read it.
+    """Checks that this process may read the place where MuJoCo will find a file.
 
-    A file that lies nowhere must not be told from one beyond the folder: then a model could ask what files there are.
+    A missing file must be reported like one outside the folder; otherwise a model could discover which files exist.
     """
     inside = outside = False
     for place in _places(file, main, folders, working=False):
-        # MuJoCo takes some paths as they are written, others after .. has been struck out with the name before it.
+        # MuJoCo opens some paths as written, and others after removing each .. with the name before it.
         readable = is_readable(place) and is_readable(os.path.normpath(place))
         exists = os.path.lexists(place) or os.path.lexists(os.path.normpath(place))
-        if not readable and (exists or tells_of_processes(place)):
+        if not readable and (exists or depends_on_processes(place)):
             raise BrokenModelError(file.by, f"{quoted(file.name)} {OUTSIDE}", file.line, advice())
         inside |= readable and (exists or file_size(place) is not None)
         outside |= not readable
@@ -191,18 +191,18 @@ def _require_readable(file: _NamedFile, main: Path, folders: Iterable[str]) -> N
 def _check(file: _NamedFile, place: str) -> None:
     try:
         kind = KINDS.get(stat.S_IFMT(os.stat(place).st_mode))  # noqa: PTH116
-    except (OSError, ValueError):  # there is none, or no file can be called so
+    except (OSError, ValueError):  # it does not exist, or no file can have this name
         return
     if kind:
         message = f"{quoted(file.name)} is {kind}; a model is read from regular files"
         raise BrokenModelError(file.by, message, file.line)
     if place.endswith(".png") and math.prod(size := _png_size(place)) > MOST_PIXELS:
-        message = f"{quoted(file.name)} has {size[0]}x{size[1]} pixels, which no texture can have"
-        raise BrokenModelError(file.by, message, file.line, "make it smaller: 4096x4096 is much already")
+        message = f"{quoted(file.name)} has {size[0]}x{size[1]} pixels, too many for a texture"
+        raise BrokenModelError(file.by, message, file.line, "use a smaller image, such as 4096x4096")
 
 
 def _png_size(path: str) -> tuple[int, int]:
-    """Width and height of a PNG image [pixels]; 0 of what is none."""
+    """Returns the width and height of a PNG image [pixels]; 0 if it is not one."""
     try:
         with open(path, "rb") as file:  # noqa: PTH123
             head = file.read(24)

@@ -10,7 +10,7 @@ import mujoco
 
 from mjrun.errors import UnknownNameError
 
-# Every kind of object that a model has, by the word for it, with the prefix of its fields: `jnt_type` of `njnt` joints.
+# The prefix of the model fields of each kind of object: `jnt_type` of `njnt` joints.
 PREFIXES = {
     "body": "body",
     "joint": "jnt",
@@ -47,31 +47,31 @@ PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes"}
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 ROTATION = ("wx", "wy", "wz")
-# The components of qpos and qvel of a joint, by its type.
+# The components of qpos and qvel of a joint by its type.
 QPOS_COMPONENTS = {FREE: VECTOR + QUATERNION, BALL: QUATERNION}
 QVEL_COMPONENTS = {FREE: ("vx", "vy", "vz", *ROTATION), BALL: ROTATION}
 
 
 def names(model: mujoco.MjModel, kind: str) -> list[str]:
-    """The names of all objects of `kind`, in order of id; an unnamed one is `kind:id`."""
+    """Returns the names of all objects of `kind` in order of id; an unnamed one is `kind:id`."""
     return object_names(model, kind, range(getattr(model, COUNTS[kind])))
 
 
 def object_names(model: mujoco.MjModel, kind: str, ids: Iterable[int]) -> list[str]:
-    """The names of the objects of `kind` with these ids."""
+    """Returns the names of the objects of `kind` with these ids."""
     return [mujoco.mj_id2name(model, KINDS[kind], i) or f"{kind}:{i}" for i in ids]
 
 
 def object_name(model: mujoco.MjModel, obj: int, index: int) -> str | None:
-    """The name of an object of the type `obj`, one of `mjtObj`; None where there is no object, index −1."""
+    """Returns the name of an object of the type `obj`, one of `mjtObj`; None for index −1."""
     return None if index < 0 else object_names(model, KIND_OF[int(obj)], [int(index)])[0]
 
 
 def identify(model: mujoco.MjModel, kind: str, name: str) -> int:
-    """The id of the object of `kind` called `name`; `name` may also be an index or `kind:index`.
+    """Returns the id of the object of `kind` called `name`; `name` may also be an index or `kind:index`.
 
     Raises:
-      UnknownNameError: there is none; the message lists those there are.
+      UnknownNameError: no object matches; the message lists all names.
     """
     valid = names(model, kind)
     if name in valid:
@@ -83,15 +83,15 @@ def identify(model: mujoco.MjModel, kind: str, name: str) -> int:
 
 
 def is_index(text: str, count: int) -> bool:
-    """Whether `text` is an index below `count`."""
+    """Returns whether `text` is an index below `count`."""
     return text.isascii() and text.isdigit() and len(text) < 10 and int(text) < count
 
 
 def matching(model: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
-    """The ids of all objects of `kind` whose names match `pattern`; `*`, `?` and `[…]` are wildcards.
+    """Returns the ids of all objects of `kind` whose names match `pattern`, with the wildcards `*`, `?` and `[…]`.
 
     Raises:
-      UnknownNameError: there is none.
+      UnknownNameError: no object matches.
     """
     valid = names(model, kind)
     if pattern not in valid:
@@ -102,7 +102,7 @@ def matching(model: mujoco.MjModel, kind: str, pattern: str) -> list[int]:
 
 
 def actuator_parts(model: mujoco.MjModel, counts: Iterable[int]) -> list[tuple[str, int]]:
-    """The name and actuator of each of the `counts` parts of every actuator: `motor`; of several, `servo/0` …"""
+    """Returns the name and the actuator of each of its `counts` parts: `motor`; with several parts, `servo/0` …"""
     parts = []
     for actuator, (name, count) in enumerate(zip(names(model, "actuator"), map(int, counts), strict=True)):
         parts += [(f"{name}/{i}" if count > 1 else name, actuator) for i in range(count)]
@@ -110,15 +110,15 @@ def actuator_parts(model: mujoco.MjModel, counts: Iterable[int]) -> list[tuple[s
 
 
 def control_names(model: mujoco.MjModel) -> list[str]:
-    """The names of all controls, in the order of `ctrl`."""
+    """Returns the names of all controls in the order of `ctrl`."""
     return [name for name, _ in actuator_parts(model, model.actuator_ctrlnum)]
 
 
 def control_slices(model: mujoco.MjModel, pattern: str) -> list[slice]:
-    """Where in `ctrl` the controls of the actuators matching `pattern` are, or the one control of that name.
+    """Returns the positions in `ctrl` of the actuators that match `pattern`, or of the single control of that name.
 
     Raises:
-      UnknownNameError: there is none.
+      UnknownNameError: no actuator or control matches.
     """
     if pattern in (valid := control_names(model)):
         return [slice(valid.index(pattern), valid.index(pattern) + 1)]
@@ -127,9 +127,9 @@ def control_slices(model: mujoco.MjModel, pattern: str) -> list[slice]:
 
 
 def enum_members(enum: Any) -> dict[str, int]:
-    """The members of a MuJoCo enum by their short names in lower case.
+    """Returns the members of a MuJoCo enum by their short names in lower case.
 
-    `mjtVisFlag.mjVIS_CONTACTPOINT` is `contactpoint`; counters (`mjNVISFLAG`) are left out.
+    `mjtVisFlag.mjVIS_CONTACTPOINT` is `contactpoint`; counters (`mjNVISFLAG`) are omitted.
     """
     return {
         name.partition("_")[2].lower(): int(value)
@@ -139,7 +139,7 @@ def enum_members(enum: Any) -> dict[str, int]:
 
 
 def enum_name(enum: Any, value: Any) -> str:
-    """The short name of a member of a MuJoCo enum, `hinge`; the number as text where there is none."""
+    """Returns the short name of a member of a MuJoCo enum, `hinge`; the number as text if it is not a member."""
     return _spellings(enum).get(int(value), str(int(value)))
 
 
@@ -149,10 +149,10 @@ def _spellings(enum: Any) -> dict[int, str]:
 
 
 def enum_value(enum: Any, kind: str, name: str) -> int:
-    """The value of the member of `enum` called `name`: `elliptic`, `ELLIPTIC` or `mjCONE_ELLIPTIC`.
+    """Returns the value of the member of `enum` called `name`: `elliptic`, `ELLIPTIC` or `mjCONE_ELLIPTIC`.
 
     Raises:
-      UnknownNameError: there is none.
+      UnknownNameError: `enum` has no such member.
     """
     valid = enum_members(enum)
     if name.lower() in valid:
@@ -163,5 +163,5 @@ def enum_value(enum: Any, kind: str, name: str) -> int:
 
 
 def is_enum(value: object) -> bool:
-    """Whether `value` is a member of one of MuJoCo's enums."""
+    """Returns whether `value` is a member of one of MuJoCo's enums."""
     return isinstance(value, Enum) or hasattr(type(value), "__members__")

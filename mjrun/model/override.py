@@ -1,7 +1,7 @@
-"""Overrides, the option `set`: anything in an MjSpec by MuJoCo's own names, before compilation.
+"""Overrides, the option `set`: changes to anything in an MjSpec by MuJoCo's own names, before compilation.
 
 Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, `size.memory`, and
-`KIND/NAME.FIELD` for an element, where NAME may hold `*`, `?` and `[…]`, or be an index.
+`KIND/NAME.FIELD` for an element, where NAME may contain `*`, `?` and `[…]`, or be an index.
 `FIELD[2]` is one number of several. `scale:PATH` and `add:PATH` are relative to the value in the source.
 """
 
@@ -22,14 +22,14 @@ from mjrun.options.model import ModelOptions
 
 
 class _Sizes:
-    """The sizes of a model that are no counts, under the names of MJCF's `<size>`."""
+    """The sizes of a model that are not counts, by their names in MJCF's `<size>`."""
 
     def __init__(self, spec: mujoco.MjSpec) -> None:
         self._spec = spec
 
     @property
     def memory(self) -> int:
-        """The memory for the dynamics [bytes]; -1 leaves it to MuJoCo."""
+        """The memory for the dynamics [bytes]; −1 lets MuJoCo choose."""
         return self._spec.memory
 
     @memory.setter
@@ -69,22 +69,22 @@ ELEMENTS = {
     "tuple": "tuples",
     "key": "keys",
 }
-# Fields that MjSpec keeps as plain integers and MJCF spells by name.
+# Fields that MjSpec stores as plain integers and MJCF writes by name.
 NAMED_INTEGERS = {
     "integrator": mujoco.mjtIntegrator,
     "cone": mujoco.mjtCone,
     "jacobian": mujoco.mjtJacobian,
     "solver": mujoco.mjtSolver,
 }
-# Arrays of which MJCF, too, may give only the first values.
+# Arrays of which only the first values may be given, as in MJCF.
 PARTIAL = {
     *("size", "friction", "damping", "stiffness", "gear", "gainprm", "biasprm", "dynprm", "solref", "solimp"),
     *("solref_limit", "solimp_limit", "solref_friction", "solimp_friction", "o_solref", "o_solimp"),
 }
-# Bookkeeping and other elements, which MjSpec shows as fields, and the two bit sets that `opt.flag` spells by name.
+# Internal fields and other elements, which MjSpec exposes as fields, and the two bit sets behind `opt.flag`.
 HIDDEN = {"id", "signature", "info", "name", "parent", "frame", "compiler", "classname", "plugin"}
 HIDDEN |= {"disableflags", "enableflags"}
-# An orientation written in another way takes precedence over the quaternion.
+# An orientation in another form takes precedence over the quaternion.
 ORIENTATIONS = {
     "axisangle": mujoco.mjtOrientation.mjORIENTATION_AXISANGLE,
     "xyaxes": mujoco.mjtOrientation.mjORIENTATION_XYAXES,
@@ -95,7 +95,7 @@ ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
 UNITS = {unit: 1024**power for power, unit in enumerate(("", "K", "M", "G", "T"))}  # of memory, as in MJCF
 RELATIVE: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {"scale": np.multiply, "add": np.add}
 BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
-# Switches that MjSpec keeps as integers.
+# Switches that MjSpec stores as integers.
 SWITCHES = {"orthographic", "ellipsoidinertia", "bvactive", "active", "useexisting", "uselimit"}
 PLACEMENT = {"pos", "quat", "alt"}
 INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
@@ -103,7 +103,7 @@ INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
 @dataclass(frozen=True)
 class Override:
-    """One override: the `path` in the source, the `value` as text, and the name of the option that it came from."""
+    """An override: the `path` in the source, the `value` as text, and the `option` that it comes from."""
 
     path: str
     value: str
@@ -114,12 +114,12 @@ class Override:
 
     @property
     def operation(self) -> str:
-        """`scale` or `add`; empty where the value replaces the one in the source."""
+        """`scale` or `add`; empty if the value replaces the one in the source."""
         return _path_parts(self.path)[0]
 
     @property
     def index(self) -> int | None:
-        """The place of the number within the field; None for all of the field."""
+        """The index of the number within the field; None for the whole field."""
         return _path_parts(self.path)[2]
 
     @property
@@ -134,18 +134,18 @@ class Override:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """The name of the override in messages."""
         return clean(self.path) if self.option == "set" else option(self.option)
 
     @property
     def option_path(self) -> OptionPath:
-        """The place within the options that errors are about."""
+        """The option that errors are about, and the place in its value."""
         return ("set", self.path) if self.option == "set" else (self.option,)
 
 
 @lru_cache(1024)
 def _path_parts(path: str) -> tuple[str, str, int | None]:
-    """The operation, the target and the index in the path of an override."""
+    """Returns the operation, the target and the index in the path of an override."""
     operation, colon, rest = path.partition(":")
     if not colon or operation not in RELATIVE:
         operation, rest = "", path
@@ -154,7 +154,7 @@ def _path_parts(path: str) -> tuple[str, str, int | None]:
 
 
 def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
-    """The overrides that `options` ask for, in the order in which they are applied."""
+    """Returns the overrides that `options` define, in the order in which they are applied."""
     overrides = [Override(path, text) for path, text in options.set]
     if options.integrator is not None:
         overrides.append(Override("opt.integrator", options.integrator, "integrator"))
@@ -164,10 +164,10 @@ def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
 
 
 def apply(spec: mujoco.MjSpec, override: Override) -> None:
-    """Makes one override in `spec`.
+    """Applies an override to `spec`.
 
     Raises:
-      UnknownNameError: the path names nothing; the message lists near and valid names.
+      UnknownNameError: the path refers to nothing; the message lists similar and valid names.
       BadValueError: the value does not fit the field.
     """
     kind, slash, _ = override.target.partition("/")
@@ -188,10 +188,10 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
 
 
 def elements_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[Any], list[str]]:
-    """The elements that a path `KIND/NAME.FIELD` names, and the field; a name may itself hold dots.
+    """Returns the elements that a path `KIND/NAME.FIELD` matches, and the field; a name may itself contain dots.
 
     Raises:
-      UnknownNameError: it names none.
+      UnknownNameError: no element matches.
     """
     indices, fields = indices_at(spec, override)
     elements = getattr(spec, ELEMENTS[override.target.partition("/")[0]])
@@ -199,7 +199,7 @@ def elements_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[Any], lis
 
 
 def indices_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[int], list[str]]:
-    """The same, with the places of the elements among all of their kind."""
+    """Returns the indices of these elements among all of their kind, and the field."""
     kind, _, rest = override.target.partition("/")
     named = {element.name or f"{kind}:{i}": i for i, element in enumerate(getattr(spec, ELEMENTS[kind]))}
     parts = rest.split(".")
@@ -214,16 +214,16 @@ def indices_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[int], list
         if matches:
             return matches, fields
     if len(parts) == 1:
-        raise UsageError(f"{kind}/{clean(rest)}: which field? write {kind}/{clean(rest)}.FIELD=VALUE")
+        raise UsageError(f"{kind}/{clean(rest)} names no field; write {kind}/{clean(rest)}.FIELD=VALUE")
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
 
 
 def source_values(spec: mujoco.MjSpec, override: Override) -> np.ndarray:
-    """The number that `override` changes of each object that its path names, as the source has it: `(n,)`.
+    """Returns the number that `override` changes for each object that its path matches, as in the source: `(n,)`.
 
     Raises:
-      UnknownNameError: the path names nothing.
-      UsageError: it is no number, or several.
+      UnknownNameError: the path refers to nothing.
+      UsageError: the field is not a number, or several numbers.
     """
     kind, slash, _ = override.target.partition("/")
     if slash and kind in ELEMENTS:
@@ -245,21 +245,22 @@ def _number_of(owner: Any, fields: list[str], override: Override) -> float:
         raise UsageError(f"{clean(override.path)} is not a number")
     values = np.ravel(np.array(list(owner) if _is_vector(owner) else owner, float))
     if override.index is None and values.size > 1 and fields[-1] not in PARTIAL:
-        raise UsageError(f"{clean(override.path)} has {values.size} numbers: write {clean(override.path)}[0] for one")
+        path = clean(override.path)
+        raise UsageError(f"{path} has {values.size} numbers; write {path}[0] for the first")
     return float(values[_chosen(fields[-1], values.size, override)][0])
 
 
 def _check_effect(element: Any, kind: str, fields: list[str], override: Override) -> None:
-    # The compiler infers inertia from geoms and silently ignores that of the body.
+    # The compiler infers the inertia from the geoms and silently ignores that of the body.
     if kind == "body" and fields[0] in INERTIAL and not element.explicitinertial:
         raise UsageError(
             f"{clean(override.path)} has no effect: the inertia of this body comes from its geoms\n"
             f"set the mass or density of a geom instead, as in geom/NAME.mass={clean(override.value)}"
         )
-    # Likewise the end points of a geom or site decide where it is.
+    # Likewise, the end points of a geom or site determine its position.
     if fields[0] in PLACEMENT and hasattr(element, "fromto") and math.isfinite(element.fromto[0]):
         raise UsageError(
-            f"{clean(override.path)} has no effect: it follows from the end points\n"
+            f"{clean(override.path)} has no effect: the end points determine the placement\n"
             f"set {kind}/{clean(element.name)}.fromto=X,Y,Z,X,Y,Z instead"
         )
 
@@ -273,8 +274,8 @@ def _set_flag(option: Any, fields: list[str], override: Override) -> None:
         raise UnknownNameError("flag", name, [*disable, *enable], where="opt.flag")
     if name == "autoreset":
         raise UsageError(
-            "opt.flag.autoreset cannot be set: a reset in mid-run would put two simulations in one output\n"
-            "mjrun stops an unstable simulation instead, and names the step and the joint"
+            "opt.flag.autoreset cannot be set: a reset during the run would mix two simulations in one output\n"
+            "mjrun stops an unstable simulation instead, and reports the step and the joint"
         )
     on = _parse_bool(override)
     bits, bit, set_it = ("enableflags", enable[name], on) if name in enable else ("disableflags", disable[name], not on)
@@ -296,22 +297,22 @@ def _assign(owner: Any, fields: list[str], override: Override) -> None:
         return
     if deeper:
         above = override.target.removesuffix("".join(f".{part}" for part in deeper))
-        raise UsageError(f"{clean(override.path)}: {clean(above)} is a value and holds no settings")
+        raise UsageError(f"{clean(override.path)}: {clean(above)} is a value and has no settings")
     try:
         setattr(owner, field, _new_value(field, current, override))
     except TypeError:
-        raise BadValueError(override.name, override.value, f"what {field} takes") from None
+        raise BadValueError(override.name, override.value, f"a valid value of {field}") from None
     if field in ORIENTATIONS and hasattr(owner, "euler"):
         owner.type = ORIENTATIONS[field]
     if hasattr(owner, ALTERNATIVES.get(field, "")):
         getattr(owner, ALTERNATIVES[field]).type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
-_FIELDS: dict[type, list[str]] = {}  # of each type of MjSpec
+_FIELDS: dict[type, list[str]] = {}  # by type of MjSpec
 
 
 def fields_of(owner: Any) -> list[str]:
-    """The fields of an MjSpec object that can be set, or that hold fields that can."""
+    """Returns the fields of an MjSpec object that can be set, or that contain fields that can."""
     if type(owner) not in _FIELDS:
         _FIELDS[type(owner)] = [name for name in dir(type(owner)) if _is_field(owner, name)]
     return _FIELDS[type(owner)]
@@ -330,12 +331,12 @@ def _is_leaf(value: object) -> bool:
 
 
 def _is_vector(value: object) -> bool:
-    """Whether `value` is one of MjSpec's growable arrays of numbers."""
+    """Returns whether `value` is one of MjSpec's growable arrays of numbers."""
     return type(value).__name__ in ("MjDoubleVec", "MjFloatVec", "MjIntVec")
 
 
 def _new_value(field: str, current: Any, override: Override) -> Any:
-    """What the field becomes, whose value in the source is `current`."""
+    """Returns the new value of a field whose value in the source is `current`."""
     if not override.operation and override.index is None:
         return _parse_value(field, current, override)
     is_array = isinstance(current, np.ndarray) or _is_vector(current)
@@ -350,17 +351,15 @@ def _new_value(field: str, current: Any, override: Override) -> Any:
     if numbers.size != 1 and (not override.operation or numbers.size != values.ravel()[chosen].size):
         raise BadValueError(override.name, override.value, "one number")
     if override.operation and np.isnan(values.ravel()[chosen]).any():
-        raise UsageError(
-            f"{clean(override.path)}: {field} is not in the source, so there is nothing to {override.operation}: "
-            "the compiler works it out"
-        )
+        reason = f"{field} has no value in the source to {override.operation}: the compiler computes it"
+        raise UsageError(f"{clean(override.path)}: {reason}")
     change = RELATIVE.get(override.operation, lambda old, new: np.broadcast_to(new, old.shape))
     values.reshape(-1)[chosen] = change(values.ravel()[chosen], numbers)
     return _like(current, values, override)
 
 
 def _chosen(field: str, size: int, override: Override) -> slice:
-    """Which numbers of a field of `size` numbers are meant."""
+    """Returns the slice of the numbers to change in a field of `size` numbers."""
     index = override.index
     if index is None:
         return slice(None)
@@ -370,18 +369,18 @@ def _chosen(field: str, size: int, override: Override) -> slice:
 
 
 def _like(current: Any, values: np.ndarray, override: Override) -> Any:
-    """`values` in the type of `current`."""
+    """Converts `values` to the type of `current`."""
     if isinstance(current, np.ndarray):
         return values.reshape(current.shape)
     if _is_vector(current):
         return values.tolist()
     if isinstance(current, int) and values != np.round(values):
-        raise BadValueError(override.name, override.value, "what makes a whole number")
+        raise BadValueError(override.name, override.value, "a value that gives a whole number")
     return type(current)(values)
 
 
 def _parse_value(field: str, current: Any, override: Override) -> Any:
-    """The text of `override` as a value of the type of `current`."""
+    """Parses the text of `override` as a value of the type of `current`."""
     if field in NAMED_INTEGERS:
         return enum_value(NAMED_INTEGERS[field], field, override.value)
     if is_enum(current):
@@ -410,10 +409,10 @@ def _parse_bool(override: Override) -> bool:
 
 
 def _parse_memory(override: Override) -> int:
-    """A number of bytes, with MJCF's units: `100M`."""
+    """Parses a number of bytes with MJCF's units: `100M`."""
     match = re.fullmatch(r"([0-9]{1,15})([KMGT]?)", override.value.strip().upper())
     if not match or not int(match[1]):
-        raise BadValueError(override.name, override.value, "a size of memory, as in 500K, 100M or 1G")
+        raise BadValueError(override.name, override.value, "a memory size such as 500K, 100M or 1G")
     return int(match[1]) * UNITS[match[2]]
 
 

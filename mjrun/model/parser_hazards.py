@@ -1,7 +1,7 @@
-"""What MuJoCo would crash on or never finish, found in the text of a model before MuJoCo reads it.
+"""Hazards in the text of a model that would crash MuJoCo or keep it busy forever, found before MuJoCo reads it.
 
-MuJoCo reads the models that a model attaches by calling itself: in a circle until its stack is full, and in a chain of
-models in a time that grows with the cube of its length.
+MuJoCo reads attached models recursively: a circle overflows the stack, and the time for a chain of models grows with
+the cube of its length.
 """
 
 import os.path
@@ -16,13 +16,13 @@ from mjrun.model.archive_files import file_content, file_size, main_mjcf
 from mjrun.model.xml_source import with_slashes
 from mjrun.suffixes import ARCHIVES
 
-# A stack of 8 MiB is full at about 2,500 includes, and at fewer than 2,000 models; a hundred of these take a second.
+# A stack of 8 MiB overflows at about 2,500 includes, and below 2,000 models; a hundred models take a second.
 MOST_INCLUDES = 500
 MOST_MODELS = 100
-MOST_KEYFRAMES = 20_000  # that are only room for some: MuJoCo names each by looking at all others
-MOST_POINTS = 32_000  # of a flexcomp, each of which MuJoCo compares with all others
-MOST_LINKS = 1000  # of a chain in a URDF, whose joints MuJoCo compares with each other: 2,000 take 15 s, 3,000 a minute
-MOST_COPIES = 1_000_000  # that <replicate> makes of something, which take MuJoCo minutes and gigabytes
+MOST_KEYFRAMES = 20_000  # allocated by nkey: MuJoCo compares the name of each with all others
+MOST_POINTS = 32_000  # of a flexcomp: MuJoCo compares each with all others
+MOST_LINKS = 1000  # in a chain of a URDF: MuJoCo compares all joints; 2,000 links take 15 s, 3,000 a minute
+MOST_COPIES = 1_000_000  # made by <replicate>: more take MuJoCo minutes and gigabytes
 NESTED = (b"<include", b"<model", b"nkey", b"<flexcomp", b"<replicate")
 
 
@@ -33,11 +33,11 @@ class _Tag(NamedTuple):
     attributes: dict[str, str]
     file: str
     line: int
-    copies: int  # that the <replicate> elements around it, or itself, make of what is in it
+    copies: int  # of its content, made by this and the surrounding <replicate> elements
 
 
 class _Model(NamedTuple):
-    """A model on the way through those that attach each other, and the elements in it that are still to be followed."""
+    """A model in a chain of attached models, with its <model> elements that are still to be followed."""
 
     path: str
     real: str
@@ -45,14 +45,14 @@ class _Model(NamedTuple):
 
 
 def require_finite_nesting(path: Path, main: str, text: bytes | None) -> None:
-    """Checks that models do not attach each other in a circle or too deeply, and for counts that never end.
+    """Checks that models do not attach each other in a circle or too deeply, and that no count is excessive.
 
     Args:
-      path: the model as errors call it.
-      main: the file with its `text`; within an archive, if the model is one.
+      path: the name of the model in errors.
+      main: the file with its `text`; a path within an archive if the model is one.
 
     Raises:
-      BrokenModelError: it is so.
+      BrokenModelError: a check fails.
     """
     if text is not None and path.suffix == ".urdf":
         _check_links(path, text)
@@ -71,17 +71,17 @@ def require_finite_nesting(path: Path, main: str, text: bytes | None) -> None:
         real = os.path.realpath(inner)
         if real in [model.real for model in waiting]:
             what = f"attaches {quoted(tag.attributes['file'])}, which is or attaches this model again"
-            raise _broken(tag, f"{what}: MuJoCo would never be done", "take out one of the <model> elements")
+            raise _broken(tag, f"{what}: MuJoCo would never finish", "remove one of the <model> elements")
         if len(waiting) >= MOST_MODELS:
-            what = f"attaches a model in the {len(waiting) + 1}th level; at most {MOST_MODELS} can be nested"
-            raise _broken(tag, what, "attach them side by side, or write them into fewer files")
+            what = f"attaches a model at nesting level {len(waiting) + 1}; the limit is {MOST_MODELS}"
+            raise _broken(tag, what, "attach the models side by side, or write them into fewer files")
         if real not in known and (content := file_content(inner)) is not None:
             known.add(real)
             waiting.append(_Model(inner, real, _attached(inner, content)))
 
 
 def _attached(main: str, text: bytes) -> Iterator[_Tag]:
-    """The `<model>` elements of a model and of the files that it includes; checks these for what is too much."""
+    """Yields the `<model>` elements of a model and of its includes, whose counts it checks."""
     files, included = [(main, text, 1)], {os.path.realpath(main)}
     while files:
         path, content, depth = files.pop()
@@ -90,11 +90,11 @@ def _attached(main: str, text: bytes) -> Iterator[_Tag]:
                 yield tag
             elif tag.tag == "include":
                 place = _included_file(tag, main)
-                if place is None or os.path.realpath(place) in included:  # which MuJoCo refuses with words of its own
+                if place is None or os.path.realpath(place) in included:  # MuJoCo reports the circle
                     continue
                 if depth >= MOST_INCLUDES:
-                    what = f"is included in the {depth}th level; at most {MOST_INCLUDES} can be nested"
-                    raise _broken(tag, f"{quoted(tag.attributes['file'])} {what}", "include them side by side")
+                    what = f"is included at nesting level {depth}; the limit is {MOST_INCLUDES}"
+                    raise _broken(tag, f"{quoted(tag.attributes['file'])} {what}", "include the files side by side")
                 included.add(os.path.realpath(place))
                 if (inner := file_content(place)) is not None:
                     files.append((place, inner, depth + 1))
@@ -103,7 +103,7 @@ def _attached(main: str, text: bytes) -> Iterator[_Tag]:
 
 
 def _check_links(path: Path, text: bytes) -> None:
-    """Checks how many links of a URDF follow each other."""
+    """Checks the length of the chains of links in a URDF."""
     parents, ends = dict[str, str](), dict[str, str]()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -123,23 +123,23 @@ def _check_links(path: Path, text: bytes) -> None:
         while (above := parents.get(above, "")) and length <= MOST_LINKS:
             length += 1
         if length > MOST_LINKS:
-            message = f"more than {MOST_LINKS} links follow each other to {quoted(link)}; MuJoCo takes minutes for them"
-            raise BrokenModelError(path, message, hint="join links that are fixed to each other, or convert it to MJCF")
+            message = f"more than {MOST_LINKS} links form a chain to {quoted(link)}, which takes MuJoCo minutes"
+            raise BrokenModelError(path, message, hint="merge links that are fixed to each other, or convert to MJCF")
 
 
 def _check_counts(tag: _Tag) -> None:
     if tag.tag == "size" and _whole(tag.attributes.get("nkey", "")) > MOST_KEYFRAMES:
-        what = f"nkey makes {tag.attributes['nkey']} keyframes; MuJoCo takes hours for more than {MOST_KEYFRAMES}"
-        raise _broken(tag, what, "leave nkey out: it is as large as the keyframes in the model need")
+        what = f"nkey allocates {tag.attributes['nkey']} keyframes; MuJoCo needs hours for more than {MOST_KEYFRAMES}"
+        raise _broken(tag, what, "omit nkey: by default it is the number of keyframes in the model")
     if tag.tag == "replicate" and tag.copies > MOST_COPIES:
-        what = f"replicate makes {tag.copies:.3g} copies; MuJoCo takes hours, and more memory than there is,"
+        what = f"replicate makes {tag.copies:.3g} copies; MuJoCo needs hours and too much memory"
         raise _broken(tag, f"{what} for more than {MOST_COPIES}", "lower its count")
     if tag.tag == "flexcomp":
         points = 1
         for count in tag.attributes.get("count", "").split():
             points *= max(1, _whole(count))
         if points > MOST_POINTS:
-            what = f"a flexcomp of {points} points; MuJoCo takes hours for more than {MOST_POINTS}"
+            what = f"flexcomp has {points} points; MuJoCo needs hours for more than {MOST_POINTS}"
             raise _broken(tag, what, "lower its count")
 
 
@@ -151,7 +151,7 @@ def _whole(text: str) -> int:
 
 
 def _tags(path: str, content: bytes) -> Iterator[_Tag]:
-    """The elements of interest in a file; what precedes a fault, if it is not well-formed."""
+    """Yields the elements of interest in a file; those before the fault if it is not well-formed."""
     found, copies = list[_Tag](), [1]
     parser = expat.ParserCreate()
 
@@ -172,7 +172,7 @@ def _tags(path: str, content: bytes) -> Iterator[_Tag]:
 
 
 def _attached_file(tag: _Tag, model: str) -> str | None:
-    """The file of a `<model>` element in a model, and in an archive its main one; None if there is none."""
+    """Returns the file of a `<model>` element, and the main member of an archive; None if it does not exist."""
     name = with_slashes(tag.attributes["file"])
     place = _existing(os.path.join(os.path.dirname(model), name), name)  # noqa: PTH118, PTH120
     if place and place.endswith(ARCHIVES):
@@ -181,7 +181,7 @@ def _attached_file(tag: _Tag, model: str) -> str | None:
 
 
 def _included_file(tag: _Tag, main: str) -> str | None:
-    """The file of an `<include>` element, which MuJoCo looks for beside the model first."""
+    """Returns the file of an `<include>` element, which MuJoCo looks for next to the model first."""
     name = with_slashes(tag.attributes["file"])
     return _existing(*(os.path.join(os.path.dirname(base), name) for base in (main, tag.file)))  # noqa: PTH118, PTH120
 

@@ -1,4 +1,4 @@
-"""Where the scenes are that come with mjrun."""
+"""The folder of the scenes that come with mjrun."""
 
 from functools import cache
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 
 @cache
 def scene_folder() -> Path:
-    """The scenes, which the wheel holds within the package and a checkout beside it."""
+    """Returns the folder of the scenes, which is inside the package in a wheel and beside it in a checkout."""
     package = Path(__file__).parents[1]
     installed = package / "scenes"
     return installed if installed.is_dir() else package.parent / "scenes"

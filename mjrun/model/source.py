@@ -1,4 +1,4 @@
-"""The interface of everything that stands where a model stands: a file, standard input, `scene:dominos`."""
+"""The interface of model sources: a file, standard input, `scene:dominos`."""
 
 import re
 from abc import ABC, abstractmethod
@@ -16,10 +16,10 @@ from mjrun.model.override import Override
 
 @dataclass(frozen=True)
 class Source(ABC):
-    """Where a model comes from, and the overrides to load it with: a picklable value.
+    """A model source and the overrides to load it with: a picklable value.
 
     Attributes:
-      overrides: overrides, applied in order before compilation.
+      overrides: the overrides, applied in order before compilation.
     """
 
     overrides: tuple[Override, ...] = field(default=(), kw_only=True)
@@ -32,11 +32,11 @@ class Source(ABC):
     @property
     @abstractmethod
     def stem(self) -> str:
-        """The base of the names of outputs, without a folder or a suffix."""
+        """The base of output names, without folder and suffix."""
 
     @property
     def main_file(self) -> Path | None:
-        """The model file; None if there is none."""
+        """The model file; None without one."""
         return None
 
     @property
@@ -45,16 +45,16 @@ class Source(ABC):
         return ()
 
     def with_overrides(self, overrides: Sequence[Override]) -> Self:
-        """The same source with more overrides, after its own."""
+        """Returns the same source with more overrides, after its own."""
         return replace(self, overrides=(*self.overrides, *overrides))
 
     def stored_at(self, place: Callable[[Path], Path]) -> "Source":
-        """Returns the same model, its files read where `place` says; errors and results still name the originals."""
+        """Returns the same model with its files read at `place(path)`; errors and results still name the originals."""
         return self
 
     @property
     def code(self) -> str:
-        """What decides, beside its files, what is simulated under a policy: code by its version; empty for none."""
+        """The code and version that, besides the files, determine what a policy is played on; empty without code."""
         return ""
 
     def load(self) -> mujoco.MjModel:
@@ -68,33 +68,33 @@ class Source(ABC):
 
     @contextmanager
     def named_in_errors(self) -> Iterator[None]:
-        """Within the `with` block, errors about the model begin with this source."""
+        """Makes errors about the model within the `with` block begin with this source."""
         try:
             yield
         except ModelError as error:
-            if type(error) is not ModelError:  # it says which file by itself
+            if type(error) is not ModelError:  # subclasses name the file themselves
                 raise
             raise ModelError(f"{clean(self.text)}: {error}") from None
 
     @abstractmethod
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        """The specification, None where there is only a compiled model, and the model; raises what `load` does."""
+        """Returns the specification, None for a compiled model, and the model; raises the errors of `load`."""
 
 
 @dataclass(frozen=True)
 class CollectionSource(Source):
-    """A model out of a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` holds each collection."""
+    """A model in a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` defines each collection."""
 
     PREFIX: ClassVar[str]
-    KIND: ClassVar[str] = "model"  # what each of them is called
-    NO_TASK: ClassVar[str] = ""  # why a policy cannot play what is a task elsewhere
+    KIND: ClassVar[str] = "model"  # the noun for its members
+    NO_TASK: ClassVar[str] = ""  # the reason why a policy cannot play it like a task of other collections
 
     name: str
 
     @classmethod
     @abstractmethod
     def descriptions(cls) -> Mapping[str, str]:
-        """A line about each model of the collection, by name."""
+        """Returns a line about each model of the collection, by name."""
 
     @property
     def text(self) -> str:
@@ -106,11 +106,11 @@ class CollectionSource(Source):
 
     @property
     def label(self) -> str:
-        """What errors call it: the prefix alone where no model is named."""
+        """The source in errors: the prefix alone if no model is named."""
         return self.text if self.name else self.PREFIX
 
     def check_name(self, name: str | None = None) -> None:
-        """Raises ModelNotFoundError, which lists the collection, if it has no model of this name, or of `name`."""
+        """Raises ModelNotFoundError, listing the collection, if it has no model called `name`, by default its own."""
         name = self.name if name is None else name
         if name in (valid := self.descriptions()):
             return

@@ -1,6 +1,6 @@
-"""The integration state: all that a simulation needs to go on bit for bit.
+"""The integration state: everything that a simulation needs to continue bit for bit.
 
-Which bodies sleep is not part of it: a restored simulation with `sleep` enabled starts awake.
+It does not include which bodies sleep: a restored simulation with `sleep` enabled starts awake.
 """
 
 from collections.abc import Mapping
@@ -10,12 +10,12 @@ import numpy as np
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm start: not bit-identical
 INPUTS = int(mujoco.mjtState.mjSTATE_USER)  # controls, applied forces, mocap poses, active equalities, userdata
-PHYSICS = int(mujoco.mjtState.mjSTATE_PHYSICS)  # what inputs move
+PHYSICS = int(mujoco.mjtState.mjSTATE_PHYSICS)  # the part that inputs move
 CTRL = int(mujoco.mjtState.mjSTATE_CTRL)
 APPLIED_FORCES = int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
-# What an integration state consists of, in MuJoCo's own names for sizes.
+# The sizes that determine an integration state, by MuJoCo's names.
 SIZES = ("nq", "nv", "na", "nu", "nbody", "neq", "nmocap", "nhistory", "nuserdata", "npluginstate", "nplastic")
-# The fields of MjData that an integration state holds, in the order in which it does, and how many numbers each has.
+# The fields of MjData in an integration state, in its order, with the size and the width that give their lengths.
 FIELDS: dict[str, tuple[str, int]] = {
     "time": ("", 1),
     "qpos": ("nq", 1),
@@ -36,44 +36,44 @@ FIELDS: dict[str, tuple[str, int]] = {
 
 
 def size(model: mujoco.MjModel, spec: int = STATE) -> int:
-    """Numbers in a state of `model`; `spec` says which parts, as `mjtState` bits."""
+    """Returns the length of a state of `model`; `spec` selects its parts, as `mjtState` bits."""
     return mujoco.mj_stateSize(model, spec)
 
 
 def save(model: mujoco.MjModel, data: mujoco.MjData, spec: int = STATE) -> np.ndarray:
-    """The state in `data` as a new array `(size,)` float64."""
+    """Returns the state in `data` as a new array `(size,)` float64."""
     state = np.empty(size(model, spec))
     mujoco.mj_getState(model, data, state, spec)
     return state
 
 
 def restore(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, spec: int = STATE) -> None:
-    """Puts `state` into `data`; what is derived from it is stale until `mj_forward`."""
+    """Writes `state` to `data`; derived quantities are stale until `mj_forward`."""
     mujoco.mj_setState(model, data, state, spec)
 
 
 def part(model: mujoco.MjModel, spec: int) -> slice:
-    """Where in an integration state the components of `spec` are: `mjtState` bits side by side, whose order it has."""
+    """Returns the position in an integration state of the parts `spec`: adjacent `mjtState` bits."""
     lowest = spec & -spec
     start = size(model, lowest - 1)
     return slice(start, start + size(model, spec))
 
 
 def controls(model: mujoco.MjModel) -> slice:
-    """Where in an integration state the controls are."""
+    """Returns the position of the controls in an integration state."""
     return part(model, CTRL)
 
 
 def sizes(model: mujoco.MjModel) -> dict[str, int]:
-    """The sizes of `model` from which the layout of its integration states follows, by MuJoCo's names."""
+    """Returns the sizes of `model` that determine the layout of its integration states, by MuJoCo's names."""
     return {name: int(getattr(model, name)) for name in SIZES}
 
 
 def fields(model_sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Where in an integration state each field of MjData is, in order; those of no size are left out.
+    """Returns the position of each field of MjData in an integration state, in order; empty fields are omitted.
 
     Args:
-      model_sizes: as `sizes` gives them, and recordings hold them.
+      model_sizes: the sizes as `sizes` returns them, and recordings contain them.
     """
     slices: dict[str, slice] = {}
     start = 0

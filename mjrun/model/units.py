@@ -1,6 +1,6 @@
-"""The units of MuJoCo's fields, of models and of data, where its own dimensions tell.
+"""The units of MuJoCo's model and data fields, where its dimensions determine them.
 
-MuJoCo has no units but those that follow from metres, kilograms, seconds and radians, as its manual lists them:
+MuJoCo has no units except those that follow from metres, kilograms, seconds and radians, as its manual lists them:
 https://mujoco.readthedocs.io/en/latest/XMLunits.html
 """
 
@@ -11,7 +11,7 @@ import mujoco
 from mjrun.model.names import BALL, FREE, enum_name
 
 POSITIONS = {int(mujoco.mjtJoint.mjJNT_HINGE): "rad", BALL: "rad", int(mujoco.mjtJoint.mjJNT_SLIDE): "m"}
-# Of what joints and tendons resist with, by the unit of their positions.
+# The units of the resistance of joints and tendons, by the unit of their position.
 STIFFNESS = {"rad": "N·m/rad", "m": "N/m"}
 DAMPING = {"rad": "N·m·s/rad", "m": "N·s/m"}
 ARMATURE = {"rad": "kg·m²", "m": "kg"}
@@ -28,7 +28,7 @@ SENSORS = {
 POSITION = ("jointpos", "tendonpos", "actuatorpos", "jointlimitpos", "tendonlimitpos")
 VELOCITY = ("jointvel", "tendonvel", "actuatorvel", "jointlimitvel", "tendonlimitvel")
 FORCE = ("actuatorfrc", "jointactfrc", "tendonactfrc", "jointlimitfrc", "tendonlimitfrc")
-# Sensors whose user chooses what they report, by bit: the unit holds where all that was chosen share it.
+# Sensors whose user selects the reported quantities by bit: they have a unit if all selected quantities share it.
 CHOSEN = {
     "rangefinder": {"dist": "m", "origin": "m", "point": "m", "depth": "m"},
     "contact": {"force": "N", "torque": "N·m", "dist": "m", "pos": "m", "linvel": "m/s", "angvel": "rad/s"},
@@ -38,12 +38,12 @@ OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
 
 
 def joint_unit(model: mujoco.MjModel, joint: int) -> str:
-    """The unit of a joint's position and range: `rad` or `m`; empty for a free joint, which has both."""
+    """Returns the unit of a joint's position and range: `rad` or `m`; empty for a free joint, which has both."""
     return POSITIONS.get(int(model.jnt_type[joint]), "")
 
 
 def tendon_unit(model: mujoco.MjModel, tendon: int) -> str:
-    """The unit of a tendon's length: `m`; for a fixed one that of its joints, empty where they differ."""
+    """Returns the unit of a tendon's length: `m`; for a fixed tendon that of its joints, empty if they differ."""
     start, count = model.tendon_adr[tendon], model.tendon_num[tendon]
     path = range(start, start + count)
     units = {joint_unit(model, model.wrap_objid[i]) if int(model.wrap_type[i]) == OF_JOINT else "m" for i in path}
@@ -51,7 +51,7 @@ def tendon_unit(model: mujoco.MjModel, tendon: int) -> str:
 
 
 def actuator_unit(model: mujoco.MjModel, actuator: int) -> str:
-    """The unit of an actuator's length, before its gear; empty where it has none or several."""
+    """Returns the unit of an actuator's length, before its gear; empty if it has none or several."""
     transmission, target = enum_name(mujoco.mjtTrn, model.actuator_trntype[actuator]), model.actuator_trnid[actuator, 0]
     if transmission in ("joint", "jointinparent"):
         return joint_unit(model, target)
@@ -61,7 +61,7 @@ def actuator_unit(model: mujoco.MjModel, actuator: int) -> str:
 
 
 def _site_unit(model: mujoco.MjModel, actuator: int) -> str:
-    """Along or about axes of a site, as the gear says; a force on a body it has none of its own."""
+    """Returns the unit along or about the axes of a site, depending on the gear; empty for both."""
     gear = model.actuator_gear[model.actuator_outadr[actuator]]
     if not gear[3:].any():
         return "m"
@@ -69,23 +69,23 @@ def _site_unit(model: mujoco.MjModel, actuator: int) -> str:
 
 
 def force_unit(unit: str) -> str:
-    """The unit of the force that does work on something whose unit is `unit`."""
+    """Returns the unit of the force that does work on something whose unit is `unit`."""
     return FORCES.get(unit, "")
 
 
 def actuator_force_unit(model: mujoco.MjModel, actuator: int) -> str:
-    """The unit of an actuator's force, before its gear; empty where its length has none or several."""
+    """Returns the unit of an actuator's force, before its gear; empty if its length has none or several."""
     pulls_on_body = enum_name(mujoco.mjtTrn, model.actuator_trntype[actuator]) == "body"
     return "N" if pulls_on_body else force_unit(actuator_unit(model, actuator))
 
 
 def rate_unit(unit: str) -> str:
-    """The unit of the velocity of something whose unit is `unit`."""
+    """Returns the unit of the velocity of something whose unit is `unit`."""
     return f"{unit}/s" if unit else ""
 
 
 def sensor_unit(model: mujoco.MjModel, sensor: int) -> str:
-    """The unit of a sensor's values; empty for pure numbers, and where a sensor reports several things."""
+    """Returns the unit of a sensor's values; empty for pure numbers and for mixed units."""
     kind = enum_name(mujoco.mjtSensor, model.sensor_type[sensor])
     if kind in CHOSEN:
         return _chosen(kind, int(model.sensor_intprm[sensor, 0]))
@@ -111,7 +111,7 @@ def _chosen(kind: str, bits: int) -> str:
 
 
 def _dof_unit(model: mujoco.MjModel, dof: int) -> str:
-    """`m` of a translation, `rad` of a rotation."""
+    """Returns `m` for a translation, `rad` for a rotation."""
     joint = int(model.dof_jntid[dof])
     if int(model.jnt_type[joint]) == FREE:
         return "m" if dof - int(model.jnt_dofadr[joint]) < 3 else "rad"
@@ -119,7 +119,7 @@ def _dof_unit(model: mujoco.MjModel, dof: int) -> str:
 
 
 def _position_unit(model: mujoco.MjModel, index: int) -> str:
-    """The unit of a number of qpos; none in a quaternion."""
+    """Returns the unit of a number of qpos; empty within a quaternion."""
     joint = int((model.jnt_qposadr <= index).nonzero()[0][-1])
     kind = int(model.jnt_type[joint])
     if kind == FREE:
@@ -128,7 +128,7 @@ def _position_unit(model: mujoco.MjModel, index: int) -> str:
 
 
 def _output_unit(model: mujoco.MjModel, output: int) -> str:
-    """The unit of the length of an actuator, before its gear, by the index of its output."""
+    """Returns the unit of the length of an actuator, before its gear, by the index of its output."""
     return actuator_unit(model, int((model.actuator_outadr <= output).nonzero()[0][-1]))
 
 
@@ -140,15 +140,15 @@ Unit = Callable[[mujoco.MjModel, int], str]  # by the row of a field
 
 
 def _resistance(position: Unit, units: Mapping[str, str]) -> Unit:
-    """The unit of what resists a motion, by that of the position."""
+    """Returns the unit of a resistance to motion, given that of the position."""
     return lambda model, row: units.get(position(model, row), "")
 
 
-# Fields of MjData whose unit is the same in every model.
+# The fields of MjData whose unit is the same in every model.
 DATA_UNITS = dict.fromkeys(("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos"), "m")
 DATA_UNITS |= dict.fromkeys(("subtree_com", "wrap_xpos", "mocap_pos"), "m")
 DATA_UNITS |= {"subtree_linvel": "m/s", "subtree_angmom": "kg·m²/s"}
-# Fields of MjModel and of MjData, which have no name in common.
+# The fields of MjModel and of MjData; their names do not overlap.
 UNITS: dict[str, str | Unit] = {
     "body_pos": "m", "body_ipos": "m", "body_mass": "kg", "body_subtreemass": "kg", "body_inertia": "kg·m²",
     "body_margin": "m", "jnt_pos": "m",
@@ -183,6 +183,6 @@ UNITS: dict[str, str | Unit] = {
 
 
 def field_unit(model: mujoco.MjModel, field: str, row: int) -> str:
-    """The unit of row `row` of a field; empty for pure numbers, and where MuJoCo does not tell."""
+    """Returns the unit of row `row` of a field; empty for pure numbers and unknown units."""
     unit = UNITS.get(field, "")
     return unit if isinstance(unit, str) else unit(model, row)

@@ -1,8 +1,8 @@
-"""Many variants of one model, compiled fast: overrides of what the compiler only copies share a compilation.
+"""Variants of one model, compiled fast: overrides of fields that the compiler only copies share a compilation.
 
-These are numbers of `opt`, the contact parameters of geoms, and the gains of simple actuators. Whatever else is
-overridden is compiled, and so is every negative or infinite value, which the compiler may refuse. The model is in any
-case the one that compiling the source with all overrides gives, byte for byte.
+These fields are numbers in `opt`, the contact parameters of geoms, and the gains of simple actuators. All other
+overrides are compiled, as are negative and infinite values, which the compiler may refuse. In every case the model is
+byte for byte the one that compiling the source with all overrides gives.
 """
 
 import copy
@@ -23,7 +23,7 @@ from mjrun.model.source import Source
 VECTORS = ("gravity", "wind", "magnetic")
 OPTIONS = ("timestep", "density", "viscosity", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance")
 OPTIONS += ("ccd_tolerance", *VECTORS)
-# Fields of elements, and the array of the compiled model that holds them.
+# Fields of elements, and the arrays of the compiled model that hold them.
 COPIED = {f"geom.{name}": f"geom_{name}" for name in ("friction", "solref", "solimp")}
 COPIED |= {f"actuator.{name}": f"actuator_{name}" for name in ("gainprm", "biasprm")}
 COPIED |= {f"opt.{name}": f"opt.{name}" for name in OPTIONS}
@@ -36,10 +36,10 @@ AFFINE = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
 @dataclass(frozen=True, eq=False)
 class ModelVariant:
-    """A model, and the compilation that it differs from in nothing but copied numbers.
+    """A model, and the compilation from which it differs only in copied numbers.
 
     Attributes:
-      copied: arrays of the model that have other numbers.
+      copied: the arrays of the model with other numbers.
     """
 
     model: mujoco.MjModel
@@ -53,12 +53,12 @@ class ModelVariant:
 
 
 class ModelVariants:
-    """Loads sources as `Source.load` does, and remembers what they have in common, within `BYTES` of memory.
+    """A loader of sources like `Source.load`, which caches their common compilations within `BYTES` of memory.
 
-    The latest compilation is remembered whatever its size.
+    The latest compilation is cached whatever its size.
 
     Args:
-      prepare: changes each model after its compilation.
+      prepare: a function that changes each model after its compilation.
     """
 
     def __init__(self, prepare: Callable[[mujoco.MjModel], None] | None = None) -> None:
@@ -66,17 +66,17 @@ class ModelVariants:
         self._compilations = OrderedDict[Source, Compilation]()
 
     def load(self, source: Source) -> ModelVariant:
-        """The model of `source`; not to be changed: others may have the same.
+        """Returns the model of `source`; it must not be changed, because others may share it.
 
         Raises:
           ModelError: it cannot be found or read, or MuJoCo refuses it.
-          UsageError: an override names nothing, or its value does not fit.
+          UsageError: an override refers to nothing, or its value does not fit.
         """
         copied = [_may_be_copied(override) for override in source.overrides]
         to_copy = [override for override, is_copied in zip(source.overrides, copied, strict=True) if is_copied]
         rest = tuple(override for override, is_copied in zip(source.overrides, copied, strict=True) if not is_copied)
         if to_copy and {_field(override) for override in to_copy}.isdisjoint(map(_field, rest)):
-            # Otherwise the last one of a field counts.
+            # Otherwise the last override of a field counts.
             shared = self._compilation(replace(source, overrides=rest))
             if variant := shared.with_values(to_copy):
                 return variant
@@ -84,7 +84,7 @@ class ModelVariants:
         return ModelVariant(compilation.model, compilation)
 
     def reuse(self, variant: ModelVariant) -> None:
-        """Takes a variant that nobody looks at any more: a later one of the same compilation may be written over it."""
+        """Returns a variant that is no longer used: a later one of the same compilation may overwrite it."""
         home = variant.compilation
         is_copy = variant.model is not home.model
         if is_copy and home.spec and self._bytes + home.size <= BYTES:
@@ -99,20 +99,20 @@ class ModelVariants:
         self._compilations[source] = compilation
         while len(self._compilations) > 1 and (len(self._compilations) > REMEMBERED or self._bytes > BYTES):
             _, oldest = self._compilations.popitem(last=False)
-            oldest.forget_source()  # its model may still be simulated
+            oldest.forget_source()  # its model may still be in use
         return compilation
 
     def _compile(self, source: Source) -> "Compilation":
         spec, model = source.compile()
         if self._prepare:
-            model = copy.copy(model) if spec is None else model  # which may be the user's own
+            model = copy.copy(model) if spec is None else model  # it may belong to the user
             self._prepare(model)
         return Compilation(spec, model)
 
 
 @dataclass(frozen=True)
 class _UnusedCopy:
-    """A copy of a compiled model in which some arrays have other numbers, to be written over."""
+    """A copy of a compiled model with other numbers in some arrays, which may be overwritten."""
 
     model: mujoco.MjModel
     copied: frozenset[str]
@@ -120,21 +120,21 @@ class _UnusedCopy:
 
 @dataclass(frozen=True)
 class _Place:
-    """An array of the compiled model, and the rows of it that a path means."""
+    """An array of the compiled model, and the rows of it that a path refers to."""
 
     array: str
     rows: list[int]
 
 
 class Compilation:
-    """A specification, and the model compiled from it; without the former, only compiled models are shared.
+    """A specification and the model compiled from it; without a specification, only the compiled model is shared.
 
     It is part of no reference cycle: Python's garbage collector, which counts objects, would let hundreds of models
-    pile up before it frees the first.
+    accumulate before it frees the first.
 
     Attributes:
-      size: of the model [bytes].
-      unused: copies of the model.
+      size: the size of the model [bytes].
+      unused: copies of the model that may be overwritten.
     """
 
     def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
@@ -146,16 +146,16 @@ class Compilation:
 
     @property
     def bytes(self) -> int:
-        """About how much memory it takes."""
+        """The approximate memory that it needs [bytes]."""
         return self.size * (1 + len(self.unused) + (SPEC_SIZE if self.spec else 0))
 
     def forget_source(self) -> None:
-        """Keeps the model alone."""
+        """Drops everything except the model."""
         self.spec = None
         self.unused.clear()
 
     def with_values(self, overrides: Sequence[Override]) -> ModelVariant | None:
-        """The model with overrides of what may be copied; None if the compiler has to see them."""
+        """Returns the model with overrides of copied fields; None if it must be compiled."""
         if self.spec is None:
             return None
         changed: dict[str, np.ndarray] = {}
@@ -182,7 +182,7 @@ class Compilation:
         return ModelVariant(model, self, frozenset(changed))
 
     def _place(self, override: Override) -> _Place | None:
-        """Where an override goes, if nothing else in this model follows from it."""
+        """Returns the place that an override changes; None if anything else in this model depends on it."""
         if override.target not in self._places:
             self._places[override.target] = self._found_place(override)
         return self._places[override.target]
@@ -194,7 +194,7 @@ class Compilation:
             return _Place(array, [0]) if field != "timestep" or self._has_free_timestep else None
         try:
             elements, fields = elements_at(self.spec, override)
-        except MjrunError:  # which the compilation tells
+        except MjrunError:  # the compilation raises it again
             return None
         if array.startswith("geom"):
             is_copied = self._has_simple_contacts
@@ -203,7 +203,7 @@ class Compilation:
         return _Place(array, [element.id for element in elements]) if is_copied and fields == [field] else None
 
     def _in_source(self, array: str) -> np.ndarray:
-        """The values in the specification, `(rows, size)`; one row of options."""
+        """Returns the values in the specification, `(rows, size)`; one row for options."""
         if array not in self._source_values:
             assert self.spec
             kind, field = array.replace(".", "_").split("_", 1)
@@ -215,12 +215,12 @@ class Compilation:
 
     @cached_property
     def _has_simple_contacts(self) -> bool:
-        """Whether the contact parameters of geoms go nowhere but into their own arrays."""
+        """True if the contact parameters of geoms are only copied to their own arrays."""
         return self.model.npair == 0 and self.model.nplugin == 0
 
     @cached_property
     def _has_free_timestep(self) -> bool:
-        """Whether the timestep goes nowhere but into the options."""
+        """True if the timestep is only copied to the options."""
         return self.model.nplugin == 0 and self.model.nhistory == 0
 
 
@@ -230,7 +230,7 @@ def _field(override: Override) -> str:
 
 @lru_cache(1024)
 def _name_of(target: str) -> str:
-    """The kind and the field of a target, `geom.friction`, for elements and options alike; empty for other targets."""
+    """Returns the kind and the field of a target, `geom.friction` or `opt.timestep`; empty for other targets."""
     kind, slash, _ = target.partition("/")
     if slash:
         return f"{kind}.{target.rpartition('.')[2]}" if kind != "opt" else ""
@@ -246,7 +246,7 @@ def _numbers(override: Override) -> list[float]:
 
 
 def _may_be_copied(override: Override) -> bool:
-    """Whether an override is of a field that the compiler copies, as far as its path and value tell."""
+    """Returns whether an override may be of a copied field, judged by its path and value."""
     if _name(override) not in COPIED:
         return False
     field = _field(override)
@@ -268,7 +268,7 @@ def _has_plain_gains(actuator: Any) -> bool:
 
 
 def _new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
-    """What `values` `(rows, size)` become by an override, as `mjrun.model.override` has it; None if it does not fit."""
+    """Returns `values` `(rows, size)` after an override, as in `mjrun.model.override`; None if it does not fit."""
     numbers, size = _numbers(override), values.shape[1]
     field, index, operation = _field(override), override.index, override.operation
     is_single = field in OPTIONS and field not in VECTORS
@@ -289,14 +289,14 @@ def _new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
 
 
 def _read(model: mujoco.MjModel, array: str) -> np.ndarray:
-    """A copy of an array, `(rows, size)`."""
+    """Returns a copy of an array, `(rows, size)`."""
     if array.startswith("opt."):
         return np.array(getattr(model.opt, array.removeprefix("opt.")), float).reshape(1, -1)
     return getattr(model, array).copy()
 
 
 def _write(model: mujoco.MjModel, array: str, values: np.ndarray) -> None:
-    """The reverse of `_read`."""
+    """Writes an array, the reverse of `_read`."""
     field = array.removeprefix("opt.")
     if array == field:
         getattr(model, field)[...] = values

@@ -1,6 +1,6 @@
 """The XML of a model with the lines of its elements, includes followed.
 
-MuJoCo's parser stops at the first mistake, forgets the lines of included files, and says little about what it saw.
+MuJoCo's parser stops at the first mistake, forgets the lines of included files, and reports little about the elements.
 """
 
 import re
@@ -14,7 +14,7 @@ from xml.parsers import expat
 from mjrun.confinement.confinement import is_readable
 from mjrun.suffixes import XML
 
-MAX_DEPTH = 50  # of includes inside includes
+MAX_DEPTH = 50  # levels of nested includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
 START_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
@@ -23,9 +23,12 @@ LFS_REMEDY = "fetch the file itself: git lfs pull"
 
 @dataclass(eq=False)
 class Element:
-    """One element, with the place of its start tag; `text` is its own text, stripped, which begins at `text_line`.
+    """An element and the position of its start tag.
 
-    `offset` is the byte of its file at which the start tag begins, `closing` that at which the end tag does.
+    Attributes:
+      text: its text without that of its children, stripped; it begins at `text_line`.
+      offset: the byte in its file at which the start tag begins.
+      closing: the byte at which the end tag begins.
     """
 
     tag: str
@@ -40,7 +43,7 @@ class Element:
     closing: int = 0
 
     def walk(self) -> "Iterator[Element]":
-        """This element and all elements below it, in the order of the file."""
+        """Yields this element and all elements below it, in the order of the file."""
         stack: list[Element] = [self]
         while stack:
             element = stack.pop()
@@ -48,7 +51,7 @@ class Element:
             stack.extend(reversed(element.children))
 
     def within(self, tag: str) -> bool:
-        """Whether an element with this tag is above it."""
+        """Returns whether an element with this tag is above it."""
         above = self.parent
         while above is not None and above.tag != tag:
             above = above.parent
@@ -60,7 +63,7 @@ class Element:
 
 
 class XmlError(NamedTuple):
-    """Why a file is not well-formed XML."""
+    """The reason why a file is not well-formed XML."""
 
     file: Path
     line: int
@@ -73,11 +76,11 @@ class XmlSource:
     """The XML of a model.
 
     Attributes:
-      path: the model.
-      root: None if nothing could be read.
+      path: the path of the model.
+      root: the root element; None if nothing could be read.
       attached: the roots of the models that it attaches, directly or indirectly; their includes are not followed.
-      circular: whether any of these attaches itself again, on which MuJoCo crashes.
-      errors: one for each file that is not well-formed.
+      circular: true if one of these attaches itself again, which crashes MuJoCo.
+      errors: an error for each file that is not well-formed.
     """
 
     path: Path
@@ -87,12 +90,12 @@ class XmlSource:
     errors: list[XmlError] = field(default_factory=list)
 
     def elements(self) -> Iterator[Element]:
-        """All elements in order, those of included files in place of the include."""
+        """Yields all elements in order, those of included files in place of the include."""
         return self.root.walk() if self.root else iter(())
 
 
 def read_xml(path: Path) -> XmlSource:
-    """The XML of the model `path` as far as it can be read; none for an archive or a binary."""
+    """Reads the XML of the model `path` as far as possible; it has no elements for an archive or a binary."""
     source = XmlSource(path)
     if path.suffix in XML:
         source.root = _parsed(path, source.errors)
@@ -103,7 +106,7 @@ def read_xml(path: Path) -> XmlSource:
 
 
 def is_regular(path: Path) -> bool:
-    """Whether `path` is a regular file, which can be read without blocking, and which this process may read."""
+    """Returns whether `path` is a regular file, which can be read without blocking, and which this process may read."""
     try:
         return is_readable(path) and stat.S_ISREG(path.stat().st_mode)
     except (OSError, ValueError):
@@ -111,19 +114,19 @@ def is_regular(path: Path) -> bool:
 
 
 def include_paths(element: Element, path: Path) -> list[Path]:
-    """The paths at which MuJoCo looks for the file of an `<include>` in the model `path`."""
+    """Returns the paths at which MuJoCo looks for the file of an `<include>` in the model `path`."""
     name = with_slashes(element.attributes.get("file", ""))
     return list(dict.fromkeys([path.parent / name, element.file.parent / name]))
 
 
 def attach_paths(element: Element, path: Path) -> list[Path]:
-    """The paths at which MuJoCo looks for the file of a `<model>` in the model `path`."""
+    """Returns the paths at which MuJoCo looks for the file of a `<model>` in the model `path`."""
     name = with_slashes(element.attributes.get("file", ""))
     return list(dict.fromkeys([Path(name), path.parent / name]))
 
 
 def with_slashes(name: str) -> str:
-    """A file name as MuJoCo opens it: backslashes separate folders on every system."""
+    """Returns a file name as MuJoCo opens it: backslashes separate folders on every system."""
     return name.replace("\\", "/")
 
 
@@ -167,13 +170,13 @@ def _attach(source: XmlSource) -> None:
 
 
 def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
-    """The files that `<model>` elements of the model `path` refer to; missing ones are left out."""
+    """Returns the files that `<model>` elements of the model `path` refer to; missing ones are omitted."""
     candidates = (attach_paths(element, path) for element in elements if element.tag == "model")
     return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
 
 
 def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
-    """The root of one file; if it is not well-formed, up to the first error, which is added to `errors`."""
+    """Parses one file; returns its root up to the first error, which is added to `errors`."""
     if not is_regular(path):
         return None
     try:
@@ -185,13 +188,13 @@ def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
         parser.expat.Parse(text, True)
     except expat.ExpatError as error:
         errors.append(parser.explain(error, text))
-    except (ValueError, LookupError) as error:  # an encoding that Python does not have
+    except (ValueError, LookupError) as error:  # an encoding unknown to Python
         errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
     return parser.root
 
 
 class XmlParser:
-    """Builds the elements of one file, in the encoding that it declares or in another."""
+    """A parser that builds the elements of one file, in the encoding that it declares or in another."""
 
     def __init__(self, path: Path, encoding: str | None = None) -> None:
         self.path = path
@@ -219,12 +222,12 @@ class XmlParser:
         if not (self.open and text.strip()):
             return
         element = self.open[-1]
-        if not element.text:  # the parser has reached the end of the text already
+        if not element.text:  # the parser is already at the end of the text
             element.text_line = self.expat.CurrentLineNumber - text.lstrip().count("\n")
         element.text = f"{element.text} {text.strip()}".strip()
 
     def explain(self, error: expat.ExpatError, text: bytes) -> XmlError:
-        """`error` in terms of the elements that are open where it occurred."""
+        """Returns `error` in terms of the elements that are open where it occurred."""
         reason = expat.errors.messages[error.code]
         last = self.open[-1] if self.open else None
         if reason == expat.errors.XML_ERROR_TAG_MISMATCH and last is not None:
@@ -252,11 +255,11 @@ class XmlParser:
         return XmlError(self.path, line, message, f"write </{last.tag}> instead, or remove it")
 
 
-_UNQUOTED_VALUE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # what precedes it
+_UNQUOTED_VALUE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # the text before it
 _NO_ELEMENT = expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
 _REMEDIES = {
-    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute once; remove one of the two",
-    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "a file holds one root element; put all inside one <mujoco>",
+    expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute only once; remove one of the two",
+    expat.errors.XML_ERROR_JUNK_AFTER_DOC_ELEMENT: "a file has one root element; put everything into one <mujoco>",
     expat.errors.XML_ERROR_INVALID_TOKEN: "save the file as UTF-8, and write & and < as &amp; and &lt;",
     expat.errors.XML_ERROR_UNDEFINED_ENTITY: "write &amp; for & itself; only &lt; &gt; &amp; &quot; &apos; are defined",
 }

@@ -32,7 +32,7 @@ def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
     fine = write("fine.xml", PASSIVE.format(""))
     assert checked(part, fine) == CheckResult((ModelResult("fine.xml", True, ()),), 1, 0)
     assert checked(part) == CheckResult((), 1, 0)
-    with pytest.raises(UsageError, match="there is no model to check"):
+    with pytest.raises(UsageError, match="no model to check"):
         checked("parts")
 
 
@@ -81,7 +81,7 @@ def test_what_cannot_be_meant_is_refused(settings: dict, message: str) -> None:
 
 
 def test_a_folder_without_models_is_refused(workplace: Path) -> None:
-    with pytest.raises(UsageError, match="there is no model to check"):
+    with pytest.raises(UsageError, match="no model to check"):
         checked(str(workplace))
 
 

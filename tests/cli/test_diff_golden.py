@@ -43,12 +43,12 @@ def test_a_regression_test_in_one_line(model: Path, run: Run) -> None:
     same = run("diff", "--golden", "g.csv", *MODEL)
     assert (same.returncode, same.stderr) == (0, "")
     assert same.stdout.startswith("g.csv and rig.xml agree: 41 rows, ")
-    assert "bit for bit; both are of mjrun " in same.stdout
+    assert "bit for bit; both were made by mjrun " in same.stdout
 
     model.write_text(xml().replace("8.907", GRAM))
     other = run("diff", "--golden", "g.csv", *MODEL)
     assert (other.returncode, other.stderr) == (1, "")
-    assert "g.csv and rig.xml differ; both are of mjrun" in other.stdout
+    assert "g.csv and rig.xml differ; both were made by mjrun" in other.stdout
     assert "columns that differ" in other.stdout
 
     report = json.loads(run("diff", "--golden", "g.csv", *MODEL, "--json").stdout)
@@ -56,7 +56,7 @@ def test_a_regression_test_in_one_line(model: Path, run: Run) -> None:
 
     updated = run("diff", "--golden", "g.csv", *MODEL, "--update")
     assert updated.returncode == 0
-    assert updated.stdout.startswith("g.csv: updated; both are of mjrun")
+    assert updated.stdout.startswith("g.csv: updated; both were made by mjrun")
     assert "differs in" in updated.stdout
     assert sorted(path.name for path in model.parent.iterdir()) == ["g.csv", "g.csv.json", "rig.xml", "work"]
 
@@ -74,7 +74,7 @@ def test_a_trace_is_written_and_compared(model: Path, run: Run) -> None:
     assert run("trace", *MODEL, "-o", "a.csv", "--golden", "g.npz", "--update").returncode == 0
     same = run("trace", *MODEL, "-o", "a.csv", "--golden", "g.npz")
     assert same.returncode == 0
-    assert same.stdout.splitlines()[1].startswith("g.npz: agrees; both are of mjrun")
+    assert same.stdout.splitlines()[1].startswith("g.npz: agrees; both were made by mjrun")
     model.write_text(xml().replace("8.907", GRAM))
     piped = run("trace", *MODEL, "--golden", "g.npz")
     assert piped.returncode == 1

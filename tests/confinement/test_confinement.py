@@ -12,10 +12,10 @@ from mjrun.confinement.confinement import (
     VARIABLE,
     Confinement,
     confinement,
+    depends_on_processes,
     is_readable,
     is_writable,
     require_unconfined,
-    tells_of_processes,
 )
 from mjrun.errors import UsageError
 
@@ -95,9 +95,9 @@ def test_links_of_processes_are_not_followed(tmp_path: Path) -> None:
     assert limits.allows(tmp_path / "inside/x")
     for path in (f"/proc/self/root{tmp_path}/inside/x", f"/proc/1/root{tmp_path}/inside/x", "inside/link/x"):
         assert not limits.allows(tmp_path / path)
-        assert tells_of_processes(tmp_path / path)
-    assert not tells_of_processes(tmp_path / "inside/x")
-    assert not tells_of_processes("/process")
+        assert depends_on_processes(tmp_path / path)
+    assert not depends_on_processes(tmp_path / "inside/x")
+    assert not depends_on_processes("/process")
 
 
 @pytest.mark.usefixtures("limits")

@@ -46,5 +46,5 @@ def test_the_content_says_the_kind_where_the_suffix_does_not(tmp_path: Path) -> 
 
 def test_two_kinds_are_refused() -> None:
     assert common_kind("a.csv", "b.npz") == "table"
-    with pytest.raises(UsageError, match=r"a.csv is a table and b.png is an image: only two of a kind"):
+    with pytest.raises(UsageError, match=r"a.csv is a table and b.png is an image: only results of the same kind"):
         common_kind("a.csv", "b.png")

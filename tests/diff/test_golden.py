@@ -73,7 +73,7 @@ def test_a_golden_table_without_time_is_compared_row_by_row(tmp_path: Path) -> N
 
 def test_what_cannot_be_compared_is_told_before_any_row_comes(tmp_path: Path) -> None:
     other = write(tmp_path / "other.csv", [np.zeros((1, 2))], columns("time", "q"))
-    with pytest.raises(UsageError, match=r"but time\n.*: time, q\nmeasured: "):
+    with pytest.raises(UsageError, match=r"except time in common\n.*: time, q\nmeasured: "):
         GoldenComparison(str(other), NAMES, EXACT)
     with pytest.raises(FileError, match="no such file"):
         GoldenComparison(str(tmp_path / "nothing.csv"), NAMES, EXACT)

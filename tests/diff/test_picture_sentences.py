@@ -24,7 +24,7 @@ def test_frames_that_differ_are_told() -> None:
     ]
     image = replace(WORST, frame=0, time=None, psnr=None, ssim=None, maximum=None)
     found = replace(VIDEO, frames_a=1, frames_b=1, frames=1, fps_a=None, fps_b=None, first=image, worst=image)
-    assert picture_sentences(found, "a", "b", EXACT) == ["25 % of the pixels changed, by what is not finite at most"]
+    assert picture_sentences(found, "a", "b", EXACT) == ["25 % of the pixels changed, by a non-finite value"]
 
 
 def test_limits_allow_what_they_say() -> None:
@@ -42,16 +42,16 @@ def test_what_differs_besides_the_pixels_is_told_whatever_the_limits() -> None:
     assert picture_sentences(other, "a", "b", PictureDiffOptions(min_psnr=0)) == [
         "the size is 64x48 in a, 32x24 in b",
         "the rate is 10 frames per second in a, 12.5 in b",
-        "there are 6 frames in a, 7 in b",
+        "the number of frames is 6 in a, 7 in b",
     ]
     mixed = replace(VIDEO, pixels="colours and numbers", frames=0)
     assert picture_sentences(mixed, "a", "b", EXACT) == ["one of a and b has colours, the other one numbers"]
 
 
 def test_a_limit_that_does_not_fit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match="min_psnr is for colours: numbers agree within atol and rtol"):
+    with pytest.raises(UsageError, match="min_psnr applies to colours; numbers are compared within atol and rtol"):
         picture_sentences(replace(VIDEO, pixels="numbers"), "a", "b", PictureDiffOptions(min_psnr=30))
-    with pytest.raises(UsageError, match="min_ssim needs images of 7 pixels a side"):
+    with pytest.raises(UsageError, match="min_ssim requires images of at least 7x7 pixels"):
         picture_sentences(replace(VIDEO, size_a=(64, 6)), "a", "b", PictureDiffOptions(min_ssim=0.9))
     require_library(PictureDiffOptions(min_ssim=0.9))
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

@@ -76,10 +76,10 @@ def test_a_folder_of_images_is_a_video(tmp_path: Path) -> None:
     found, _ = compare_videos(*folders, EXACT)
     assert (found.frames, found.differing, found.worst, found.fps_a) == (3, 0, None, None)
     Image.fromarray(FRAMES[2, :9]).save(tmp_path / "b" / "000002.png")
-    with pytest.raises(FileError, match=r"000002.png: is of another size or kind"):
+    with pytest.raises(FileError, match=r"000002.png: differs in size or kind"):
         compare_videos(*folders, EXACT)
     (tmp_path / "c").mkdir()
-    with pytest.raises(FileError, match=r"c: holds no .png images"):
+    with pytest.raises(FileError, match=r"c: contains no .png images"):
         compare_videos(folders[0], str(tmp_path / "c"), EXACT)
 
 

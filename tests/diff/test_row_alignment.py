@@ -121,8 +121,8 @@ def test_times_that_differ_within_a_tolerance_belong_together(
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ([0.0, 0.2, 0.1], "row 2: time 0.1 follows 0.2, and must not fall"),
-        ([0.0, float("nan")], "row 1: time is nan, and must be a number"),
+        ([0.0, 0.2, 0.1], "row 2: time 0.1 follows 0.2, but must not decrease"),
+        ([0.0, float("nan")], "row 1: time is nan, but must be a number"),
     ],
 )
 def test_a_time_that_falls_is_told_with_its_row(keys: list[float], message: str) -> None:

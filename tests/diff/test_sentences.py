@@ -47,10 +47,10 @@ def test_every_difference_is_a_sentence() -> None:
 def test_what_is_in_one_table_only_is_no_difference_of_what_both_have() -> None:
     table = TableDifference("time", 9, 12, 9, UnmatchedRows(3, 2, 0.125), NONE, [column("x", 0, None)], ["p"], [], [])
     assert table_sentences(table, "A", "B", common=True) == []
-    assert table_sentences(replace(table, rows=0), "A", "B", "state", common=True) == ["no state is in both"]
+    assert table_sentences(replace(table, rows=0), "A", "B", "state", common=True) == ["no state exists in both"]
     assert shared_sentence(table) == ""
     assert spelled(shared_sentence(replace(table, shared_agree=True)), flag) == (
-        "the 9 rows and 1 column that both have agree; --common compares nothing else"
+        "the 9 rows and 1 column that both have agree; --common compares only these"
     )
 
 

@@ -127,14 +127,14 @@ def test_standard_input_may_be_either(tmp_path: Path, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     ("a", "b", "options", "kind", "message"),
     [
-        ("time,x\n0,1\n", "time,y\n0,1\n", {}, UsageError, "the tables have no columns in common but time\n"),
+        ("time,x\n0,1\n", "time,y\n0,1\n", {}, UsageError, "the tables have no columns in common except time\n"),
         ("x\n1\n", "y\n1\n", {}, UsageError, "the tables have no columns in common\n.*a.csv: x\n.*b.csv: y"),
-        ("x,y\n1,1\n", "y,z\n1,1\n", {"columns": ["x"]}, UsageError, "no columns that columns chooses in common\n"),
+        ("x,y\n1,1\n", "y,z\n1,1\n", {"columns": ["x"]}, UsageError, "no columns selected by columns in common\n"),
         ("x\n1\n", "x\n1\n", {"columns": ["q*"]}, UnknownNameError, "no column 'q\\*'"),
-        ("x\n1\n", "x\n1\n", {"align": "time"}, UsageError, "align time: only a table with a column 'time'"),
+        ("x\n1\n", "x\n1\n", {"align": "time"}, UsageError, "align time requires a column 'time' in both tables"),
         ("time,x\n", "time,x\n0,1\n", {}, FileError, "a.csv: has no rows"),
         ("time,x\n0,1\n", "time,x\n1,2\n0,3\n", {}, FileError, "b.csv: row 1: time 0 follows 1.*\nalign row"),
-        ("time,x\n0,1\n", "time,x\nnoon,1\n", {}, FileError, "b.csv: time holds something else than numbers"),
+        ("time,x\n0,1\n", "time,x\nnoon,1\n", {}, FileError, "b.csv: time contains values that are not numbers"),
         ("time,x,x\n0,1,1\n", "time,x\n0,1\n", {}, FileError, "a.csv: two columns are called 'x'"),
         ("time,x\n0,1\n", "time,x,x\n0,1,1\n", {}, FileError, "b.csv: two columns are called 'x'"),
         ("time,x\n0,1\n", "time,x\n0\n", {}, FileError, "b.csv:2: expected 2 cells"),
@@ -179,7 +179,7 @@ def test_columns_of_lists_may_be_there_if_they_are_not_compared(tmp_path: Path) 
     assert differing(compare(*pair, TableDiffOptions(columns="x"))) == []
     with pytest.raises(CellError) as refused:
         compare(*pair, TableDiffOptions())
-    assert refused.value.spelled(str).endswith("columns chooses columns; others may hold anything")
+    assert refused.value.spelled(str).endswith("columns selects the columns to compare; others may contain anything")
 
 
 BIG = [2**53 + 3, -(2**60) - 1, 2**63 - 1]

@@ -53,7 +53,7 @@ def test_a_policy_is_checked_with_the_task() -> None:
 
 
 def test_a_policy_that_is_no_text_is_refused() -> None:
-    with pytest.raises(UsageError, match="give a policy as text"):
+    with pytest.raises(UsageError, match="give the policy as text"):
         Check(["t.yaml"], policy=lambda obs: obs)
 
 

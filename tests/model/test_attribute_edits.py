@@ -100,7 +100,7 @@ def test_gains_of_a_servo_are_written_as_its_own_attributes(model: Path) -> None
     ("path", "message"),
     [
         ("actuator/motor.gainprm[0]", "<motor> has no attribute for it"),
-        ("joint/joint:2.armature", "a <freejoint> has no attributes of joints"),
+        ("joint/joint:2.armature", "a <freejoint> has no joint attributes"),
         ("opt.flag.gravity", "has no <option>|cannot be written|not a number"),
         ("stat.extent", "the file has no <statistic>"),
     ],

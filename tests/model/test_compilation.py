@@ -61,7 +61,7 @@ def test_a_name_in_latin_1_is_refused_with_the_cure_whatever_is_overridden(
 def test_a_timestep_that_cannot_be_is_refused_unless_it_is_overridden(tmp_path: Path, timestep: str) -> None:
     path = write(tmp_path / "a.xml", f'<mujoco><option timestep="{timestep}"/></mujoco>')
     first, second = str(refusal(path)).splitlines()
-    assert first == f"{path}: its timestep is {timestep}, and must be positive and finite"
+    assert first == f"{path}: the timestep must be positive and finite, not {timestep}"
     assert second == "timestep overrides it"
     assert load(path, timestep=0.01).opt.timestep == 0.01
     assert load(path, overrides={"opt.timestep": "0.01"}).opt.timestep == 0.01
@@ -69,7 +69,7 @@ def test_a_timestep_that_cannot_be_is_refused_unless_it_is_overridden(tmp_path: 
 
 def test_a_timestep_after_which_no_time_can_be_told_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.xml", '<mujoco><option timestep="1e308"/></mujoco>')
-    assert "its timestep is 1e+308, and must be at most 1e+12 s" in str(refusal(path))
+    assert "the timestep must be at most 1e+12 s, not 1e+308" in str(refusal(path))
 
 
 @pytest.mark.parametrize("timestep", [0.0, -0.01, float("nan"), float("inf"), 1e308])
@@ -106,16 +106,16 @@ def model(option: str = "", joint: str = "", geom: str = "") -> mujoco.MjModel:
 @pytest.mark.parametrize(
     ("parts", "says"),
     [
-        ({"option": 'gravity="0 nan 0"'}, "its opt.gravity is nan"),
-        ({"option": 'wind="inf 0 0"'}, "its opt.wind is inf"),
-        ({"option": 'density="nan"'}, "its opt.density is nan"),
-        ({"option": 'tolerance="nan"'}, "its opt.tolerance is nan"),
-        ({"joint": 'damping="nan"'}, "its dof_damping is nan, of joint 'hip'"),
-        ({"joint": 'armature="inf"'}, "its dof_armature is inf, of joint 'hip'"),
-        ({"joint": 'range="0 nan"'}, "its jnt_range is nan, of joint 'hip'"),
-        ({"joint": 'ref="nan"'}, "its qpos0 is nan"),
-        ({"geom": 'mass="inf"'}, "its body_inertia is inf, of body 'arm'"),
-        ({"geom": 'friction="nan"'}, "its geom_friction is nan, of geom 'bob'"),
+        ({"option": 'gravity="0 nan 0"'}, "opt.gravity must be finite, not nan"),
+        ({"option": 'wind="inf 0 0"'}, "opt.wind must be finite, not inf"),
+        ({"option": 'density="nan"'}, "opt.density must be finite, not nan"),
+        ({"option": 'tolerance="nan"'}, "opt.tolerance must be finite, not nan"),
+        ({"joint": 'damping="nan"'}, "dof_damping of joint 'hip' must be finite, not nan"),
+        ({"joint": 'armature="inf"'}, "dof_armature of joint 'hip' must be finite, not inf"),
+        ({"joint": 'range="0 nan"'}, "jnt_range of joint 'hip' must be finite, not nan"),
+        ({"joint": 'ref="nan"'}, "qpos0 must be finite, not nan"),
+        ({"geom": 'mass="inf"'}, "body_inertia of body 'arm' must be finite, not inf"),
+        ({"geom": 'friction="nan"'}, "geom_friction of geom 'bob' must be finite, not nan"),
     ],
 )
 def test_what_is_not_finite_is_named(parts: dict[str, str], says: str) -> None:

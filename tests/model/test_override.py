@@ -224,7 +224,7 @@ def test_a_path_that_stops_short_or_leads_nowhere_is_refused(path: str) -> None:
 
 @pytest.mark.parametrize("path", ["opt.timestep.x", "opt.gravity.x", "geom/floor.size.x"])
 def test_a_path_that_goes_on_behind_a_value_is_refused(path: str) -> None:
-    assert str(refusal(path, "1")) == f"{path}: {path.removesuffix('.x')} is a value and holds no settings"
+    assert str(refusal(path, "1")) == f"{path}: {path.removesuffix('.x')} is a value and has no settings"
 
 
 @pytest.mark.parametrize("path", ["opt.disableflags", "opt.enableflags", "body/arm.id", "geom/floor.name"])
@@ -248,10 +248,10 @@ def test_the_bookkeeping_of_mujoco_is_no_setting(path: str) -> None:
         ("opt.iterations", "5.5", "a whole number"),
         ("opt.iterations", "enable", "a whole number"),
         ("vis.quality.shadowsize", "false", "a whole number"),
-        ("opt.iterations", "99999999999", "what iterations takes"),
+        ("opt.iterations", "99999999999", "a valid value of iterations"),
         ("opt.flag.gravity", "off", "enable or disable (true or false)"),
-        ("size.memory", "1.5G", "a size of memory, as in 500K, 100M or 1G"),
-        ("size.memory", "0", "a size of memory, as in 500K, 100M or 1G"),
+        ("size.memory", "1.5G", "a memory size such as 500K, 100M or 1G"),
+        ("size.memory", "0", "a memory size such as 500K, 100M or 1G"),
         ("compiler.autolimits", "maybe", "enable or disable (true or false)"),
         ("numeric/table.data", "1,x", "numbers separated by commas"),
     ],
@@ -306,7 +306,7 @@ def test_where_end_points_decide_a_placement_is_refused() -> None:
     ends = '"shin.l" type="capsule" fromto="0 0 0 0 0 1"'
     for path in ("geom/shin.l.pos", "geom/shin*.quat", "geom/1.alt.euler"):
         spec = mujoco.MjSpec.from_string(MODEL.replace('"shin.l"', ends))
-        with pytest.raises(UsageError, match="has no effect: it follows from the end points"):
+        with pytest.raises(UsageError, match="has no effect: the end points determine the placement"):
             apply(spec, Override(path, "0,0,0"))
 
 
@@ -421,7 +421,7 @@ def test_a_relative_value_with_a_wildcard_is_relative_to_each_element() -> None:
         ("scale:opt.gravity", "1,2", "one number"),
         ("opt.gravity[0]", "1,2", "one number"),
         ("scale:opt.iterations", "0.333", "whole number"),
-        ("scale:geom/floor.mass", "2", "mass is not in the source"),
+        ("scale:geom/floor.mass", "2", "mass has no value in the source"),
     ],
 )
 def test_what_cannot_be_relative_is_refused(path: str, value: str, expected: str) -> None:

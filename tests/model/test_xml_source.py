@@ -27,7 +27,7 @@ from tests.check.models import LFS, lint, mjcf
             mjcf("") + "\ngarbage",
             8,
             "not well-formed XML: junk after document element at column 1",
-            "a file holds one root element; put all inside one <mujoco>",
+            "a file has one root element; put everything into one <mujoco>",
         ),
         (LFS, 1, "it is a Git LFS pointer, not the file itself", "fetch the file itself: git lfs pull"),
     ],

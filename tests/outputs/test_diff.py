@@ -28,7 +28,7 @@ def test_two_tables_agree_or_not(tmp_path: Path) -> None:
 
 def test_a_kind_of_files_is_told_before_anything_is_read() -> None:
     assert set(COMPARISONS) <= {file_kind.TABLE, file_kind.RECORDING, file_kind.VIDEO, file_kind.IMAGE, file_kind.MODEL}
-    with pytest.raises(UsageError, match="only two of a kind can be compared"):
+    with pytest.raises(UsageError, match="only results of the same kind can be compared"):
         mjrun.Diff("a.csv", "b.mp4").run()
 
 

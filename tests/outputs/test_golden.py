@@ -75,7 +75,7 @@ def test_what_is_made_agrees_with_itself_and_a_gram_does_not(model: Path, suffix
     (result,) = failure.value.results
     assert not compared(result).equal
     assert not facts(compared(result)).updated
-    assert compared(result).notes == ["the model rig.xml, or a file that it names, has changed"]
+    assert compared(result).notes == ["the model rig.xml, or a file that it refers to, has changed"]
     assert Path(golden).read_bytes() == before
 
 
@@ -174,10 +174,10 @@ def test_versions_that_are_not_those_of_today(model: Path) -> None:
     result = compared(test_of(model))
     assert (facts(result).mjrun, facts(result).mujoco) == ("0.0.1", "3.1\x1b")
     model.write_text(xml().replace("8.907", "9"))
-    with pytest.raises(GoldenDifferenceError, match=r"it is of mjrun 0.0.1, MuJoCo 3.1\\x1b, this is mjrun"):
+    with pytest.raises(GoldenDifferenceError, match=r"it was made by mjrun 0.0.1, MuJoCo 3.1\\x1b, this is mjrun"):
         test_of(model)
     manifest.unlink()
-    with pytest.raises(GoldenDifferenceError, match="it is of unknown versions"):
+    with pytest.raises(GoldenDifferenceError, match="it was made by unknown versions"):
         test_of(model)
 
 

@@ -126,7 +126,7 @@ def test_tasks_of_dm_control_are_told_to_be_out_of_reach(monkeypatch: pytest.Mon
     monkeypatch.setattr(ControlSuiteSource, "load", lambda _: mujoco.MjModel.from_xml_string("<mujoco/>"))
     with pytest.raises(UsageError) as caught:
         episode_of(ControlSuiteSource("humanoid/walk"), load_policy("zero"), 0)
-    assert "tasks of dm_control are out of reach" in caught.value.spelled(str)
+    assert "tasks of dm_control cannot be played" in caught.value.spelled(str)
 
 
 def test_a_duration_beyond_the_end_of_an_environment_is_cut_with_a_remark(tmp_path: Path) -> None:

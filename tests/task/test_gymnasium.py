@@ -62,7 +62,7 @@ def test_actions_that_are_no_vectors_are_refused(tmp_path: Path) -> None:
 
 
 def test_environments_that_are_not_on_mujoco_are_refused() -> None:
-    with pytest.raises(ModelNotFoundError, match="its simulation is not MuJoCo's"):
+    with pytest.raises(ModelNotFoundError, match="it does not run on MuJoCo"):
         Environment(GymSource("Pendulum-v1"))
 
 

@@ -28,11 +28,11 @@ FOLDER_ATTRIBUTES = {
     "texture": "texturedir",
 }
 ROS_PACKAGE = "package://"  # in URDF
-MAX_SEARCHED = 2000  # files in the search for one of the same name
+MAX_SEARCHED = 2000  # files in the search for a file of the same name
 
 
 def missing_files(source: XmlSource) -> Iterator[Finding]:
-    """Every file that the XML refers to and that is at none of the paths where MuJoCo looks."""
+    """Yields a finding for each file that the XML refers to and that is missing wherever MuJoCo looks."""
     folders = _folders(source)
     for element in source.elements():
         for name in _file_names(element):
@@ -43,7 +43,7 @@ def missing_files(source: XmlSource) -> Iterator[Finding]:
 
 
 def lfs_pointers(source: XmlSource) -> Iterator[Finding]:
-    """Every asset for which there is only a Git LFS pointer; one in place of XML is reported as not well-formed."""
+    """Yields a finding for each asset of which only a Git LFS pointer exists; as XML they are not well-formed."""
     folders = _folders(source)
     for element in (e for e in source.elements() if e.tag in FOLDER_ATTRIBUTES):
         for name in _file_names(element):
@@ -62,7 +62,7 @@ def _starts_with(path: Path, prefix: bytes) -> bool:
 
 
 def _folders(source: XmlSource) -> dict[str, str]:
-    """The attributes of `<compiler>` that concern paths; the last one wins."""
+    """Returns the attributes of `<compiler>` that concern paths; the last one wins."""
     folders: dict[str, str] = {}
     for element in source.elements():
         if element.tag == "compiler":
@@ -73,14 +73,14 @@ def _folders(source: XmlSource) -> dict[str, str]:
 
 
 def _file_names(element: Element) -> list[str]:
-    """The names of files in the attributes of `element`."""
+    """Returns the names of files in the attributes of `element`."""
     keys = ("file", *FACES) if element.tag == "texture" else ("file", "filename")  # the latter in URDF
     kinds = (*FOLDER_ATTRIBUTES, "include", "model")
     return [element.attributes[key] for key in keys if element.tag in kinds and element.attributes.get(key)]
 
 
 def _paths(element: Element, name: str, source: XmlSource, folders: dict[str, str]) -> list[Path]:
-    """The paths at which MuJoCo looks for the file `name` of `element`."""
+    """Returns the paths at which MuJoCo looks for the file `name` of `element`."""
     home = source.path.parent
     if ROS_PACKAGE in name and folders.get("strippath") != "true":
         return [Path(name)]
@@ -100,23 +100,23 @@ def _paths(element: Element, name: str, source: XmlSource, folders: dict[str, st
 
 
 def _remedy(name: str, paths: list[Path], source: XmlSource) -> str:
-    """The file that may be meant: one with a similar name, or with the same name in another folder."""
+    """Returns the file that may be meant: one with a similar name, or with the same name in another folder."""
     base = Path(with_slashes(name)).name
     if ROS_PACKAGE in name:
-        return 'MuJoCo knows no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
+        return 'MuJoCo resolves no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
     below = list(_below(source.path.parent))
     other_case = next((path for path in below if any(_folded(path) == _folded(other) for other in paths)), None)
     if other_case:
-        return f"there is {clean(str(other_case))}: names of files and folders are case-sensitive"
+        return f"{clean(str(other_case))} exists: names of files and folders are case-sensitive"
     close = near(base, _siblings(paths[0].parent))
     if close:
         return f"did you mean {quoted(close[0])}? it is in {clean(str(paths[0].parent))}"
     elsewhere = next((path for path in below if path.name == base), None)
     if elsewhere:
-        return f"there is {clean(str(elsewhere))}; meshdir, texturedir and assetdir of <compiler> say where files are"
+        return f"{clean(str(elsewhere))} exists; meshdir, texturedir and assetdir of <compiler> set the folder of files"
     if not paths[0].parent.is_dir():
         folder = clean(str(paths[0].parent))
-        return f"there is no folder {folder}; meshdir, texturedir and assetdir of <compiler> name it"
+        return f"the folder {folder} does not exist; meshdir, texturedir and assetdir of <compiler> set it"
     return "paths are relative to the folder of the model, and to meshdir, texturedir or assetdir of <compiler>"
 
 
@@ -132,7 +132,7 @@ def _siblings(folder: Path) -> list[str]:
 
 
 def _below(folder: Path) -> Iterator[Path]:
-    """The first `MAX_SEARCHED` files below `folder`."""
+    """Yields the first `MAX_SEARCHED` files below `folder`."""
     count = 0
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))

@@ -11,9 +11,9 @@ from mjrun.check.rule import Violation, rule
 from mjrun.errors import option
 
 RAYS = (48, 36)  # across and down
-ASPECT = 16 / 9  # of the image, if the camera has no resolution
+ASPECT = 16 / 9  # of the image, for cameras without a resolution
 VISIBLE_GROUPS = 3  # geom groups 0, 1 and 2, which MuJoCo draws by default
-DEFAULT_RGBA = np.array([0.5, 0.5, 0.5, 1], np.float32)  # for which that of a material is used
+DEFAULT_RGBA = np.array([0.5, 0.5, 0.5, 1], np.float32)  # replaced by that of the material
 HALF_TURN = np.diag([-1.0, 1.0, -1.0])
 PLANE, MESH = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_MESH)
 SOLID = ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX")
@@ -21,14 +21,14 @@ CONVEX = tuple(int(getattr(mujoco.mjtGeom, f"mjGEOM_{name}")) for name in SOLID)
 
 
 class Frustum(NamedTuple):
-    """What a camera sees.
+    """The volume that a camera sees.
 
     Attributes:
-      eye: position of the camera `(3,)` [m].
+      eye: the position of the camera `(3,)` [m].
       axes: its axes as columns `(3, 3)`.
       edges: left, right, bottom and top [m], at a distance of 1 m unless orthographic.
-      near, far: distances of the clipping planes [m].
-      orthographic: whether the projection is.
+      near, far: the distances of the clipping planes [m].
+      orthographic: true for an orthographic projection.
     """
 
     eye: np.ndarray
@@ -39,13 +39,13 @@ class Frustum(NamedTuple):
     orthographic: bool
 
     def turned(self) -> "Frustum":
-        """The frustum of a camera that looks in the opposite direction."""
+        """Returns the frustum of a camera that looks in the opposite direction."""
         return self._replace(axes=self.axes @ HALF_TURN)
 
 
 @rule("MJ601", "warning", "camera that sees nothing")
 def cameras_that_see_nothing(context: LintContext) -> Iterator[Violation]:
-    """Cameras with nothing visible in their frustum, whatever the start."""
+    """Yields cameras with nothing visible in their frustum at any start."""
     model = context.model
     visible = np.flatnonzero(_visible(model))
     for camera in range(model.ncam):
@@ -55,7 +55,7 @@ def cameras_that_see_nothing(context: LintContext) -> Iterator[Violation]:
 
 
 def _explain(context: LintContext, camera: int, visible: np.ndarray) -> tuple[str, str]:
-    """Why a camera sees nothing, and what to do about it."""
+    """Returns the reason why a camera sees nothing, and a remedy."""
     model, data = context.model, context.data_at(None)
     frustum = _frustum(model, data, camera)
     hidden = np.setdiff1d(np.arange(model.ngeom), visible)
@@ -71,7 +71,7 @@ def _explain(context: LintContext, camera: int, visible: np.ndarray) -> tuple[st
 
 
 def _explain_hidden(context: LintContext, geom: int) -> tuple[str, str]:
-    """Message and remedy for a camera that sees nothing because a geom in its view is hidden."""
+    """Returns message and remedy for a camera that sees nothing because a geom in its view is hidden."""
     group, name = int(context.model.geom_group[geom]), context.object("geom", geom)
     if _alpha(context.model)[geom] <= 0:
         return f"it sees nothing: {name} in its view is transparent, with alpha 0", "give it or its material an alpha"
@@ -81,7 +81,7 @@ def _explain_hidden(context: LintContext, geom: int) -> tuple[str, str]:
 
 
 def _sees(model: mujoco.MjModel, data: mujoco.MjData, camera: int, visible: np.ndarray, turned: bool = False) -> bool:
-    """Whether a camera sees a flex or any of the `visible` geoms; true if in doubt."""
+    """Returns whether a camera sees a flex or any of the `visible` geoms; true if in doubt."""
     if model.nskin or not np.isfinite(data.cam_xpos[camera]).all():
         return True
     frustum = _frustum(model, data, camera)
@@ -90,19 +90,19 @@ def _sees(model: mujoco.MjModel, data: mujoco.MjData, camera: int, visible: np.n
 
 
 def _sees_flex(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum) -> bool:
-    """Whether a camera sees a flex: all of it is within the length of its longest edge from a vertex."""
+    """Returns whether a camera sees a flex: all of it is within the length of its longest edge from a vertex."""
     reach = model.flexedge_length0.max(initial=0.0)
     return bool(_within(frustum, data.flexvert_xpos.reshape(-1, 3), np.full(model.nflexvert, reach)).any())
 
 
 def _in_view(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geoms: np.ndarray) -> Iterator[int]:
-    """Those of `geoms` that a camera sees at least in part."""
+    """Yields those of `geoms` that a camera sees at least in part."""
     near = _within(frustum, data.geom_xpos[geoms], model.geom_rbound[geoms]) | (model.geom_type[geoms] == PLANE)
     return (geom for geom in map(int, geoms[near]) if _shows_outside(model, data, frustum, geom))
 
 
 def _shows_outside(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
-    """Whether a geom whose bounding sphere is in view is visible: faces are, from outside only."""
+    """Returns whether a geom whose bounding sphere is in view is visible: faces are, from outside only."""
     if model.geom_type[geom] == PLANE:
         return _meets_plane(model, data, frustum, geom)
     close = np.linalg.norm(frustum.eye - data.geom_xpos[geom]) < model.geom_rbound[geom] and not frustum.orthographic
@@ -119,7 +119,7 @@ def _frustum(model: mujoco.MjModel, data: mujoco.MjData, camera: int) -> Frustum
 
 
 def _edges(model: mujoco.MjModel, camera: int, orthographic: bool) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a camera's image [m], at a distance of 1 m unless orthographic."""
+    """Returns left, right, bottom and top of a camera's image [m], at a distance of 1 m unless orthographic."""
     if model.cam_sensorsize[camera].all():
         fx, fy, cx, cy = model.cam_intrinsic[camera]
         width, height = model.cam_sensorsize[camera] / 2
@@ -132,19 +132,19 @@ def _edges(model: mujoco.MjModel, camera: int, orthographic: bool) -> tuple[floa
 
 
 def _alpha(model: mujoco.MjModel) -> np.ndarray:
-    """The opacity of each geom, `(ngeom,)`: its own, or that of its material if it has none."""
+    """Returns the opacity of each geom, `(ngeom,)`: its own, or that of its material if it has none."""
     material = model.mat_rgba[model.geom_matid, 3] if model.nmat else 1.0
     uses_material = (model.geom_matid >= 0) & (model.geom_rgba == DEFAULT_RGBA).all(axis=1)
     return np.where(uses_material, material, model.geom_rgba[:, 3])
 
 
 def _visible(model: mujoco.MjModel) -> np.ndarray:
-    """Whether MuJoCo draws each geom by default, `(ngeom,)`."""
+    """Returns whether MuJoCo draws each geom by default, `(ngeom,)`."""
     return (_alpha(model) > 0) & (model.geom_group < VISIBLE_GROUPS)
 
 
 def _encloses(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
-    """Whether a camera is inside a convex geom, which both rays along ±z hit, or a mesh, with no face toward it."""
+    """Returns whether a camera is in a convex geom, hit by both rays along ±z, or in a mesh without faces toward it."""
     if frustum.orthographic:
         return False
     if model.geom_type[geom] == MESH:
@@ -161,7 +161,7 @@ def _encloses(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom
 def _faces_toward(
     model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centres `(n, 3)` and radii `(n,)` [m] of the faces of a mesh whose outside faces the camera."""
+    """Returns centres `(n, 3)` and radii `(n,)` [m] of the faces of a mesh whose outside faces the camera."""
     mesh = model.geom_dataid[geom]
     first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
     vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
@@ -174,7 +174,7 @@ def _faces_toward(
 
 
 def _within(frustum: Frustum, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Whether each of the spheres around `points` `(n, 3)` reaches into the frustum, `(n,)`."""
+    """Returns whether each of the spheres around `points` `(n, 3)` reaches into the frustum, `(n,)`."""
     local = (points - frustum.eye) @ frustum.axes
     (left, right, bottom, top), ahead = frustum.edges, -local[:, 2]
     scale = 1.0 if frustum.orthographic else ahead
@@ -186,7 +186,7 @@ def _within(frustum: Frustum, points: np.ndarray, radii: np.ndarray) -> np.ndarr
 
 
 def _meets_plane(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geom: int) -> bool:
-    """Whether one of a grid of rays through the image hits a plane, which is drawn from both sides."""
+    """Returns whether one of a grid of rays through the image hits a plane, which is drawn from both sides."""
     if _within(frustum, data.geom_xpos[geom, None], np.zeros(1)).any():
         return True  # it may be too small for the rays
     origins, directions = _rays(frustum)
@@ -200,7 +200,7 @@ def _meets_plane(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, g
 
 
 def _rays(frustum: Frustum) -> tuple[np.ndarray, np.ndarray]:
-    """A grid of rays through the image: origins `(n, 3)` [m], and directions `(n, 3)` that are 1 m deep."""
+    """Returns a grid of rays through the image: origins `(n, 3)` [m], and directions `(n, 3)` that are 1 m deep."""
     left, right, bottom, top = frustum.edges
     x, y = np.meshgrid(np.linspace(left, right, RAYS[0]), np.linspace(bottom, top, RAYS[1]))
     through = np.stack([x.ravel(), y.ravel(), np.full(x.size, -1.0)], axis=1)

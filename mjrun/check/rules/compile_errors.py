@@ -1,4 +1,4 @@
-"""Why a model does not load: from MuJoCo's message about the first error, all errors of that kind."""
+"""Reasons why a model does not load: from MuJoCo's message about the first error, all errors of that kind."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ MASSLESS_BODY = Rule("MJ202", "error", "moving body without mass")
 MISSING_RANGE = Rule("MJ303", "error", "limit without range")
 
 Findings = Iterator[Finding]
-# Messages that need no more than a remedy.
+# Messages that need only a remedy.
 REMEDIES = (
     (r"World body cannot have joints", "the world does not move; put the joint into a <body>"),
     (r"free joint can only be used on top level", "move the body directly into <worldbody>, or give it other joints"),
@@ -49,7 +49,7 @@ _REFERENCE = "MuJoCo's XML reference lists them: https://mujoco.readthedocs.io/e
 
 
 def explain(error: BrokenModelError, source: XmlSource, parents: frozenset[Path] = frozenset()) -> Findings:
-    """The findings, at least one, for `error` in the model `source`.
+    """Yields the findings, at least one, for `error` in the model `source`.
 
     An error in an attached model is reported for that model; `parents` are the models that attach `source`.
     """
@@ -67,19 +67,19 @@ def explain(error: BrokenModelError, source: XmlSource, parents: frozenset[Path]
 
 
 def _broken_attached(source: XmlSource, parents: frozenset[Path]) -> Iterator[tuple[BrokenModelError, XmlSource]]:
-    """The models that `source` attaches, and that MuJoCo rejects by themselves."""
+    """Yields the models that `source` attaches, and that MuJoCo rejects by themselves."""
     paths = [] if source.circular else attached_files(source.elements(), source.path)
     for path in dict.fromkeys(path for path in paths if path.resolve() not in parents):
         try:
             load(path)
         except BrokenModelError as error:
             yield error, read_xml(path)
-        except ModelError:  # reported where it is attached
+        except ModelError:  # it is reported where it is attached
             continue
 
 
 def _explain(error: CompileError) -> Findings:
-    """The findings of the first explanation that finds any, after any Git LFS pointers."""
+    """Yields the findings of the first explanation that has any, after any Git LFS pointers."""
     pointers = list(asset_files.lfs_pointers(error.source))
     yield from pointers
     for pattern, explanation in EXPLANATIONS:
@@ -98,7 +98,7 @@ def _syntax(error: CompileError, match: re.Match[str]) -> Findings:
         place = Place(xml_error.file, xml_error.line)
         yield NOT_WELL_FORMED.finding(xml_error.message, xml_error.remedy, place)
     if not error.source.errors:
-        remedy = "look there and just before: MuJoCo says no more" if error.line else ""
+        remedy = "look at this line and just before it: MuJoCo reports nothing else" if error.line else ""
         yield NOT_WELL_FORMED.finding(f"not well-formed XML: {error.message}", remedy, error.place)
 
 
@@ -107,7 +107,7 @@ def _schema(error: CompileError, match: re.Match[str]) -> Findings:
 
 
 def _invalid_xml(source: XmlSource) -> Findings:
-    """All elements, attributes and keywords in the XML that MuJoCo does not know."""
+    """Yields findings for all elements, attributes and keywords in the XML that MuJoCo does not know."""
     findings = [*mjcf_schema.violations(source), *keywords.invalid_keywords(source)]
     own = short_path(source.path)
     yield from sorted(findings, key=lambda finding: (finding.file != own, finding.file, finding.line or 0))
@@ -127,7 +127,7 @@ def _circle(error: CompileError, match: re.Match[str]) -> Findings:
 
 def _memory(error: CompileError, match: re.Match[str]) -> Findings:
     remedy = f"raise {option('memory')}, or look for a count, a size or a resolution that is too large"
-    yield OUT_OF_MEMORY.finding("the model needs more memory than it may use", remedy, error.place)
+    yield OUT_OF_MEMORY.finding("the model needs more memory than allowed", remedy, error.place)
 
 
 def _duplicate_name(error: CompileError, match: re.Match[str]) -> Findings:
@@ -156,7 +156,7 @@ def _value(error: CompileError, match: re.Match[str]) -> Findings:
     attribute, element = match["attribute"], error.element()
     value = element.attributes.get(attribute) if element else None
     shown = f": {quoted(value)}" if value is not None else ""
-    remedy = f"write numbers separated by spaces; MuJoCo's XML reference says how many {attribute} takes"
+    remedy = f"write numbers separated by spaces; MuJoCo's XML reference states how many {attribute} needs"
     yield error.finding(BAD_VALUE, f"{error.text}{shown}", remedy)
 
 
@@ -208,7 +208,7 @@ def _keyframe_size(error: CompileError, match: re.Match[str]) -> Findings:
         yield incomplete_keyframes.finding(message, SIZE_REMEDY, error.place, "<key>")
 
 
-# Patterns in MuJoCo's messages, and the functions that explain them; the first that yields anything wins.
+# Patterns in MuJoCo's messages, and the functions that explain them; the first one with findings wins.
 EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]] = [
     (r"XML_|XML parse error|empty file|not UTF-8", _syntax),
     (r"Schema violation|unrecognized model element|World body cannot have attr|Unrecognized XML model type", _schema),
@@ -229,7 +229,7 @@ EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]
     (r"mass and inertia of moving bodies", _massless_body),
     (r"range\[0\] should be smaller|has `\w*range` but not `\w*limited`", _missing_range),
     (r"invalid \w* ?range (?:for actuator|in tendon|in joint)", _missing_range),
-    (r"its timestep is", _timestep),
+    (r"the timestep must be", _timestep),
     (
         r"keyframe (?:'(?P<name>.*)'|(?P<number>\d+)): invalid (?P<field>\w+) size, "
         r"expected (?:length )?(?P<expected>\d+)(?:, got (?P<got>\d+))?",

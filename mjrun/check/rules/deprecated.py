@@ -1,8 +1,8 @@
-"""What MJCF no longer has, or never had, and what to write instead. Versions are from MuJoCo's changelog."""
+"""Elements and values that MJCF no longer has, or never had, and their replacements, from MuJoCo's changelog."""
 
 FLEXCOMP = 'use <flexcomp type="grid" dim="1" …> with <elasticity young=… shear=…/> or <edge equality="true"/>'
 
-# Element: since when, and the remedy.
+# The version without the element, and the remedy.
 REMOVED_ELEMENTS = {
     "composite": ("in MuJoCo 4.0.0", f"{FLEXCOMP}; cloth and soft bodies are <flexcomp> of dim 2 and 3"),
     "flexvert": (
@@ -19,7 +19,7 @@ REMOVED_PLUGINS = {
     "mujoco.sdf.sdflib": ("in MuJoCo 3.3.5", 'use a mesh of its own: <geom type="sdf" mesh=…>'),
 }
 
-# Element and attribute: since when, and the remedy.
+# The version without the attribute of an element, and the remedy.
 REMOVED_ATTRIBUTES = {
     ("option", "collision"): (
         "in MuJoCo 3.0.0",
@@ -38,7 +38,7 @@ REMOVED_ATTRIBUTES = {
     ("contact", "internal"): ("in MuJoCo 3.15.0", "write selfcollide"),
 }
 
-# Element, attribute and value: since when, and the remedy.
+# The version without the value of an attribute, and the remedy.
 REMOVED_VALUES = {
     ("edge", "equality", "vert"): ("in MuJoCo 4.0.0", REMOVED_ELEMENTS["flexvert"][1]),
     ("compiler", "coordinate", "global"): (
@@ -47,7 +47,7 @@ REMOVED_VALUES = {
     ),
 }
 
-# Words of other formats and languages: the keywords of MJCF for the same thing.
+# Words of other formats and languages, and the keywords of MJCF with the same meaning.
 SYNONYMS = {
     "yes": ("true", "enable"),
     "on": ("true", "enable"),
@@ -78,17 +78,17 @@ SYNONYMS = {
     "gauss-seidel": ("PGS",),
 }
 
-# Elements that MJCF never had, and people write.
+# Elements that MJCF never had, but that people write.
 FOREIGN_ELEMENTS = {
     "solver": 'the solver is chosen in <option>: <option solver="Newton" iterations="100" tolerance="1e-8"/>',
     "world": "the world is called <worldbody>",
-    "restitution": 'there is none; what bounces has little damping: <geom solref="-STIFFNESS -DAMPING">',
+    "restitution": 'MJCF has none; for bouncing, lower the damping: <geom solref="-STIFFNESS -DAMPING">',
     "gravity": 'gravity is an option: <option gravity="0 0 -9.81"/>',
     "physics": 'physics is in <option>: <option timestep="0.002" gravity="0 0 -9.81"/>',
     "link": "a link is a <body>, with its <geom> and <joint> inside",
-    "robot": "a file with <robot> as its root is URDF, and is called .urdf",
+    "robot": "a file with <robot> as its root is URDF and needs the suffix .urdf",
     "collision": "a <geom> collides; contype and conaffinity say with what",
-    "visual": 'what is only seen is a <geom contype="0" conaffinity="0">; <visual> is for rendering options',
+    "visual": 'a geom that is only seen is <geom contype="0" conaffinity="0">; <visual> is for rendering options',
     "actuators": "write <actuator>, directly in <mujoco>",
     "sensors": "write <sensor>, directly in <mujoco>",
 }

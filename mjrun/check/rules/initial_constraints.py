@@ -9,9 +9,9 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 
-MAX_DEPTH = 0.1  # of the smaller geom's half size
+MAX_DEPTH = 0.1  # relative to the smaller geom's half size
 MAX_ACCELERATION = 20.0  # times gravity; a contact with the default solref pushes that hard at a depth of 7 cm
-GRAVITY = 9.81  # [m/s²] where a model has none
+GRAVITY = 9.81  # [m/s²] for models without gravity
 ROUNDING = 1e-9  # relative, of a timestep
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
@@ -20,7 +20,7 @@ INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 @rule("MJ501", "warning", "initial penetration")
 def initial_penetrations(context: LintContext) -> Iterator[Violation]:
-    """Geoms that deeply penetrate each other: the worst pair of each start, and no pair twice."""
+    """Yields geoms that penetrate each other deeply: the worst pair of each start, and no pair twice."""
     reported: set[tuple[int, int]] = set()
     for start in context.starts:
         depths = penetration_depths(context, start).items()
@@ -44,7 +44,7 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
 
 
 def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
-    """Depth [m], and depth relative to the smaller geom's half size, of every pair of geoms in contact."""
+    """Returns the depth [m] of each pair of geoms in contact, and its ratio to the smaller geom's half size."""
     depths: dict[tuple[int, int], float] = {}
     for contact in context.data_at(start).contact:
         pair = (int(contact.geom[0]), int(contact.geom[1]))
@@ -55,7 +55,7 @@ def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[in
 
 
 def _half_size(model: mujoco.MjModel, geom: int) -> float:
-    """Half of a geom's smallest extent [m]; infinite for planes and height fields."""
+    """Returns half of a geom's smallest extent [m]; infinite for planes and height fields."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     if kind in INFINITE:
         return np.inf
@@ -68,7 +68,7 @@ def _half_size(model: mujoco.MjModel, geom: int) -> float:
 
 @rule("MJ502", "warning", "violent initial forces")
 def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
-    """Bodies that contacts, limits or equalities launch when a simulation starts at rest."""
+    """Yields bodies that contacts, limits or equalities launch when a simulation starts at rest."""
     model, reported = context.model, set()
     gravity = float(np.linalg.norm(model.opt.gravity)) or GRAVITY
     for start in context.starts if model.nv else ():
@@ -86,7 +86,7 @@ def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
 
 
 def constraint_accelerations(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Accelerations of the bodies' centres of mass by constraints alone, `(nbody,)` [m/s²]: J (qacc − qacc_smooth)."""
+    """Returns accelerations of centres of mass by constraints alone, `(nbody,)` [m/s²]: J (qacc − qacc_smooth)."""
     qacc, jacobian, accelerations = data.qacc - data.qacc_smooth, np.zeros((3, model.nv)), np.zeros(model.nbody)
     if not data.nefc or not np.isfinite(qacc).all():
         return accelerations
@@ -97,7 +97,7 @@ def constraint_accelerations(model: mujoco.MjModel, data: mujoco.MjData) -> np.n
 
 
 def _strongest_constraint(context: LintContext, data: mujoco.MjData) -> str:
-    """The constraint with the largest force."""
+    """Returns the constraint with the largest force."""
     row = int(abs(data.efc_force).argmax())
     kind, index = mujoco.mjtConstraint(int(data.efc_type[row])), int(data.efc_id[row])
     if kind == mujoco.mjtConstraint.mjCNSTR_EQUALITY:
@@ -112,7 +112,7 @@ def _strongest_constraint(context: LintContext, data: mujoco.MjData) -> str:
 
 
 class Spring(NamedTuple):
-    """The spring-damper of a constraint: the kind and id of what it belongs to, the attribute, its two numbers."""
+    """The spring-damper of a constraint: the kind and id of its object, the attribute, and its two numbers."""
 
     kind: str
     id: int
@@ -122,7 +122,7 @@ class Spring(NamedTuple):
 
 @rule("MJ503", "warning", "timestep too large for a constraint")
 def springs_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
-    """Contacts, limits and equalities that are too stiff for the timestep: the stiffest of each kind."""
+    """Yields contacts, limits and equalities that are too stiff for the timestep: the stiffest of each kind."""
     model = context.model
     stiff: dict[tuple[str, str], list[Spring]] = {}
     for spring in _springs(model):
@@ -140,7 +140,7 @@ def springs_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
 
 
 def _springs(model: mujoco.MjModel) -> Iterator[Spring]:
-    """The springs of all constraints that can act."""
+    """Yields the springs of all constraints that can act."""
     off = model.opt.disableflags
     bits = mujoco.mjtDisableBit
     if not off & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
@@ -164,10 +164,10 @@ def _pair(solref: np.ndarray) -> tuple[float, float]:
 
 
 def stiffness_problem(model: mujoco.MjModel, spring: Spring) -> str:
-    """Why a spring is too stiff for the timestep h; empty if it is not.
+    """Returns the reason why a spring is too stiff for the timestep h; empty if it is not.
 
     MuJoCo's manual, Modeling, Solver parameters: the time constant of solref should be at least 2h, and with refsafe
-    MuJoCo takes 2h instead of a smaller one. Computation, integrator `discrete`: contacts and limits whose timeconst
+    MuJoCo uses 2h instead of a smaller one. Computation, integrator `discrete`: contacts and limits whose timeconst
     times dampratio is below h are replaced, the rest is stable. The direct format, −stiffness −damping, is not
     guarded: v' = v − h (b v + k x), x' = x + h v' is stable while 2 h b + h² k < 4 (Jury's criterion).
     """
@@ -176,22 +176,22 @@ def stiffness_problem(model: mujoco.MjModel, spring: Spring) -> str:
     discrete = model.opt.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     if discrete:
         resolved = spring.kind == "equality" or first <= 0 or first * second >= step * (1 - ROUNDING)
-        return "" if resolved or not safe else "timeconst × dampratio is below it, and MuJoCo takes a softer one"
+        return "" if resolved or not safe else "timeconst × dampratio is below it, and MuJoCo uses a softer one"
     if first <= 0:
         return "" if 2 * step * -second + step**2 * -first < 4 else "it gains energy"
     if first >= 2 * step * (1 - ROUNDING):
         return ""
-    return f"MuJoCo takes {2 * step:g} instead" if safe else "it may become unstable"
+    return f"MuJoCo uses {2 * step:g} instead" if safe else "it may become unstable"
 
 
 def _time_constant(solref: tuple[float, float]) -> float:
-    """The time in which a spring acts [s]."""
+    """Returns the time in which a spring acts [s]."""
     return solref[0] if solref[0] > 0 else float(1 / np.sqrt(max(-solref[0], 1e-12)))
 
 
 def _softer(model: mujoco.MjModel, springs: list[Spring]) -> str:
     positive = [spring.solref[0] for spring in springs if spring.solref[0] > 0]
     if not positive:
-        return "take a smaller timestep, or less stiffness and damping"
+        return "use a smaller timestep, or less stiffness and damping"
     step = model.opt.timestep
     return f"write a time constant of at least {2 * step:g}, or a timestep of at most {min(positive) / 2:g}"

@@ -10,15 +10,15 @@ from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.limits import beyond_range, beyond_span
 from mjrun.model.names import BALL, FREE, actuator_parts
 
-# The fields of a keyframe, and what MuJoCo fills an incomplete one with.
+# The fields of a keyframe, and the values with which MuJoCo completes them.
 FIELDS = {"qpos": "qpos0", "qvel": "0", "act": "0", "ctrl": "0", "mpos": "pos", "mquat": "quat"}
 SIZE_REMEDY = "write one number for each; `mjrun info` lists them by joint, actuator and address"
-TOLERANCE = 1e-3  # of a quaternion's length, which is 1; files are written with few digits
+TOLERANCE = 1e-3  # of the length of a quaternion, which is 1; files have few digits
 
 
 @rule("MJ401", "error", "keyframe not finite")
 def keyframes_not_finite(context: LintContext) -> Iterator[Violation]:
-    """Keyframes with numbers that are not finite, or so large that MuJoCo considers them unstable."""
+    """Yields keyframes with numbers that are not finite, or so large that MuJoCo considers them unstable."""
     model = context.model
     for key in range(model.nkey):
         for name in FIELDS:
@@ -32,7 +32,7 @@ def keyframes_not_finite(context: LintContext) -> Iterator[Violation]:
 
 @rule("MJ402", "warning", "keyframe beyond a joint range")
 def joints_beyond_range(context: LintContext) -> Iterator[Violation]:
-    """Keyframes that put a joint beyond its range."""
+    """Yields keyframes that put a joint beyond its range."""
     model = context.model
     for key in range(model.nkey):
         qpos = model.key_qpos[key]
@@ -48,7 +48,7 @@ def joints_beyond_range(context: LintContext) -> Iterator[Violation]:
 
 @rule("MJ403", "warning", "keyframe beyond a control range")
 def controls_beyond_range(context: LintContext) -> Iterator[Violation]:
-    """Keyframes with a control or an activation beyond its range; omitted controls, which are 0, are not reported."""
+    """Yields keyframes with a control or an activation beyond its range, unless the controls are omitted and thus 0."""
     model = context.model
     clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
     for key in range(model.nkey):
@@ -78,7 +78,7 @@ def _activations(context: LintContext, key: int) -> Iterator[Violation]:
 
 @rule("MJ404", "warning", "keyframe with a bad quaternion")
 def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
-    """Keyframes with a quaternion that is not a rotation; MuJoCo normalizes it, and takes 0 for no rotation."""
+    """Yields keyframes with a quaternion that is not a rotation; MuJoCo normalizes it, and reads 0 as no rotation."""
     model = context.model
     offsets = {FREE: 3, BALL: 0}
     for key in range(model.nkey):
@@ -97,9 +97,9 @@ def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
 
 @rule("MJ405", "error", "keyframe of the wrong size")
 def incomplete_keyframes(context: LintContext) -> Iterator[Violation]:
-    """Keyframes in the model's own file with fewer numbers than the model has; MuJoCo fills them up.
+    """Yields keyframes in the model's own file with fewer numbers than the model has; MuJoCo completes them.
 
-    Attached models may add numbers of their own: a keyframe need not be complete in a model that attaches any.
+    Attached models may add numbers: a keyframe need not be complete in a model that attaches any.
     Keyframes with too many numbers do not load, and MuJoCo rejects some incomplete ones: see `compile_errors`.
     """
     for key in range(0 if context.source.attached else context.model.nkey):
@@ -108,17 +108,17 @@ def incomplete_keyframes(context: LintContext) -> Iterator[Violation]:
         for field, filled in FIELDS.items():
             count, size = len(_words(context, key, field)), getattr(context.model, f"key_{field}").shape[1]
             if 0 < count < size:
-                message = f"{size_message(field, count, size)}; MuJoCo takes {filled} for the rest"
+                message = f"{size_message(field, count, size)}; MuJoCo uses {filled} for the rest"
                 yield context.violation("keyframe", key, message, SIZE_REMEDY, "warning")
 
 
 def size_message(field: str, count: int, size: int) -> str:
-    """Says that a keyframe has `count` numbers in a field of which the model has `size`."""
-    return f"{field} of the keyframe has {count} number{'s' * (count != 1)}, and the model {size}"
+    """Returns a message that a keyframe has `count` numbers in a field of which the model has `size`."""
+    return f"{field} of the keyframe has {count} number{'s' * (count != 1)}, but the model has {size}"
 
 
 def _written_qpos(context: LintContext, key: int) -> np.ndarray:
-    """The positions as they are written; the compiler has normalized those of the model."""
+    """Returns the positions as they are written; the compiler has normalized those of the model."""
     try:
         written = np.array([float(word) for word in _words(context, key, "qpos")])
     except ValueError:
@@ -127,12 +127,12 @@ def _written_qpos(context: LintContext, key: int) -> np.ndarray:
 
 
 def _entry(context: LintContext, key: int, field: str, index: int) -> str:
-    """A number of a keyframe, as `qpos[3]`; empty if an attached model declares the keyframe, or it is too short."""
+    """Returns a number of a keyframe, as `qpos[3]`; empty if it is missing, or declared by an attached model."""
     words = _words(context, key, field)
     return f"{field}[{index}]" if index < len(words) and not context.place("keyframe", key).origin else ""
 
 
 def _words(context: LintContext, key: int, field: str) -> list[str]:
-    """The numbers in a field of a keyframe, as they are written."""
+    """Returns the numbers in a field of a keyframe as they are written."""
     element = context.element("keyframe", key)
     return element.attributes.get(field, "").split() if element else []

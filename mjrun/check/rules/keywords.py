@@ -1,4 +1,4 @@
-"""The keywords that attributes take, as MJCF spells them, and which one was probably meant.
+"""The keywords of attributes as MJCF spells them, and the keyword that was probably meant.
 
 MuJoCo stops at the first unknown keyword, and does not list the valid ones.
 """
@@ -19,7 +19,7 @@ DYNAMICS = "none integrator filter filterexact pid dcmotor muscle user"
 INPUTS = "none pos vel expmap quat"
 DOF = "full radial trilinear quadratic 2d"
 ANY = "*"
-# Elements, some of their attributes, and the keywords that these take; without any other characters.
+# Elements, some of their attributes, and the keywords that these accept.
 TABLE = (
     ("compiler", "angle", "radian degree"),
     ("compiler", "inertiafromgeom", AUTO),
@@ -85,7 +85,7 @@ TABLE = (
     ("user", "needstage", "none pos vel acc"),
 )
 FRAME_OBJECTS = ("body", "xbody", "geom", "site", "camera")  # of frame sensors
-# Element and attribute that take several keywords.
+# Elements and attributes that accept several keywords.
 SEVERAL = {
     ("camera", "output"): ("rgb", "depth", "distance", "normal", "segmentation"),
     ("contact", "data"): ("found", "force", "torque", "dist", "pos", "normal", "tangent", "linvel", "angvel"),
@@ -100,7 +100,7 @@ SINGLE = {
 
 
 def valid_keywords(element: Element, attribute: str) -> tuple[str, ...]:
-    """The keywords that an attribute takes; none if it does not take keywords."""
+    """Returns the keywords that an attribute accepts; none if it does not accept keywords."""
     key = (element.tag, attribute)
     if attribute in ("objtype", "reftype") and (element.tag.startswith("frame") or element.tag == "insidesite"):
         return FRAME_OBJECTS
@@ -108,7 +108,7 @@ def valid_keywords(element: Element, attribute: str) -> tuple[str, ...]:
 
 
 def invalid_keywords(source: XmlSource) -> Iterator[Finding]:
-    """Every attribute in the XML whose value is not one of its keywords, in the order of the file."""
+    """Yields a finding for each attribute in the XML whose value is not one of its keywords, in file order."""
     if source.root is None or source.root.tag != "mujoco":
         return
     for element in source.elements():
@@ -129,7 +129,7 @@ def _invalid(element: Element, attribute: str, word: str, choices: tuple[str, ..
 
 
 def _likely(word: str, choices: tuple[str, ...]) -> str:
-    """The keyword that was probably meant by `word`; empty if there is none."""
+    """Returns the keyword that was probably meant by `word`; empty if none is similar."""
     word = word.strip()
     synonyms = [keyword for keyword in SYNONYMS.get(word.casefold(), ()) if keyword in choices]
     return next(iter(synonyms or near(word, choices)), "")

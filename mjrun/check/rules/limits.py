@@ -9,9 +9,9 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 from mjrun.errors import option
 
-ROUNDING = 6e-4  # relative error of 1.57 as a quarter turn
-SLACK = 0.01  # of a range; limits are soft, and keyframes are saved from simulations that lean on them
-# MuJoCo's enums equal integers, but are not found among those of numpy.
+ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
+SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
+# MuJoCo's enums equal integers, but numpy does not find them among integers.
 JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -19,27 +19,27 @@ SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 @rule("MJ301", "note", "actuator without limits")
 def actuators_without_limits(context: LintContext) -> Iterator[Violation]:
-    """Actuators with neither a limited control nor a limited force."""
+    """Yields actuators with neither a limited control nor a limited force."""
     model = context.model
     for i in range(model.nactuator):
         start, count = model.actuator_ctrladr[i], model.actuator_ctrlnum[i]
         target = int(model.actuator_trnid[i, 0])
         limited = model.actuator_ctrllimited[start : start + count].all() or model.actuator_forcelimited[i]
-        # An activation limits what acts through it; a muscle clamps its control to [0, 1] by itself.
+        # An activation limits its actuator; a muscle clamps its control to [0, 1] itself.
         limited = limited or model.actuator_actlimited[i] or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_MUSCLE
         if model.actuator_trntype[i] in JOINT_DRIVEN:
             limited = limited or model.jnt_actfrclimited[target]
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_TENDON:
             limited = limited or model.tendon_actfrclimited[target]
         if not limited:
-            message = "it has neither ctrlrange nor forcerange: nothing bounds what it does"
+            message = "it has neither ctrlrange nor forcerange: nothing limits it"
             remedy = 'give it ctrlrange="-1 1" or forcerange="-10 10", or its joint actuatorfrcrange'
             yield context.violation("actuator", i, message, remedy)
 
 
 @rule("MJ302", "warning", "reversed range")
 def reversed_ranges(context: LintContext) -> Iterator[Violation]:
-    """Ranges whose first number is the larger one, which MuJoCo silently ignores."""
+    """Yields ranges whose first number is the larger one, which MuJoCo silently ignores."""
     model = context.model
     fields = (
         ("joint", "range", model.jnt_range, model.jnt_limited),
@@ -53,14 +53,14 @@ def reversed_ranges(context: LintContext) -> Iterator[Violation]:
     for kind, attribute, ranges, limited in fields:
         for i in map(int, np.flatnonzero((ranges[:, 0] > ranges[:, 1]) & (limited == 0))):
             low, high = ranges[i]
-            message = f"its {attribute} {low:g} {high:g} is reversed, and limits nothing"
-            remedy = f'write {attribute}="{high:g} {low:g}" (angles as <compiler angle=…> says), or remove it'
+            message = f"its {attribute} {low:g} {high:g} is reversed and has no effect"
+            remedy = f'write {attribute}="{high:g} {low:g}" (angles in the unit of <compiler angle=…>), or remove it'
             yield context.violation(kind, i, message, remedy)
 
 
 @rule("MJ304", "warning", "joint or tendon starts beyond its range")
 def starts_beyond_range(context: LintContext) -> Iterator[Violation]:
-    """Joints and tendons that start beyond their range."""
+    """Yields joints and tendons that start beyond their range."""
     model = context.model
     for joint in map(int, np.flatnonzero(model.jnt_limited)):
         if beyond := beyond_range(model, joint, model.qpos0):
@@ -74,13 +74,13 @@ def starts_beyond_range(context: LintContext) -> Iterator[Violation]:
             yield context.violation("tendon", tendon, message, remedy, "note")  # usually a taut string
 
 
-@rule("MJ305", "warning", "angle in another unit than meant")
+@rule("MJ305", "warning", "angle probably in the wrong unit")
 def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
-    """Ranges of joints in degrees that look like radians, and the other way round."""
+    """Yields ranges of joints in degrees that look like radians, and the other way round."""
     model, spec = context.model, context.spec
     for joint in map(int, np.flatnonzero(model.jnt_limited & np.isin(model.jnt_type, ROTATING))):
         place = context.place("joint", joint)
-        attached = place.origin or (place.line is None and context.source.attached)  # in a unit of its own
+        attached = place.origin or (place.line is None and context.source.attached)  # the unit may differ there
         if attached or not spec:
             continue
         if explanation := _other_unit(model.jnt_range[joint], bool(spec.compiler.degree)):
@@ -88,29 +88,29 @@ def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
 
 
 def _other_unit(span: np.ndarray, degree: bool) -> tuple[str, str] | None:
-    """Message and remedy for a range `(2,)` [rad], written in degrees or radians, that looks like the other unit."""
+    """Returns message and remedy for a range `(2,)` [rad] that is written in one unit and looks like the other."""
     unit, meant = ("degree", "radian") if degree else ("radian", "degree")
     written = np.degrees(span) if degree else span
     if not (all(map(_quarter_turns, written[written != 0])) if degree else _whole_degrees(written)):
         return None
     low, high = np.degrees(written).round() if degree else np.radians(written)
-    message = f"its range {written[0]:.6g} {written[1]:.6g} is in {unit}s, and looks like {meant}s"
-    return message, f'write <compiler angle="{meant}"/> if that is true of all angles, or range="{low:.4g} {high:.4g}"'
+    message = f"its range {written[0]:.6g} {written[1]:.6g} is in {unit}s, but looks like {meant}s"
+    return message, f'write <compiler angle="{meant}"/> if all angles are, or range="{low:.4g} {high:.4g}"'
 
 
 def _quarter_turns(angle: float) -> bool:
-    """Whether an angle in radians is one to four quarter turns, written with two or more decimals."""
+    """Returns whether an angle in radians is one to four quarter turns, written with two or more decimals."""
     quarters = abs(angle) / (np.pi / 2)
     return 1 <= round(quarters) <= 4 and abs(quarters / round(quarters) - 1) < ROUNDING
 
 
 def _whole_degrees(span: np.ndarray) -> bool:
-    """Whether a range looks like degrees: whole numbers, from an eighth of a turn to a full turn."""
+    """Returns whether a range looks like degrees: whole numbers, from an eighth of a turn to a full turn."""
     return bool((span == span.round()).all()) and 45 <= abs(span).max() <= 360
 
 
 def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
-    """Where a limited joint is, if that is beyond its range; else empty."""
+    """Returns the position of a limited joint if it is beyond its range; else an empty text."""
     kind, start = int(model.jnt_type[joint]), int(model.jnt_qposadr[joint])
     if kind in SCALAR:
         value, unit = float(qpos[start]), "rad" if kind == mujoco.mjtJoint.mjJNT_HINGE else "m"
@@ -124,7 +124,7 @@ def beyond_range(model: mujoco.MjModel, joint: int, qpos: np.ndarray) -> str:
 
 
 def beyond_span(value: float, span: np.ndarray, unit: str = "") -> str:
-    """Where `value` is, if that is beyond `span` `(2,)`; else empty."""
+    """Returns the position of `value` if it is beyond `span` `(2,)`; else an empty text."""
     low, high = map(float, span)
     slack = SLACK * (high - low)
     if low - slack <= value <= high + slack:

@@ -1,4 +1,4 @@
-"""Masses and inertias that make a model ill-conditioned, or move other than intended."""
+"""Masses and inertias that make a model ill-conditioned, or its motion unintended."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ MASSLESS_TYPES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HF
 
 @rule("MJ203", "note", "geom without mass")
 def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
-    """Geoms that collide and have no mass, on a body that moves and takes its mass from its geoms."""
+    """Yields geoms that collide and have no mass, on a moving body whose mass comes from its geoms."""
     model, spec = context.model, context.spec
     if spec is None:
         return
@@ -41,7 +41,7 @@ def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
 
 @rule("MJ204", "warning", "extreme principal inertias")
 def extreme_principal_inertias(context: LintContext) -> Iterator[Violation]:
-    """Bodies that rotate and have next to no inertia about one of their axes."""
+    """Yields bodies that rotate and have almost no inertia about one of their axes."""
     model = context.model
     generated = flex_bodies(model)
     for body in range(1, model.nbody):
@@ -55,7 +55,7 @@ def extreme_principal_inertias(context: LintContext) -> Iterator[Violation]:
 
 @rule("MJ205", "warning", "extreme inertias in one tree")
 def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
-    """Kinematic trees whose joints move very different inertias, which costs digits in every step."""
+    """Yields kinematic trees whose joints move very different inertias, which costs digits in every step."""
     model = context.model
     for tree in range(model.ntree):
         tree_dofs = [int(dof) for dof in np.flatnonzero(model.dof_treeid == tree)]

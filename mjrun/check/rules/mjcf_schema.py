@@ -1,6 +1,6 @@
-"""All violations of MuJoCo's own XML schema, with what was probably meant.
+"""Violations of MuJoCo's own XML schema, all of them, with suggestions.
 
-MuJoCo stops at the first violation, and does not check attributes inside `<frame>` and `<replicate>` at all.
+MuJoCo stops at the first violation, and does not check attributes inside `<frame>` and `<replicate>`.
 """
 
 import re
@@ -27,11 +27,11 @@ MISPLACED_ELEMENT = Rule("MJ103", "error", "element in the wrong place")
 UNKNOWN_ATTRIBUTE = Rule("MJ104", "error", "unknown attribute")
 REMOVED = Rule("MJ105", "error", "removed from MuJoCo")
 STRAY_VALUE = Rule("MJ106", "error", "value outside an attribute")
-REPEATED_ELEMENT = Rule("MJ111", "error", "element given twice")
+REPEATED_ELEMENT = Rule("MJ111", "error", "repeated element")
 
 BODY = "(world)body"  # the schema's name for the node of both
 POSE = {"pos", "quat", "axisangle", "xyaxes", "zaxis", "euler"}
-# What is in MuJoCo's XML reference but not in its schema.
+# Elements in MuJoCo's XML reference that are missing from its schema.
 UNLISTED = {
     "worldbody": frozenset(),
     "frame": frozenset({"name", "childclass", *POSE}),
@@ -43,7 +43,7 @@ UNLIKELY_PARENTS = ("default", "frame", "replicate")  # valid, but seldom what w
 
 @dataclass
 class Node:
-    """What an element may contain: attributes and children; and whether it may occur only once in its parent."""
+    """The attributes and children that an element may contain; `unique` if its parent may contain only one."""
 
     attributes: set[str] = field(default_factory=set)
     children: "dict[str, Node]" = field(default_factory=dict)
@@ -52,7 +52,7 @@ class Node:
 
 @cache
 def schema() -> Node:
-    """The schema of the installed MuJoCo; its root is the parent of `<mujoco>`."""
+    """Returns the schema of the installed MuJoCo; its root is the parent of `<mujoco>`."""
     top = Node()
     path: list[Node] = [top]
     for line in mujoco.mj_printSchema(False, False).splitlines():
@@ -84,7 +84,7 @@ def _split_bodies(root: Node) -> None:
 
 @cache
 def valid_parents() -> dict[str, list[tuple[str, Node]]]:
-    """By tag, the parents that an element may have, and its node in each."""
+    """Returns, by tag, the parents that an element may have, and its node in each."""
     parents_by_tag: dict[str, dict[str, Node]] = {}
     waiting, seen = [("mujoco", schema().children["mujoco"])], set()
     while waiting:
@@ -102,7 +102,7 @@ def valid_parents() -> dict[str, list[tuple[str, Node]]]:
 
 
 def violations(source: XmlSource) -> Iterator[Finding]:
-    """Everything in the XML that is not in the schema, in the order of the file."""
+    """Yields everything in the XML that is not in the schema, in the order of the file."""
     if source.root is None or source.root.tag != "mujoco":
         return
     stack = [(source.root, schema().children["mujoco"])]
@@ -165,7 +165,7 @@ def _repeated(element: Element, node: Node) -> Iterator[Finding]:
 
 
 def _unknown(element: Element, node: Node) -> Finding:
-    """Why this element may not occur here."""
+    """Returns a finding that explains why this element must not occur here."""
     tag, parent = element.tag, element.parent
     assert parent is not None
     if tag in REMOVED_ELEMENTS:
@@ -176,7 +176,7 @@ def _unknown(element: Element, node: Node) -> Finding:
     parents = [tag for tag, _ in valid_parents().get(tag, [])]
     if parents and tag not in FOREIGN_ELEMENTS:
         homes = " or ".join(f"<{home}>" for home in parents[:3])
-        message = f"<{tag}> is in <{clean(parent.tag)}>, but belongs directly in {homes}"
+        message = f"<{tag}> is inside <{clean(parent.tag)}>, but must be directly inside {homes}"
         return MISPLACED_ELEMENT.in_element(element, message, _move(tag, parent, parents[0]))
     message = f"<{clean(parent.tag)}> has no element <{clean(tag)}>{suggestion(tag, node.children)}"
     remedy = FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
@@ -200,7 +200,7 @@ def _children_remedy(tag: str, parent: Element, node: Node) -> str:
 
 
 def _as_attribute(element: Element, node: Node) -> Finding | None:
-    """A finding if `element` is the value of an attribute, as in `<friction>0.3</friction>`."""
+    """Returns a finding if `element` is the value of an attribute, as in `<friction>0.3</friction>`."""
     parent, tag = element.parent, element.tag
     assert parent is not None
     if not (element.text and not element.attributes and not element.children):
@@ -213,15 +213,15 @@ def _as_attribute(element: Element, node: Node) -> Finding | None:
     holder = holders[0]
     inner = node if holder == parent.tag else node.children[holder]
     values = {tag: element.text}
-    if holder != parent.tag:  # with its siblings that belong in the same element
+    if holder != parent.tag:  # add the siblings that belong to the same element
         values = {c.tag: c.text for c in parent.children if c.text and c.tag in inner.attributes}
     example = " ".join(f'{name}="{value}"' for name, value in values.items())
     message = f"<{tag}> is written as an element, but is an attribute of <{holder}>"
-    return STRAY_VALUE.in_element(element, message, f"write <{holder} {example}/>: MJCF has values in attributes")
+    return STRAY_VALUE.in_element(element, message, f"write <{holder} {example}/>: MJCF stores values in attributes")
 
 
 def _is_value(element: Element) -> bool:
-    """Whether an element has been reported as a value."""
+    """Returns whether an element has been reported as a value."""
     return not element.attributes and not element.children
 
 
@@ -233,6 +233,6 @@ def _stray_text(element: Element) -> Finding:
 
 
 def _only_node(element: Element) -> Node | None:
-    """The node of a misplaced element, if it has only one valid parent."""
+    """Returns the node of a misplaced element if it has only one valid parent."""
     parents = valid_parents().get(element.tag, [])
     return parents[0][1] if len(parents) == 1 else None

@@ -1,4 +1,4 @@
-"""What goes wrong with the process that checks a model, rather than in the model."""
+"""Failures of the process that checks a model, rather than faults in the model."""
 
 from mjrun.check.rule import Rule
 
@@ -6,4 +6,4 @@ MISSING_MODEL = Rule("MJ001", "error", "no such model file")
 CRASH = Rule("MJ002", "error", "MuJoCo crashes")
 TIMEOUT = Rule("MJ003", "error", "check exceeds the time limit")
 OUT_OF_MEMORY = Rule("MJ004", "error", "check exceeds the memory limit")
-INTERNAL_ERROR = Rule("MJ005", "error", "mjrun fails to check it")
+INTERNAL_ERROR = Rule("MJ005", "error", "mjrun failed to check it")

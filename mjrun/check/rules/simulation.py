@@ -1,4 +1,4 @@
-"""What goes wrong when a model is simulated: instability, energy out of nowhere, warnings of MuJoCo."""
+"""Faults in a simulation: instability, unexplained energy, warnings of MuJoCo."""
 
 import copy
 from collections.abc import Iterator
@@ -16,17 +16,17 @@ from mjrun.physics.stepper import PhysicsStepper
 UNSTABLE = Rule("MJ701", "error", "unstable simulation")
 ENERGY_GAIN = Rule("MJ702", "warning", "passive model gains energy")
 WARNING = Rule("MJ703", "warning", "MuJoCo warns while stepping")
-FAILED_STEP = Rule("MJ704", "error", "MuJoCo gives up while stepping")
+FAILED_STEP = Rule("MJ704", "error", "MuJoCo fails while stepping")
 KNOWN_BUG = Rule("MJ705", "note", "known bug of the installed MuJoCo")
 CODES = frozenset(rule.code for rule in (UNSTABLE, ENERGY_GAIN, WARNING, FAILED_STEP, KNOWN_BUG))
 
 SAMPLES = 50  # of the energy
-MAX_GAIN = 0.1  # of the largest kinetic energy plus that of a fall by the mean size of a geom
+MAX_GAIN = 0.1  # relative to the largest kinetic energy plus that of a fall by the mean size of a geom
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
 def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
-    """What goes wrong within `steps` steps from the model's own start, without controls."""
+    """Yields the faults within `steps` steps from the model's initial state, without controls."""
     for bug in known_bugs.bugs_of_model(context.model):
         message, _, remedy = bug.partition("; ")
         yield KNOWN_BUG.in_model(context.path, message, remedy)
@@ -36,7 +36,7 @@ def simulate(context: LintContext, steps: int) -> Iterator[Finding]:
 
 def _step(context: LintContext, steps: int) -> Iterator[Finding]:
     model = copy.copy(context.model)
-    model.opt.enableflags |= ENERGY  # which does not affect the motion
+    model.opt.enableflags |= ENERGY  # it does not affect the motion
     energies: list[tuple[float, float]] = []
     passive = True
     with collected_warnings() as warnings:
@@ -61,12 +61,12 @@ def _step(context: LintContext, steps: int) -> Iterator[Finding]:
 
 
 def _sample_steps(steps: int) -> list[int]:
-    """The steps at which to sample the energy, the first and the last included."""
+    """Returns the steps at which to sample the energy, including the first and the last."""
     return sorted({round(k * steps / SAMPLES) for k in range(SAMPLES + 1)})
 
 
 def _conserves_energy(model: mujoco.MjModel) -> bool:
-    """Whether nothing in `model` can do work that MuJoCo's energy does not include."""
+    """Returns whether nothing in `model` can do work that MuJoCo's energy does not include."""
     return not (
         model.nplugin
         or model.nflex
@@ -79,14 +79,14 @@ def _conserves_energy(model: mujoco.MjModel) -> bool:
 
 
 def _energy_gain(context: LintContext, energies: np.ndarray) -> Iterator[Finding]:
-    """A finding if potential plus kinetic energy, `(n, 2)` [J], ever exceeds its initial value."""
+    """Yields a finding if potential plus kinetic energy, `(n, 2)` [J], ever exceeds its initial value."""
     model, total, kinetic = context.model, energies.sum(axis=1), energies[:, 1]
     fall = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity) * model.stat.meansize)
     gain, scale = float(total.max() - total[0]), float(kinetic.max()) + fall
     if gain <= MAX_GAIN * scale or not np.isfinite(gain):
         return
     message = (
-        f"nothing drives it, but its energy grows by {gain:.3g} J, {100 * gain / scale:.0f} % of what moves: "
+        f"nothing drives it, but its energy grows by {gain:.3g} J, {100 * gain / scale:.0f} % of its energy scale: "
         f"from {total[0]:.4g} to {total.max():.4g} J"
     )
     remedy = "use a smaller timestep, or integrator rk4 or implicitfast; look for negative damping and initial overlaps"

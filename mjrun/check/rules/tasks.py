@@ -1,4 +1,4 @@
-"""What is wrong with a task, beside mistakes in its document: what random actions bring to light."""
+"""Faults of a task beyond mistakes in its document: those that random actions reveal."""
 
 from collections.abc import Iterator
 
@@ -26,7 +26,7 @@ SLACK = 1e-9  # relative to a range
 
 
 def beyond_ranges(worlds: TaskWorlds, places: TaskPlaces) -> Iterator[Finding]:
-    """Actions that reach beyond the limits of a control, where MuJoCo cuts them off."""
+    """Yields actions that exceed the limits of a control, where MuJoCo clamps them."""
     model, actions = worlds.model(0), worlds.actions
     limits = np.where(actions.squashed, 1.0, np.inf)
     low, high = np.maximum(actions.low, -limits), np.minimum(actions.high, limits)
@@ -46,20 +46,20 @@ def beyond_ranges(worlds: TaskWorlds, places: TaskPlaces) -> Iterator[Finding]:
                 shown = f"{reached[0]:.4g}..{reached[1]:.4g} of {span[0]:.4g}..{span[1]:.4g}"
                 beyond.append(f"{actuators[actuator]} ({shown})")
         if beyond:
-            message = f"actions reach beyond the ranges of controls, where MuJoCo cuts them off: {listing(beyond)}"
+            message = f"actions exceed the ranges of controls, and MuJoCo clamps them: {listing(beyond)}"
             yield BEYOND_RANGE.finding(message, "lower the scale, or clip", places.at("actions", index))
 
 
 def episode_findings(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
-    """What episodes show."""
+    """Yields the faults that episodes show."""
     yield from _at_once(episodes, places)
     for fault in episodes.not_finite:
         yield _not_finite(fault, episodes, places)
     if episodes.unstable:
         share = f"{len(episodes.unstable)} of {counted(episodes.count, 'episode')}"
         seeds = listing([str(seed) for seed in episodes.unstable])
-        message = f"{share} of {episodes.acting} become unstable: of seeds {seeds}"
-        remedy = "limit what actions can do, by clip, scale or ctrlrange, or take a smaller timestep"
+        message = f"{share} of {episodes.acting} become unstable: seeds {seeds}"
+        remedy = "limit the actions by clip, scale or ctrlrange, or use a smaller timestep"
         yield UNSTABLE.finding(message, remedy, places.at("actions"))
     yield from _constant(episodes, places)
 
@@ -68,8 +68,8 @@ def _at_once(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
     for name, seeds in episodes.ended_at_start.items():
         always = len(seeds) == episodes.count
         which = "every episode" if always else f"{len(seeds)} of {counted(episodes.count, 'episode')}"
-        message = f"{quoted(name)} holds at the start of {which}, before anything is done"
-        remedy = "" if always else f"for instance of that of seed {seeds[0]}"
+        message = f"{quoted(name)} holds at the start of {which}, before the first action"
+        remedy = "" if always else f"for example in that of seed {seeds[0]}"
         yield ENDS_AT_ONCE.finding(
             message, remedy, places.at("terminations", name, "when"), severity="" if always else "warning"
         )
@@ -90,5 +90,5 @@ def _constant(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
     for index, term in enumerate(places.task.observations):
         still = [name for name, owner in episodes.constant if owner == term.name]
         if term.source in MEASURED and still:
-            message = f"{listing(still)}: the same in all of {counted(episodes.count, 'episode')} of {episodes.acting}"
+            message = f"{listing(still)}: the same in all {counted(episodes.count, 'episode')} of {episodes.acting}"
             yield CONSTANT.finding(message, "a policy learns nothing from it", places.at("observations", index))

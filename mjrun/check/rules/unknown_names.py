@@ -9,9 +9,9 @@ from mjrun.check.rule import Finding, Rule
 from mjrun.errors import listing, near, quoted, suggestion
 from mjrun.model.xml_source import Element, attach_paths
 
-UNKNOWN_NAME = Rule("MJ109", "error", "reference to nothing")
+UNKNOWN_NAME = Rule("MJ109", "error", "reference to an unknown name")
 
-# Which elements have the names that an attribute of this name can refer to.
+# The elements whose names an attribute of this name can refer to.
 REFERENTS: dict[str, Callable[[Element], bool]] = {
     "class": lambda e: e.tag == "default",
     "joint": lambda e: e.tag in ("joint", "freejoint"),
@@ -21,13 +21,13 @@ REFERENTS: dict[str, Callable[[Element], bool]] = {
     **{kind: lambda e, kind=kind: e.tag == kind for kind in ("body", "geom", "site", "camera", "frame", "flex")},
     **{kind: lambda e, kind=kind: e.tag == kind for kind in ("mesh", "material", "texture", "hfield", "model", "skin")},
 }
-# What MuJoCo's messages without the name are about: the attribute with the name, and its kind.
+# The subjects of MuJoCo's messages without a name: the attribute with the name, and its kind.
 WITHOUT_NAME = {"target body": ("target", "body"), "default childclass": ("childclass", "class")}
-NAMED_BY_FILE = ("mesh", "hfield", "skin", "texture")  # elements that take their file's name if they have none
+NAMED_BY_FILE = ("mesh", "hfield", "skin", "texture")  # elements that are named after their file by default
 
 
 def unknown_name(error: CompileError, match: re.Match[str]) -> Iterator[Finding]:
-    """The reference in MuJoCo's message, with the names that are valid."""
+    """Yields a finding for the reference in MuJoCo's message, with the valid names."""
     name = match["name"]
     element = error.element(name)
     attribute = next((key for key, value in element.attributes.items() if value == name), "") if element else ""
@@ -38,7 +38,7 @@ def unknown_name(error: CompileError, match: re.Match[str]) -> Iterator[Finding]
 
 
 def unquoted_name(error: CompileError, match: re.Match[str]) -> Iterator[Finding]:
-    """The first reference to nothing of a kind, for a message in which MuJoCo does not give the name."""
+    """Yields a finding for the first unknown reference of a kind, for a message in which MuJoCo omits the name."""
     attribute, kind = WITHOUT_NAME[match["kind"]]
     elements = list(error.source.elements())
     valid = _names(kind, elements)
@@ -52,7 +52,7 @@ def unquoted_name(error: CompileError, match: re.Match[str]) -> Iterator[Finding
 
 
 def _candidates(error: CompileError, element: Element | None, kind: str) -> list[Element]:
-    """The elements that can have the name: those of the attached model for a reference in `<attach>`."""
+    """Returns the elements that can have the name: those of the attached model for a reference in `<attach>`."""
     if element is None or element.tag != "attach" or kind == "model":
         return list(error.source.elements())
     models = [e for e in error.source.elements() if e.tag == "model"]
@@ -62,16 +62,17 @@ def _candidates(error: CompileError, element: Element | None, kind: str) -> list
 
 
 def _valid_names(name: str, kind: str, elements: list[Element]) -> tuple[str, str]:
-    """A suggestion in place of `name`, and a remedy."""
+    """Returns a suggestion in place of `name`, and a remedy."""
     valid = [other for other in _names(kind, elements) if other != name]
     what = f"names of kind {kind}" if kind else "names in the model"
     close = near(name, valid)
-    remedy = f"write {quoted(close[0])}" if close else f"{what}: {listing(valid)}" if valid else f"there are no {what}"
+    choices = f"{what}: {listing(valid)}" if valid else f"the model has no {what}"
+    remedy = f"write {quoted(close[0])}" if close else choices
     return suggestion(name, valid), remedy
 
 
 def _names(kind: str, elements: list[Element]) -> list[str]:
-    """The names of a kind, or all names if it is empty."""
+    """Returns the names of a kind, or all names if it is empty."""
     candidates = [e for e in elements if not kind or REFERENTS[kind](e)]
     return sorted({name for e in candidates if (name := _name(e, kind))})
 

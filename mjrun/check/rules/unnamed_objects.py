@@ -15,9 +15,9 @@ LISTED = 8  # numbers in one message
 
 @rule("MJ201", "note", "object without a name")
 def unnamed_objects(context: LintContext) -> Iterator[Violation]:
-    """Joints, actuators, sensors and cameras without a name, one violation for each kind.
+    """Yields joints, actuators, sensors and cameras without a name, one violation for each kind.
 
-    The only joint of a body can be addressed by the name of its body, and what a flexcomp makes cannot be named.
+    The only joint of a body can be addressed by the name of its body, and the parts of a flexcomp cannot be named.
     """
     for kind in ADDRESSED:
         count = getattr(context.model, COUNTS[kind])
@@ -29,12 +29,12 @@ def unnamed_objects(context: LintContext) -> Iterator[Violation]:
             continue
         numbers = [str(i) for i in unnamed[:LISTED]] + ["…"] * (len(unnamed) > LISTED)
         message = f"{len(unnamed)} {kind}{'s' * (len(unnamed) > 1)} without a name: {kind}:{', '.join(numbers)}"
-        remedy = "name what you want to address: numbers shift whenever the model changes"
+        remedy = "name the objects that you want to address: numbers shift whenever the model changes"
         yield context.violation(kind, unnamed[0], message, remedy)
 
 
 def flex_bodies(model: mujoco.MjModel) -> set[int]:
-    """The bodies that carry a flex."""
+    """Returns the bodies that carry a flex."""
     return {int(b) for b in np.concatenate([model.flex_vertbodyid, model.flex_nodebodyid])}
 
 

@@ -1,1 +1,1 @@
-"""Descriptions of compiled models, a module per kind of object, as typed plain values."""
+"""Descriptions of compiled models as typed plain values, one module per kind of object."""

@@ -1,4 +1,4 @@
-"""Actuators, with what they act on and their force laws, and sensors, with what they measure."""
+"""Descriptions of actuators, with their targets and force laws, and of sensors."""
 
 from dataclasses import dataclass
 from operator import itemgetter
@@ -19,13 +19,13 @@ from mjrun.model.description.declaration import (
 from mjrun.model.names import enum_name
 from mjrun.model.units import actuator_force_unit, actuator_unit, sensor_unit
 
-# MJCF elements that follow from the type of gain alone.
+# MJCF elements that the type of the gain alone determines.
 BY_GAIN = {"so3": "orientation", "pid": "pid", "dcmotor": "dcmotor", "muscle": "muscle"}
 POSITION_FILTERS = ("none", "filter", "filterexact")
 
 
 def _kind(model: mujoco.MjModel, i: int) -> str:
-    """The element that sets what this actuator has, as MuJoCo's manual lists for each of them:
+    """Returns the MJCF element whose settings an actuator has, as MuJoCo's manual lists them:
     https://mujoco.readthedocs.io/en/latest/XMLreference.html#actuator
     """
     dynamics = enum_name(mujoco.mjtDyn, model.actuator_dyntype[i])
@@ -48,7 +48,7 @@ def _kind(model: mujoco.MjModel, i: int) -> str:
 
 
 def _servo(dynamics: str, gains: tuple[float, ...], biases: tuple[float, ...]) -> str:
-    """What has a gain k and the bias 0, −k, −kv or 0, 0, −k; a cylinder has its area and any bias."""
+    """Returns the element with a gain k and the bias 0, −k, −kv or 0, 0, −k; a cylinder has its area and any bias."""
     constant, position, velocity = (*biases, 0.0, 0.0, 0.0)[:3]
     gain = gains[0] if gains else 0.0
     if constant == 0 and gain and position == -gain:
@@ -80,21 +80,21 @@ class Actuator(ModelObject):
     """An actuator: its force is gain · (control or activation) + bias.
 
     Attributes:
-      kind: the MJCF element that writes such an actuator: `motor`, `position` …; `general` where it is none of them.
+      kind: the MJCF element that creates such an actuator: `motor`, `position` …; otherwise `general`.
       transmission: `joint`, `tendon`, `site` …
-      target_kind, target: what it acts on.
-      reference: the site of a slider, or the site that a site is moved relative to; None without one.
-      gear: of each of its forces, without the zeros at the end.
-      unit, force_unit: of its length and of its force, before the gear; empty where MuJoCo does not tell.
-      dynamics, gain, bias: their types; their parameters are without the zeros at the end.
-      ctrl, ctrl_size: where its controls are in `ctrl`.
-      ctrl_range: of each control; None without limits.
-      act, act_size: where its activations are in `act`; None without any.
-      act_range: None without limits.
-      force_range: [force_unit]; None without limits.
-      delay: of its controls [s].
-      damping, armature: that it adds to its target.
-      group: by which it is shown, or disabled.
+      target_kind, target: the object that it acts on.
+      reference: the site of a slider, or the site that a site moves relative to; None without one.
+      gear: the gear of each output, without trailing zeros.
+      unit, force_unit: the units of its length and of its force, before the gear; empty if unknown.
+      dynamics, gain, bias: their types; their parameters are listed without trailing zeros.
+      ctrl, ctrl_size: the address and the number of its controls in `ctrl`.
+      ctrl_range: the range of each control; None without limits.
+      act, act_size: the address and the number of its activations in `act`; the address is None without any.
+      act_range: the range of its activation; None without limits.
+      force_range: the range of its force [force_unit]; None without limits.
+      delay: the delay of its controls [s].
+      damping, armature: the damping and armature that it adds to its target.
+      group: the group by which it is shown or disabled.
       plugin: the plugin instance that computes its force; None without one.
     """
 
@@ -129,7 +129,7 @@ class Actuator(ModelObject):
 
 
 def _object_kind(kind: str, index: str) -> Any:
-    """The kind of object that sensors refer to; None of no object."""
+    """Returns an attribute with the kind of the object that a sensor refers to; None without one."""
 
     def object_kind(model: mujoco.MjModel, sensor: int) -> str | None:
         obj, refers = int(getattr(model, kind)[sensor]), getattr(model, index)[sensor] >= 0
@@ -143,17 +143,17 @@ class Sensor(ModelObject):
     """A sensor.
 
     Attributes:
-      type: MuJoCo's word, `framepos`, `touch` …
-      object_kind, object: what it measures; None of the whole model. The kind `xbody` is a body by its frame,
-        `body` by the frame of its inertia.
-      reference_kind, reference: what it measures relative to, or the other object; None for the world.
-      dim, address: its values are `sensordata[address : address + dim]`.
-      unit: of its values; empty for pure numbers, and where it reports several things.
+      type: MuJoCo's name of the type: `framepos`, `touch` …
+      object_kind, object: the measured object; None for the whole model. The kind `xbody` is a body by its frame,
+        `body` a body by the frame of its inertia.
+      reference_kind, reference: the object that the values are relative to, or the second object; None for the world.
+      dim, address: the values are `sensordata[address : address + dim]`.
+      unit: the unit of the values; empty for pure numbers and for mixed units.
       data_type: `real`, `positive`, `axis` or `quaternion`.
-      needs: the state it is computed from: `pos`, `vel` or `acc`.
-      cutoff: beyond which its values are cut [unit]; None without one.
-      noise: standard deviation that the model tells of [unit]; MuJoCo adds none.
-      delay, period: of its values [s]; 0 for none.
+      needs: the stage of the state that it is computed from: `pos`, `vel` or `acc`.
+      cutoff: the magnitude at which values are cut off [unit]; None without one.
+      noise: the standard deviation that the model states [unit]; MuJoCo adds no noise.
+      delay, period: the delay and the period of its values [s]; 0 for none.
       plugin: the plugin instance that computes it; None without one.
     """
 

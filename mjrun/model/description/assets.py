@@ -1,6 +1,6 @@
 """The files and assets of a model: its sources, meshes, textures, height fields and skins.
 
-A compiled model does not record its includes, attached models and faces of cubes: MJCF is searched for these.
+A compiled model does not record its includes, attached models and cube faces; these are searched for in the MJCF.
 """
 
 import os.path
@@ -17,27 +17,27 @@ from mjrun.model.archive_files import file_content, file_size, main_mjcf
 from mjrun.model.names import PREFIXES, names
 
 KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
-# The numbers that tell how large an asset is, by the fields that hold them.
+# The fields that hold the size of an asset.
 CONTENT = {
     "mesh": {"vertices": "mesh_vertnum", "faces": "mesh_facenum"},
     "texture": {"width": "tex_width", "height": "tex_height", "channels": "tex_nchannel"},
     "hfield": {"rows": "hfield_nrow", "columns": "hfield_ncol"},
     "skin": {"vertices": "skin_vertnum", "faces": "skin_facenum"},
 }
-NAMING = ("include", "model", "texture", "flexcomp")  # elements that name such files
+NAMING = ("include", "model", "texture", "flexcomp")  # elements that refer to such files
 FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 
 @dataclass(frozen=True)
 class Asset:
-    """A file, or an asset without one: built in, or written in the MJCF.
+    """A file, or an asset without a file: built in, or written in the MJCF.
 
     Attributes:
       kind: `model`, `include`, `attached model`, `mesh`, `texture`, `hfield`, `skin` or `flexcomp`.
-      name: of the asset; None of a source.
-      path: None without a file. One inside an archive begins with the archive's path.
-      bytes: on disk; None if it is not there, as for a compiled model that was moved.
-      content: its size in the compiled model: `vertices` and `faces`; `width`, `height` and `channels`;
+      name: the name of the asset; None for a source.
+      path: the path of the file; None without a file. A path inside an archive begins with the path of the archive.
+      bytes: the size on disk; None if the file is missing, as after a compiled model was moved.
+      content: the size in the compiled model: `vertices` and `faces`; `width`, `height` and `channels`;
         `rows` and `columns`; empty for a source.
     """
 
@@ -49,7 +49,7 @@ class Asset:
 
 
 def assets(model: mujoco.MjModel, path: Path | None) -> tuple[Asset, ...]:
-    """Every file that can be found, the model's own first, and every asset without one."""
+    """Returns all files that exist, the model's own first, and all assets without a file."""
     main = None if path is None else main_mjcf(path)
     referenced = [] if main is None else referenced_files(main)
     faces: dict[str, list[str]] = {}
@@ -66,7 +66,7 @@ def _file(kind: str, name: str | None, path: str | None, content: dict[str, int]
 
 
 def _compiled(model: mujoco.MjModel, faces: Mapping[str, Sequence[str]]) -> Iterator[Asset]:
-    """The assets in a compiled model; `faces` are the files of textures that record none."""
+    """Yields the assets of a compiled model; `faces` are the files of textures whose file is not recorded."""
     for kind, sizes in CONTENT.items():
         paths = getattr(model, f"{PREFIXES[kind]}_pathadr")
         for i, name in enumerate(names(model, kind)):
@@ -78,7 +78,7 @@ def _compiled(model: mujoco.MjModel, faces: Mapping[str, Sequence[str]]) -> Iter
 
 
 def _path(model: mujoco.MjModel, start: np.integer) -> str | None:
-    """The path that begins at `start` in the model's list of them; None at −1."""
+    """Returns the path that begins at `start` in the model's list of paths; None for −1."""
     if start < 0:
         return None
     paths = model.paths
@@ -87,7 +87,7 @@ def _path(model: mujoco.MjModel, start: np.integer) -> str | None:
 
 @dataclass(frozen=True)
 class ReferencedFile:
-    """A file that MJCF refers to: `kind` is `include`, `model`, `texture` or `flexcomp`, `name` is the element's."""
+    """A file that MJCF refers to: `kind` is `include`, `model`, `texture` or `flexcomp`, `name` that of the element."""
 
     kind: str
     name: str
@@ -103,9 +103,9 @@ class _SourceFile:
 
 
 def referenced_files(main: str) -> list[ReferencedFile]:
-    """Every existing file that the MJCF at `main`, and what it includes or attaches, refers to; each once.
+    """Returns the existing files that the MJCF at `main`, its includes and its attached models refer to, each once.
 
-    A file that cannot be read or is not XML refers to none.
+    A file that cannot be read or is not XML refers to no files.
     """
     files: dict[str, ReferencedFile] = {}
     queue, visited = [(main, main)], {main}
@@ -146,12 +146,12 @@ def _references(source: _SourceFile, path: str, root: str) -> Iterator[Reference
 
 
 def _resolve(file: str, path: str, root: str, folders: dict[str, str]) -> str | None:
-    """The path of a file: beside the source that refers to it, beside the main one, or in a folder of assets."""
+    """Returns the path of a file next to the source that refers to it, next to the main one, or in an asset folder."""
     if not file:
         return None
     bases = [os.path.dirname(path), os.path.dirname(root)]  # noqa: PTH120 – a pathlib path would drop the leading ./
     places = [os.path.join(base, folder, file) for folder in ("", *folders.values()) for base in bases]  # noqa: PTH118
-    # A folder name counts only for the file name where MuJoCo strips paths; both are tried.
+    # MuJoCo may strip the folders from a file name; both forms are tried.
     places += [os.path.join(base, folder, Path(file).name) for folder in folders.values() for base in bases]  # noqa: PTH118
     normal = (os.path.normpath(place) for place in places)
     return next((place for place in normal if file_size(place) is not None), None)

@@ -1,4 +1,4 @@
-"""Bodies and what is fixed to them: joints, geoms, sites, cameras, lights."""
+"""Descriptions of bodies and of the objects attached to them: joints, geoms, sites, cameras and lights."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ from mjrun.model.fields import floats
 from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, enum_members, enum_name, object_names
 from mjrun.model.units import joint_unit
 
-# How many of a geom's three sizes its type has.
+# The number of sizes that a type of geom has, if not three.
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
 AXES = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 ORTHOGRAPHIC = int(mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)
@@ -45,19 +45,19 @@ def _types(enum: Any, values: np.ndarray) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Body(ModelObject):
-    """A body and what hangs on it.
+    """A body and the objects attached to it.
 
     Attributes:
-      parent: id of the body that it is attached to; −1 for the world.
-      depth: how many bodies lie between it and the world, plus one; 0 for the world.
-      joints, geoms, sites: names, in order.
+      parent: the id of its parent body; −1 for the world.
+      depth: the number of bodies between it and the world, plus one; 0 for the world.
+      joints, geoms, sites: the names of its joints, geoms and sites, in order.
       joint_types, geom_types: the types of its joints and geoms, in the same order.
-      mass, subtree_mass: of the body, and of all that hangs on it too [kg].
-      position: in its parent [m].
-      centre_of_mass: in the body [m].
-      inertia: about its principal axes [kg·m²].
-      gravity_compensation: the share of its weight that is lifted.
-      mocap: moved by mocap data.
+      mass, subtree_mass: the mass of the body alone, and with all descendants [kg].
+      position: the position in its parent [m].
+      centre_of_mass: the position of the centre of mass in the body [m].
+      inertia: the moments of inertia about its principal axes [kg·m²].
+      gravity_compensation: the share of its weight that is compensated.
+      mocap: true if mocap data move it.
     """
 
     KIND = "body"
@@ -110,20 +110,20 @@ class Joint(ModelObject):
     """A joint. Its `unit` is `rad` for hinge and ball, `m` for slide, and empty for free, which has both.
 
     Attributes:
-      body: that it moves.
+      body: the body that it moves.
       type: `free`, `ball`, `slide` or `hinge`.
-      unit: of its position.
-      axis: in the body; None for ball and free.
-      anchor: in the body [m].
-      range: of its position [unit]; of a ball the angle; None without limits.
-      qpos, qpos_size: where its position is in `qpos`.
-      dof, dof_size: where its velocity is in `qvel`.
-      qpos0: its position in the model's own configuration.
-      spring_reference: where its spring rests [unit]; None for ball and free.
-      stiffness, damping: [force/unit], [force·s/unit]; a force is N, or N·m per rad.
-      stiffness_polynomial, damping_polynomial: coefficients of the higher orders.
+      unit: the unit of its position.
+      axis: the axis in the body; None for ball and free.
+      anchor: the anchor in the body [m].
+      range: the range of its position [unit], of its angle for a ball; None without limits.
+      qpos, qpos_size: the address and the size of its position in `qpos`.
+      dof, dof_size: the address and the size of its velocity in `qvel`.
+      qpos0: its position in the initial configuration of the model.
+      spring_reference: the rest position of its spring [unit]; None for ball and free.
+      stiffness, damping: [force/unit], [force·s/unit]; a force is N, or N·m for rad.
+      stiffness_polynomial, damping_polynomial: the coefficients of the higher orders.
       armature, frictionloss: [kg or kg·m²], [force].
-      actuator_force_range: of all actuators together [force]; None without limits.
+      actuator_force_range: the range of the total actuator force [force]; None without limits.
     """
 
     KIND = "joint"
@@ -150,7 +150,7 @@ class Joint(ModelObject):
 
 
 def _size(kind: str) -> Any:
-    """The sizes of geoms or sites, as many as their types have."""
+    """Returns an attribute with the sizes of geoms or sites, as many as their types have."""
 
     def sizes(model: mujoco.MjModel, index: int) -> tuple[float, ...]:
         shape = enum_name(mujoco.mjtGeom, getattr(model, f"{kind}_type")[index])
@@ -164,16 +164,16 @@ class Geom(ModelObject):
     """A geom.
 
     Attributes:
-      body: of the geom.
+      body: the body of the geom.
       type: `box`, `capsule`, `mesh` …
       asset: the mesh or height field that it shows; None for a primitive.
-      size: as its type has it, in half lengths and radii [m]; of a mesh half the box around it.
-      position: in the body [m].
-      contype, conaffinity: two geoms can touch where a bit of one meets a bit of the other.
-      condim, friction: of its contacts; friction is sliding, torsional [m], rolling [m].
+      size: the half lengths and radii of its type [m]; for a mesh half the size of its bounding box.
+      position: the position in the body [m].
+      contype, conaffinity: two geoms can touch if a bit of one matches a bit of the other.
+      condim, friction: the dimension of its contacts and their friction: sliding, torsional [m], rolling [m].
       margin, gap: [m].
-      group: by which it is shown or hidden.
-      material: None without one.
+      group: the group by which it is shown or hidden.
+      material: the name of its material; None without one.
     """
 
     KIND = "geom"
@@ -223,7 +223,7 @@ def _height(model: mujoco.MjModel, camera: int) -> float | None:
 
 
 def _of_lens(field: str, part: slice, *, is_detail: bool = False) -> Any:
-    """Numbers of cameras that have a sensor size, which have no angle of view."""
+    """Returns an attribute of the cameras that have a sensor size, and therefore no angle of view."""
 
     def read(model: mujoco.MjModel, camera: int) -> tuple[float, ...] | None:
         return floats(getattr(model, field)[camera][part]) if _has_lens(model, camera) else None
@@ -240,17 +240,17 @@ class Camera(ModelObject):
     """A camera.
 
     Attributes:
-      body: that it is fixed to.
+      body: the body that it is fixed to.
       mode: `fixed`, `track`, `trackcom`, `targetbody` or `targetbodycom`.
       target: the body that it turns to; None without one.
       projection: `perspective` or `orthographic`.
-      fovy: angle of view from top to bottom [°]; None for a camera that is orthographic or has a sensor size.
-      height: what an orthographic camera sees from top to bottom [m]; None for another.
-      sensor_size, focal_length, principal_point: [m]; the point is where the optical axis meets the image, from
-        its centre. None for a camera that fovy describes.
-      resolution: width and height that it was made for [px]; (1, 1) if not set. Images do not follow it.
-      outputs: kinds of images that it was made for: `rgb`, `depth` …
-      position: in its body [m].
+      fovy: the vertical angle of view [°]; None for a camera that is orthographic or has a sensor size.
+      height: the vertical extent of the view of an orthographic camera [m]; None for other cameras.
+      sensor_size, focal_length, principal_point: [m]; the principal point is where the optical axis meets the image,
+        relative to its centre. None for a camera that fovy describes.
+      resolution: the intended width and height [px]; (1, 1) if not set. Images do not follow it.
+      outputs: the intended kinds of images: `rgb`, `depth` …
+      position: the position in its body [m].
     """
 
     KIND = "camera"
@@ -274,11 +274,11 @@ class Light(ModelObject):
     """A light.
 
     Attributes:
-      body: that it is fixed to.
+      body: the body that it is fixed to.
       type: `spot`, `directional`, `point` or `image`.
-      mode, target: as of a camera.
-      position: in its body [m].
-      active, shadow: shines; casts shadows.
+      mode, target: as for a camera.
+      position: the position in its body [m].
+      active, shadow: true if it shines, and if it casts shadows.
     """
 
     KIND = "light"

@@ -1,4 +1,4 @@
-"""Tendons, equality constraints, which geoms may touch, and flexes."""
+"""Descriptions of tendons, equality constraints, contact pairs, contact excludes, and flexes."""
 
 from dataclasses import dataclass
 from operator import itemgetter
@@ -25,8 +25,8 @@ EQUALITIES = {0: "none", 1: "edges", 3: "strain"}
 
 @dataclass(frozen=True)
 class PathPoint:
-    """What a tendon passes: a `joint` with its coefficient, a `site`, a `sphere` or `cylinder` of that geom,
-    or a `pulley`, which has a divisor and no name.
+    """An element of the path of a tendon: a `joint` with its coefficient, a `site`, a `sphere` or `cylinder` of that
+    geom, or a `pulley`, which has a divisor and no name.
     """
 
     kind: str
@@ -52,15 +52,15 @@ class Tendon(ModelObject):
 
     Attributes:
       type: `fixed`, a weighted sum of joints, or `spatial`, along sites and around geoms.
-      unit: of its length: `m`, or `rad` for a sum of angles; empty where joints of both kinds are summed.
-      path: what it passes, in order.
-      length0: in the model's own configuration [unit].
-      range: of its length [unit]; None without limits.
-      spring_length: between which its spring is slack [unit].
-      stiffness, damping: [force/unit], [force·s/unit]; a force is N, or N·m per rad.
-      stiffness_polynomial, damping_polynomial: coefficients of the higher orders.
+      unit: the unit of its length: `m`, or `rad` for a sum of angles; empty for a sum of both.
+      path: the elements of its path, in order.
+      length0: the length in the initial configuration of the model [unit].
+      range: the range of its length [unit]; None without limits.
+      spring_length: the range of lengths in which its spring is slack [unit].
+      stiffness, damping: [force/unit], [force·s/unit]; a force is N, or N·m for rad.
+      stiffness_polynomial, damping_polynomial: the coefficients of the higher orders.
       armature, frictionloss: [kg or kg·m²], [force].
-      actuator_force_range: of all actuators together [force]; None without limits.
+      actuator_force_range: the range of the total actuator force [force]; None without limits.
     """
 
     KIND = "tendon"
@@ -86,11 +86,11 @@ class Equality(ModelObject):
 
     Attributes:
       type: `connect`, `weld`, `joint`, `tendon`, `flex` …
-      object_kind, object1, object2: what it binds; the second is None where it binds to a constant or the world.
-      active: at the start.
-      data: its numbers in MuJoCo's order, without the zeros at the end: anchors, a relative pose, coefficients of a
-        polynomial, as the type has it.
-      solref, solimp: of its solver.
+      object_kind, object1, object2: the bound objects; the second is None for a binding to a constant or the world.
+      active: true if it is active at the start.
+      data: its numbers in MuJoCo's order, without trailing zeros: anchors, a relative pose or polynomial coefficients,
+        depending on the type.
+      solref, solimp: its solver parameters.
     """
 
     KIND = "equality"
@@ -107,13 +107,13 @@ class Equality(ModelObject):
 
 @dataclass(frozen=True)
 class ContactPair(ModelObject):
-    """Two geoms that touch by rules of their own.
+    """Two geoms with dedicated contact parameters.
 
     Attributes:
-      geom1, geom2: that touch.
-      condim, friction: friction is along two tangents, torsional [m], rolling about two [m].
+      geom1, geom2: the two geoms.
+      condim, friction: the friction along two tangents, torsional [m], rolling about two [m].
       margin, gap: [m].
-      solref, solimp: of its solver.
+      solref, solimp: its solver parameters.
     """
 
     KIND = "pair"
@@ -144,16 +144,16 @@ class Flex(ModelObject):
 
     Attributes:
       elements_are: `lines`, `triangles` or `tetrahedra`.
-      vertices, edges, elements, nodes: how many.
-      radius: around its elements [m].
-      half_size: of the box around it in the model's own configuration [m].
-      rigid: all of it belongs to one body.
-      interpolated: it moves with a few nodes instead of its vertices.
-      edge_equality: what keeps it together: `none`, `edges` or `strain`; other ways are numbers of MuJoCo's.
-      edge_stiffness, edge_damping, damping: of its edges, and of its elements [s].
-      self_collision: MuJoCo's word, `none`, `auto` …
-      condim, friction: of its contacts.
-      group: by which it is shown or hidden.
+      vertices, edges, elements, nodes: their numbers.
+      radius: the radius around its elements [m].
+      half_size: half the size of its bounding box in the initial configuration of the model [m].
+      rigid: true if all of it belongs to one body.
+      interpolated: true if a few nodes move it instead of its vertices.
+      edge_equality: the constraint of its edges: `none`, `edges` or `strain`; others as MuJoCo's number.
+      edge_stiffness, edge_damping, damping: those of its edges, and the damping of its elements [s].
+      self_collision: MuJoCo's name: `none`, `auto` …
+      condim, friction: the parameters of its contacts.
+      group: the group by which it is shown or hidden.
     """
 
     KIND = "flex"

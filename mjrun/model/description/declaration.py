@@ -1,7 +1,7 @@
-"""Declarations of descriptions: which field of MuJoCo's each attribute of a dataclass has, and how tables show it.
+"""Declarations of descriptions: the MuJoCo field that each attribute of a dataclass holds, and its column in tables.
 
-An attribute that names a field has its values as `mjrun.model.fields` puts them in words, and its unit by
-`mjrun.model.units`. Tables show it under its own name.
+The values of a field come from `mjrun.model.fields`, their unit from `mjrun.model.units`. By default the column has the
+name of the attribute.
 """
 
 import dataclasses
@@ -24,12 +24,12 @@ class Fact:
     """The origin of an attribute, and its column in tables.
 
     Attributes:
-      read: the values of all objects of a model, in order of id; from a model and their kind.
-      heading: of the column.
-      unit: of the values, from a model and an id.
-      usual: a number that tells nothing: the column is blank where every object has it.
-      is_detail: whether the column is left out where there is no room.
-      is_range: whether each value is a range.
+      read: the function that returns the values of all objects in order of id, given a model and their kind.
+      heading: the heading of the column.
+      unit: the function that returns the unit, given a model and an id.
+      usual: an uninformative value: the column is blank if every object has it.
+      is_detail: true if the column is omitted where space is short.
+      is_range: true if each value is a range.
     """
 
     read: Callable[[mujoco.MjModel, str], Sequence[Any]]
@@ -45,7 +45,7 @@ class ModelObject:
     """An object of a model.
 
     Attributes:
-      id, name: of the object; `geom:3` if it has no name.
+      id, name: its id and name; `geom:3` if it has no name.
     """
 
     KIND: ClassVar[str]
@@ -55,13 +55,13 @@ class ModelObject:
 
     @classmethod
     def facts(cls) -> dict[str, Fact]:
-        """What is declared of each attribute, by its name."""
+        """Returns the declaration of each attribute, by name."""
         declared = {field.name: field.metadata.get("fact") for field in dataclasses.fields(cls)}
         return {name: fact for name, fact in declared.items() if fact}
 
 
 def objects(kind: type[T], model: mujoco.MjModel) -> tuple[T, ...]:
-    """The descriptions of all objects of a kind, in order of id."""
+    """Returns the descriptions of all objects of a kind, in order of id."""
     columns = [fact.read(model, kind.KIND) for fact in kind.facts().values()]
     own_names = names(model, kind.KIND)
     return tuple(map(kind, range(len(own_names)), own_names, *columns))
@@ -77,13 +77,13 @@ def of_field(
     usual: float = 0,
     is_detail: bool = False,
 ) -> Any:
-    """An attribute that has the values of the field `name` of MjModel.
+    """Declares an attribute that holds the values of the field `name` of MjModel.
 
     Args:
-      at: the field with the row of each object; by default this is its id.
-      then: turns each value into another.
-      heading: of the column; by default the name of the attribute.
-      unit: of the values; by default that of the field.
+      at: the field with the row of each object; by default the row is its id.
+      then: a function applied to each value.
+      heading: the heading of the column; by default the name of the attribute.
+      unit: the unit of the values; by default that of the field.
     """
 
     def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
@@ -99,7 +99,7 @@ def of_field(
 
 
 def within_limits(limited: str, limits: str, *, is_detail: bool = False) -> Any:
-    """An attribute that has the range in the field `limits` where the field `limited` enforces it, else None."""
+    """Declares an attribute that holds the range in the field `limits`; None unless the field `limited` enforces it."""
 
     def read(model: mujoco.MjModel, kind: str) -> Sequence[Pair | None]:
         return limited_ranges(getattr(model, limited), getattr(model, limits))
@@ -116,7 +116,7 @@ def computed(
     unit: str = "",
     is_detail: bool = False,
 ) -> Any:
-    """An attribute that is computed from a model and the id of the object."""
+    """Declares an attribute that is computed from a model and the id of the object."""
 
     def read(model: mujoco.MjModel, kind: str) -> Sequence[Any]:
         return [compute(model, i) for i in range(getattr(model, COUNTS[kind]))]
@@ -125,7 +125,7 @@ def computed(
 
 
 def referred_kind(field: str) -> Any:
-    """An attribute that has the kind of object which the ids in a field refer to."""
+    """Declares an attribute that holds the kind of object which the ids in a field refer to."""
 
     def read(model: mujoco.MjModel, kind: str) -> Sequence[str]:
         kinds = referred_kinds(model, field)
@@ -140,12 +140,12 @@ def _attribute(fact: Fact) -> Any:
 
 
 def limited_ranges(limited: Sequence[Any], limits: Sequence[Any]) -> list[Pair | None]:
-    """Each range, or None where it is not enforced."""
+    """Returns each range, or None if it is not enforced."""
     return [(float(low), float(high)) if on else None for on, (low, high) in zip(limited, limits, strict=True)]
 
 
 def without_trailing_zeros(values: Sequence[Any]) -> tuple[float, ...]:
-    """Numbers as floats, without the zeros at the end."""
+    """Returns numbers as floats, without trailing zeros."""
     numbers = list(floats(values))
     while numbers and numbers[-1] == 0:
         numbers.pop()

@@ -1,4 +1,4 @@
-"""Keyframes, and whether a simulation can start from them."""
+"""Descriptions of keyframes, with the numbers that prevent a simulation from starting there."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.model.description.declaration import ModelObject, computed, of_field
 from mjrun.model.names import BALL, names
 
-SLACK = 1e-9  # of a range, for what decimals of an angle cannot say
+SLACK = 1e-9  # relative to a range, for the rounding of angles written in decimals
 
 
 def _joints_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
@@ -39,7 +39,7 @@ def _block(start: int, count: int) -> Sequence[int]:
 
 
 def _turned(quaternion: np.ndarray) -> float:
-    """The angle of a rotation [rad], which is what the range of a ball joint limits."""
+    """Returns the angle of a rotation [rad], which the range of a ball joint limits."""
     return 2 * float(np.arctan2(np.linalg.norm(quaternion[1:]), abs(quaternion[0])))
 
 
@@ -66,9 +66,9 @@ class Keyframe(ModelObject):
     """A keyframe.
 
     Attributes:
-      time: [s].
-      finite: every number in it is.
-      outside: what lies outside its range, by the names of columns: `qpos/knee`, `ctrl/motor`, `act/muscle`.
+      time: the time [s].
+      finite: true if every number in it is finite.
+      outside: the columns whose values are outside their range: `qpos/knee`, `ctrl/motor`, `act/muscle`.
     """
 
     KIND = "keyframe"

@@ -29,8 +29,8 @@ SIZES = (
 
 @dataclass(frozen=True)
 class MemorySize:
-    """What the model takes in memory [bytes]: `model`, `data` without its arena, and the `arena`, which holds
-    contacts, constraints and what is computed on the way.
+    """The memory that the model needs [bytes]: `model`, `data` without its arena, and the `arena`, which holds
+    contacts, constraints and temporary values.
     """
 
     model: int
@@ -40,21 +40,21 @@ class MemorySize:
 
 @dataclass(frozen=True)
 class ModelSummary:
-    """The whole of a model in a few numbers.
+    """The key properties of a model.
 
     Attributes:
-      name: of the model.
-      file: its path; None of a model that is in memory only.
+      name: the name of the model.
+      file: its path; None for a model that exists in memory only.
       mujoco: the version that compiled it.
-      mass: of all bodies [kg].
-      centre_of_mass: of all bodies in the model's own configuration [m]; None where nothing has a mass.
-      extent, center: of the model in space, as its statistics say [m].
+      mass: the mass of all bodies [kg].
+      centre_of_mass: that of all bodies in the initial configuration [m]; None if nothing has mass.
+      extent, center: the size and centre of the model in space, according to its statistics [m].
       timestep: [s].
       gravity: [m/s²].
-      integrator, solver, cone: by MuJoCo's names.
-      jacobian: `dense` or `sparse`, as it is in effect.
-      memory: [bytes].
-      sizes: by MuJoCo's names: `nq`, `nv`, `nbody` …
+      integrator, solver, cone: MuJoCo's names.
+      jacobian: the effective type, `dense` or `sparse`.
+      memory: the memory that it needs [bytes].
+      sizes: the sizes by MuJoCo's names: `nq`, `nv`, `nbody` …
     """
 
     name: str
@@ -75,7 +75,7 @@ class ModelSummary:
 
 
 def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
-    """The summary and the statistics of a model."""
+    """Returns the summary of a model."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
@@ -101,13 +101,13 @@ def summary(model: mujoco.MjModel, path: Path | None) -> ModelSummary:
 
 @dataclass(frozen=True)
 class Statistics:
-    """The statistics of a model, by which MuJoCo scales what it draws and its solver.
+    """The statistics of a model, by which MuJoCo scales images and solver.
 
     Attributes:
-      center: of what the free camera looks at [m].
-      extent: of the model in space [m].
-      meansize, meanmass: of its bodies [m], [kg].
-      meaninertia: mean of the diagonal of its inertia matrix.
+      center: the point that the free camera looks at [m].
+      extent: the size of the model in space [m].
+      meansize, meanmass: the means over its bodies [m], [kg].
+      meaninertia: the mean of the diagonal of its inertia matrix.
     """
 
     center: tuple[float, ...]
@@ -118,7 +118,7 @@ class Statistics:
 
 
 def statistics(model: mujoco.MjModel) -> Statistics:
-    """The model's statistics, computed by MuJoCo or set in the model."""
+    """Returns the model's statistics, computed by MuJoCo or set in the model."""
     stat = model.stat
     return Statistics(
         floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
@@ -129,24 +129,24 @@ T = TypeVar("T", bound=ModelObject)
 
 
 def _section(kind: type[T]) -> "cached_property[tuple[T, ...]]":
-    """A section with a row for each object of a kind."""
+    """Returns a section with a row for each object of a kind."""
     return cached_property(lambda description: objects(kind, description.model))
 
 
 @dataclass(frozen=True)
 class ModelDescription:
-    """The description of `model`; each section is computed when it is first used.
+    """The description of `model`; each section is computed on first use.
 
     Args:
-      model: compiled. It is not changed.
-      path: of the file that it was compiled from; None of a model that is in memory only.
+      model: a compiled model. It is not changed.
+      path: the file that it was compiled from; None for a model that exists in memory only.
     """
 
     model: mujoco.MjModel
     path: Path | None = None
 
     def section(self, name: str) -> Any:
-        """The section of this name, one of `SECTIONS`."""
+        """Returns the section of this name, one of `SECTIONS`."""
         return getattr(self, name)
 
     @cached_property

@@ -26,12 +26,12 @@ Value = str | int | float | bool | tuple[float, ...]
 
 @dataclass(frozen=True)
 class NonDefaultSetting:
-    """A setting of the model that is not MuJoCo's default.
+    """A setting of the model that differs from MuJoCo's default.
 
     Attributes:
-      path: as the option `set` overrides it: `opt.gravity`, `opt.flag.contact`, `vis.quality.shadowsize`.
-      value, default: numbers, or MuJoCo's own words.
-      unit: empty for pure numbers.
+      path: its path in the option `set`: `opt.gravity`, `opt.flag.contact`, `vis.quality.shadowsize`.
+      value, default: numbers, or MuJoCo's names.
+      unit: the unit; empty for pure numbers.
     """
 
     path: str
@@ -41,17 +41,17 @@ class NonDefaultSetting:
 
 
 def options(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Every option and flag that differs from MuJoCo's default."""
+    """Returns the options and flags that differ from MuJoCo's defaults."""
     return option_differences(model, _default_model())
 
 
 def visual(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Every setting of how the model is drawn that differs from MuJoCo's default."""
+    """Returns the visual settings that differ from MuJoCo's defaults."""
     return visual_differences(model, _default_model())
 
 
 def option_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Every option and flag of `model` that differs from that of `other`, which stands for the default."""
+    """Returns the options and flags of `model` that differ from those of `other`, which represent the defaults."""
     settings = [
         NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
         for name, mine, theirs in _differences(model.opt, other.opt)
@@ -62,7 +62,7 @@ def option_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[No
 
 
 def visual_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Every setting of how `model` is drawn that differs from that of `other`, which stands for the default."""
+    """Returns the visual settings of `model` that differ from those of `other`, which represent the defaults."""
     return tuple(
         NonDefaultSetting(f"vis.{section}.{name}", mine, theirs)
         for section, field in VISUAL.items()
@@ -71,7 +71,7 @@ def visual_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[No
 
 
 def statistic_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Every statistic of `model` that differs from that of `other`, which stands for the default."""
+    """Returns the statistics of `model` that differ from those of `other`, which represent the defaults."""
     return tuple(
         NonDefaultSetting(f"stat.{name}", mine, theirs, STATISTIC_UNITS.get(name, ""))
         for name, mine, theirs in _differences(model.stat, other.stat)
@@ -80,12 +80,12 @@ def statistic_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple
 
 @cache
 def _default_model() -> mujoco.MjModel:
-    """An empty model."""
+    """Returns an empty model."""
     return mujoco.MjSpec().compile()
 
 
 def _differences(mine: Any, theirs: Any) -> Iterator[tuple[str, Value, Value]]:
-    """The fields of two of MuJoCo's structures that differ."""
+    """Yields the fields that differ between two MuJoCo structures."""
     number = float if isinstance(mine, mujoco.MjOption | mujoco.MjStatistic) else _single
     for name in dir(type(mine)):
         if name.startswith("_") or name in BITS:
@@ -104,7 +104,7 @@ def _plain(name: str, value: Any, number: Callable[[Any], float]) -> Value:
 
 
 def _single(value: float) -> float:
-    """A number that MuJoCo holds in single precision, as it was written."""
+    """Returns a number that MuJoCo stores in single precision as it was written."""
     return decimal_float(np.float32(value))
 
 

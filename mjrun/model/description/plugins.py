@@ -1,4 +1,4 @@
-"""Instances of plugins."""
+"""Descriptions of plugin instances."""
 
 import ctypes
 from contextlib import suppress
@@ -11,7 +11,7 @@ import mujoco
 from mjrun.model.description.declaration import ModelObject, computed, of_field
 from mjrun.model.names import PREFIXES, names
 
-USERS = ("body", "geom", "actuator", "sensor")  # kinds of objects that a plugin can compute
+USERS = ("body", "geom", "actuator", "sensor")  # kinds of objects that a plugin can implement
 
 
 class _Registered(ctypes.Structure):
@@ -26,7 +26,7 @@ class _Registered(ctypes.Structure):
 
 @cache
 def _registered(slot: int) -> "_Registered | None":
-    """The plugin in a slot of MuJoCo's register, which its Python bindings do not show."""
+    """Returns the plugin in a slot of MuJoCo's registry, which its Python bindings do not expose."""
     for library in sorted(Path(mujoco.__file__).parent.glob("libmujoco*")):
         with suppress(OSError, AttributeError):
             function = ctypes.CDLL(str(library)).mjp_getPluginAtSlot
@@ -63,13 +63,13 @@ def _users(model: mujoco.MjModel, instance: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Plugin(ModelObject):
-    """An instance of a plugin.
+    """A plugin instance.
 
     Attributes:
-      plugin: the plugin's own name, `mujoco.pid`; None where this MuJoCo does not tell.
-      settings: what the model sets of it.
-      state: how many numbers of state it has.
-      users: what it computes: `sensor/touch`, `geom/torus`.
+      plugin: the name of the plugin, `mujoco.pid`; None if this MuJoCo does not report it.
+      settings: the settings in the model.
+      state: the number of its state variables.
+      users: the objects that it implements: `sensor/touch`, `geom/torus`.
     """
 
     KIND = "plugin"

@@ -1,4 +1,4 @@
-"""The one place that turns text into a model source, and loads it. A module in this package is a kind of source."""
+"""Model sources: the functions that parse a source and load it. Each module in this package is a kind of source."""
 
 import pkgutil
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ ModelLike = mujoco.MjModel | Source | str | PathLike[str]
 
 @dataclass(frozen=True)
 class CompiledSource(Source):
-    """A compiled model, which is used as it is."""
+    """A compiled model, used unchanged."""
 
     model: mujoco.MjModel
 
@@ -42,11 +42,11 @@ class CompiledSource(Source):
 
 
 def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Path = "") -> Source:
-    """The source that `text` names: `PREFIX:NAME` of a collection, `-` for standard input, else a file.
+    """Returns the source that `text` names: `PREFIX:NAME` of a collection, `-` for standard input, else a file.
 
     Args:
-      overrides: overrides to load it with.
-      folder: what a relative file is relative to.
+      overrides: the overrides to load it with.
+      folder: the folder that a relative file name is relative to.
     """
     prefix, colon, name = text.partition(":")
     if text == "-":
@@ -57,19 +57,19 @@ def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Pa
 
 
 def is_file(text: str) -> bool:
-    """Whether `text` names a file."""
+    """Returns whether `text` names a file."""
     return isinstance(parse_source(text), FileSource)
 
 
 def names_task(text: str) -> bool:
-    """Whether `text` names a task: a document, which its suffix tells, or one of our scenes."""
+    """Returns whether `text` names a task: a document, by its suffix, or a bundled scene."""
     if is_file(text):
         return is_yaml(text)
     return bundled_task(text) is not None
 
 
 def source_of(model: ModelLike) -> Source:
-    """The source that stands for `model`: text is parsed, a path is a file, a compiled model is itself.
+    """Returns the source of `model`: text is parsed, a path is a file, a compiled model represents itself.
 
     Raises:
       BadValueError: it is none of these.
@@ -101,7 +101,7 @@ def model_collections() -> Mapping[str, type[CollectionSource]]:
 
 
 def listed_collection(text: str) -> type[CollectionSource] | None:
-    """The collection that `text` names without naming a model in it, as `scene:` does."""
+    """Returns the collection that `text` names without a model in it, as `scene:` does."""
     return model_collections().get(text[:-1]) if text.endswith(":") else None
 
 
@@ -117,13 +117,13 @@ def load(
     Args:
       model: a file (.xml, .urdf, .mjz, .zip or .mjb), `scene:NAME`, `gym:NAME`, `dm:DOMAIN`, `menagerie:ROBOT/MODEL`,
         or `-` for standard input.
-      timestep: [s], instead of the model's own.
-      integrator: `euler`, `rk4`, `implicit`, `implicitfast` or `discrete`, instead of the model's own.
+      timestep: the timestep [s], in place of the model's.
+      integrator: `euler`, `rk4`, `implicit`, `implicitfast` or `discrete`, in place of the model's.
       overrides: values by MuJoCo's own names, `{"opt.gravity": "0,0,10", "geom/floor.friction": ".1,.005,.0001"}`.
 
     Raises:
       ModelError: the model is missing, unreadable, or refused by MuJoCo.
-      UsageError: an override names nothing, or its value does not fit.
+      UsageError: an override refers to nothing, or its value does not fit.
     """
     by_path = isinstance(overrides, Mapping)
     added = [Override(path, value) for path, value in overrides.items()] if by_path else [*overrides]

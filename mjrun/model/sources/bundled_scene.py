@@ -1,4 +1,4 @@
-"""The scenes that come with mjrun, written `scene:NAME`: model sources, and documents of tasks."""
+"""The scenes that come with mjrun, written `scene:NAME`: model sources, and task documents."""
 
 import re
 from collections.abc import Mapping
@@ -12,12 +12,12 @@ from mjrun.errors import ModelNotFoundError
 from mjrun.model.scene_folder import scene_folder
 from mjrun.model.sources.file import FileCollectionSource
 
-SCHEMA_COMMENT = "# yaml-language-server:"  # of a document, for editors
+SCHEMA_COMMENT = "# yaml-language-server:"  # the comment in a document that selects its schema in editors
 
 
 @dataclass(frozen=True)
 class BundledScene(FileCollectionSource):
-    """A scene of mjrun's gallery; its tasks, which are no models, are listed too."""
+    """A scene of mjrun's gallery; its tasks, which are not models, are listed too."""
 
     PREFIX: ClassVar[str] = "scene"
     KIND: ClassVar[str] = "scene"
@@ -31,32 +31,32 @@ class BundledScene(FileCollectionSource):
     def main_file(self) -> Path:
         self.check_name()
         if self.name in _tasks():
-            reason = "is a task, and a model must stand here; in Python, mjrun.read_task reads it"
+            reason = "is a task, not a model; in Python, mjrun.read_task reads it"
             raise ModelNotFoundError(self.text, reason)
         return scene_folder() / f"{self.name}.xml"
 
 
 def bundled_task(text: str) -> Path | None:
-    """The document of the task that `text` names, as `scene:car_drive` does; None if it names none of ours."""
+    """Returns the document of the task that `text` names, as `scene:car_drive` does; None for other texts."""
     prefix, _, name = text.partition(":")
     return _tasks().get(name) if prefix == BundledScene.PREFIX else None
 
 
 @cache
 def _tasks() -> Mapping[str, Path]:
-    """The documents of tasks, by name; those with the name of a model are run documents of it, and some are fits."""
+    """Returns the task documents by name; documents named like a model are run documents, and others are fits."""
     documents = sorted(scene_folder().glob("*.yaml"))
     return {path.stem: path for path in documents if not path.with_suffix(".xml").exists() and _is_task(path)}
 
 
 def _is_task(path: Path) -> bool:
-    """Whether a document says so, by the schema that it tells editors."""
+    """Returns whether the schema that a document declares is that of tasks."""
     with path.open(encoding="utf-8") as file:
         return file.readline().strip() == f"{SCHEMA_COMMENT} $schema=schema/task.json"
 
 
 def _first_sentence(path: Path) -> str:
-    """The first sentence of the comment at the top of a scene."""
+    """Returns the first sentence of the comment at the top of a scene."""
     text = path.read_text("utf-8")
     if path.suffix == ".xml":
         comment = text.removeprefix("<!--").partition("-->")[0]

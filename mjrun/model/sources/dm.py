@@ -12,8 +12,8 @@ from mjrun.errors import ModelNotFoundError
 from mjrun.model.sources.file import FileCollectionSource
 
 PACKAGE, SUITE = "dm_control", "suite"
-HOW = "pip install dm_control; its models are read from its files, it is not imported"
-# Domains whose tasks change the XML in Python before it is compiled: all of them, or those that are listed.
+HOW = "pip install dm_control; mjrun reads its model files and does not import it"
+# Domains with tasks whose Python code changes the XML before compilation: all tasks, or those listed.
 CHANGED: Mapping[str, tuple[str, ...]] = {
     "cartpole": ("two_poles", "three_poles"),
     "dog": (),
@@ -27,14 +27,14 @@ CHANGED: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class ControlSuiteSource(FileCollectionSource):
-    """A model of the DeepMind Control Suite, from the XML in the installed package, which is not imported.
+    """A model of the DeepMind Control Suite, read from the XML in the installed package, which is not imported.
 
-    A task whose model dm_control makes from that XML in Python is refused; the XML itself is `dm:DOMAIN`.
+    A task whose model dm_control changes in Python is refused; `dm:DOMAIN` is the XML itself.
     """
 
     PREFIX: ClassVar[str] = "dm"
     KIND: ClassVar[str] = "domain"
-    NO_TASK: ClassVar[str] = f"tasks of {PACKAGE} are out of reach: up to 1.0.50 it does not run on MuJoCo 4"
+    NO_TASK: ClassVar[str] = f"tasks of {PACKAGE} cannot be played: up to version 1.0.50 it does not run on MuJoCo 4"
 
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
@@ -56,20 +56,20 @@ class ControlSuiteSource(FileCollectionSource):
             place = f"tasks of {domain}"
             raise ModelNotFoundError(self.text, f"{domain} has no such task", list(domains[domain]), place, task)
         if task in _changed(domain, domains[domain]):
-            reason = f"its model is made by Python code of {PACKAGE}, which is not run"
-            raise ModelNotFoundError(self.text, f"{reason}\ndm:{domain} is the XML that it is made from")
+            reason = f"its model is made by Python code of {PACKAGE}, which mjrun does not run"
+            raise ModelNotFoundError(self.text, f"{reason}\ndm:{domain} is the XML before the change")
         return _folder() / f"{domain}.xml"
 
 
 def _folder() -> Path:
-    """The folder of the suite, which need not exist."""
+    """Returns the folder of the suite, which may not exist."""
     package = importlib.util.find_spec(PACKAGE)
     folders = package.submodule_search_locations if package else None
     return Path(next(iter(folders or [""])), SUITE)
 
 
 def _installed_domains(text: str) -> Mapping[str, tuple[str, ...]]:
-    """The tasks of each domain; raises ModelNotFoundError about the source `text` if dm_control is not installed."""
+    """Returns the tasks of each domain; raises ModelNotFoundError about `text` if dm_control is not installed."""
     if domains := _domains():
         return domains
     raise ModelNotFoundError(text, f"{PACKAGE} is not installed\n{HOW}")
@@ -77,17 +77,17 @@ def _installed_domains(text: str) -> Mapping[str, tuple[str, ...]]:
 
 @cache
 def _domains() -> Mapping[str, tuple[str, ...]]:
-    """The tasks of each domain, as their Python code registers them; empty where dm_control is not installed."""
+    """Returns the tasks of each domain, as their Python code registers them; empty if dm_control is not installed."""
     code = sorted(path.with_suffix(".py") for path in _folder().glob("*.xml"))
     return {path.stem: _tasks(path) for path in code if path.is_file()}
 
 
 def _tasks(path: Path) -> tuple[str, ...]:
-    """The functions of a module that are decorated with `@SUITE.add(…)`."""
+    """Returns the functions of a module that are decorated with `@SUITE.add(…)`."""
     functions = [node for node in ast.parse(path.read_text("utf-8")).body if isinstance(node, ast.FunctionDef)]
     return tuple(node.name for node in functions if any("SUITE.add" in ast.unparse(d) for d in node.decorator_list))
 
 
 def _changed(domain: str, tasks: tuple[str, ...]) -> tuple[str, ...]:
-    """The tasks of a domain whose model is not its XML."""
+    """Returns the tasks of a domain whose model differs from its XML."""
     return tuple(task for task in tasks if domain in CHANGED and task in (CHANGED[domain] or tasks))

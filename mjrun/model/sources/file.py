@@ -24,15 +24,13 @@ from mjrun.model.source import CollectionSource, Source
 from mjrun.shared_status import doing
 from mjrun.suffixes import ARCHIVES, COMPILED, MODELS, is_yaml
 
-REWRITE = "write it anew from its source"
-
 
 @dataclass(frozen=True)
 class FileSource(Source):
     """A model file: .xml, .urdf, .mjz, .zip or .mjb.
 
     Attributes:
-      label: the source as the user wrote it, where `path` is a copy of its file.
+      label: the source as the user wrote it, if `path` is a copy of its file.
     """
 
     path: Path
@@ -64,7 +62,7 @@ class FileSource(Source):
         self._check_file()
         if self.path.suffix in COMPILED:
             return None, self._load_compiled()
-        advice = f"mjrun check {clean(shlex.quote(self.text))} says where and what to do"
+        advice = f"mjrun check {clean(shlex.quote(self.text))} shows the place and a remedy"
         return compile_model(self._parse, self.overrides, Path(self.text), advice)
 
     def _check_file(self) -> None:
@@ -86,14 +84,14 @@ class FileSource(Source):
             raise ModelNotFoundError(path, "is not a regular file")
         try:
             str(path).encode()
-        except UnicodeEncodeError:  # which stands for bytes that are not UTF-8
-            reason = "MuJoCo opens only paths in UTF-8; give the file or folder another name, or cd into the folder"
+        except UnicodeEncodeError:  # surrogates represent bytes that are not UTF-8
+            reason = "MuJoCo opens only paths in UTF-8; rename the file or folder, or cd into the folder"
             raise ModelNotFoundError(path, reason) from None
         if "\\" in str(path) and path.suffix not in COMPILED:
-            reason = "MuJoCo takes a backslash in a path for the end of a folder; give the file or folder another name"
+            reason = "MuJoCo reads a backslash in a path as a folder separator; rename the file or folder"
             raise ModelNotFoundError(path, reason)
         if path.suffix not in MODELS:
-            lower = "; MuJoCo knows them in lower case only" if path.suffix.lower() in MODELS else ""
+            lower = "; MuJoCo accepts them in lower case only" if path.suffix.lower() in MODELS else ""
             task = "; in Python, mjrun.read_task reads a task" if is_yaml(path) else ""
             raise ModelNotFoundError(
                 path, f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
@@ -104,7 +102,7 @@ class FileSource(Source):
 
     def _load_compiled(self) -> mujoco.MjModel:
         if confinement():
-            reason = f"is compiled, and MuJoCo does not check such a file; {option('untrusted')} loads its XML only"
+            reason = f"is a compiled model, whose content MuJoCo does not check; {option('untrusted')} loads only XML"
             raise ModelNotFoundError(self.path, reason)
         if self.overrides:
             raise CompiledOverrideError(self.path, [(s.option, s.option_value) for s in self.overrides])
@@ -112,11 +110,13 @@ class FileSource(Source):
             try:
                 model = mujoco.MjModel.from_binary_path(str(self.path))
             except FAULTS as error:
-                hint = f"a .mjb file loads only in the MuJoCo that wrote it; this is {mujoco.mj_versionString()}"
+                version = mujoco.mj_versionString()
+                hint = f"a .mjb file loads only in the version of MuJoCo that wrote it; this is {version}"
                 raise broken_model(self.path, error, hint) from error
         check_model(model, self.path)
         if np.any((model.body_treeid < -1) | (model.body_treeid >= model.ntree)):
-            raise BrokenModelError(self.path, "it is damaged: body_treeid names trees that are not there", hint=REWRITE)
+            reason = "it is damaged: body_treeid refers to trees that do not exist"
+            raise BrokenModelError(self.path, reason, hint="compile it again from its source")
         return model
 
     def _parse(self) -> mujoco.MjSpec:
@@ -133,7 +133,7 @@ class FileSource(Source):
             raise
 
     def _main_text(self) -> tuple[bytes | None, str]:
-        """Returns the text that MuJoCo parses first, and its path; neither of a compiled model."""
+        """Returns the text that MuJoCo parses first, and its path; None and an empty path for a compiled model."""
         main = str(self.path) if self.path.suffix == ".urdf" else archive_files.main_mjcf(self.path)
         return (archive_files.file_content(main), main) if main else (None, "")
 
@@ -142,7 +142,7 @@ class FileSource(Source):
         if path.suffix not in ARCHIVES:
             return mujoco.MjSpec.from_file(str(path))
 
-        # MuJoCo looks for model.xml or one named as the archive; its own `to_zip` writes neither.
+        # MuJoCo looks for model.xml or a member named like the archive; its own `to_zip` writes neither.
         with zipfile.ZipFile(path) as archive:
             members = [name for name in archive.namelist() if name.endswith(".xml")]
         expected = {"model.xml", f"{path.stem}.xml", f"{path.stem}/{path.stem}.xml", f"{path.stem}/model.xml"}
@@ -153,7 +153,7 @@ class FileSource(Source):
 
 
 class FileCollectionSource(CollectionSource):
-    """A model out of a collection of files, of which `main_file` is one."""
+    """A model in a collection of files; `main_file` is its file."""
 
     @property
     @abstractmethod
@@ -172,7 +172,7 @@ class FileCollectionSource(CollectionSource):
 
 
 def _models_in(folder: Path) -> tuple[list[str], str]:
-    """The names of the model files in `folder`, and what to call them."""
+    """Returns the names of the model files in `folder`, and a heading for them."""
     try:
         names = sorted(path.name for path in folder.iterdir() if path.suffix in MODELS)
     except OSError:

@@ -41,15 +41,15 @@ if TYPE_CHECKING:
 
 LIBRARY = "gymnasium"
 EXTRA = "gym"
-OWN = "gymnasium.envs.mujoco."  # where the MuJoCo environments are that come with Gymnasium
+OWN = "gymnasium.envs.mujoco."  # the package of the MuJoCo environments that come with Gymnasium
 NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-RENDER_MODE, EPISODE_STEPS = "render_mode", "max_episode_steps"  # the one is ours, the other `gymnasium.make`'s
-FIRST = 4  # version of those that need no mujoco-py
-REMOVED = "it needs mujoco-py, which Gymnasium has given up; use a later version"
+RENDER_MODE, EPISODE_STEPS = "render_mode", "max_episode_steps"  # mjrun sets the former, `gymnasium.make` the latter
+FIRST = 4  # the first version that does not need mujoco-py
+REMOVED = "it needs mujoco-py, which Gymnasium no longer supports; use a later version"
 
 
 class MujocoEnvironment(Protocol):
-    """What environments on MuJoCo have in common, Gymnasium's own and those of others."""
+    """The common attributes of MuJoCo environments, Gymnasium's own and others."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
@@ -57,15 +57,15 @@ class MujocoEnvironment(Protocol):
 
 @dataclass(frozen=True)
 class GymSource(CollectionSource):
-    """The model of a registered environment whose simulation is MuJoCo's.
+    """The model of a registered environment that runs on MuJoCo.
 
     Its name may end in settings of the environment: `Ant-v5?include_cfrc_ext_in_observation=false&healthy_reward=0`.
 
-    It starts where the model does, as an environment without reset noise. The noise, the control period and the
-    rewards are the environment's: a policy plays them.
+    The simulation starts in the initial state of the model, like an environment without reset noise. Noise, control
+    period and rewards belong to the environment, which a policy plays.
 
     Attributes:
-      copy: of the model's file, which is compiled instead of it; the environment itself has the file of its package.
+      copy: a copy of the model's file, which is compiled in its place; the environment uses the file of its package.
     """
 
     PREFIX: ClassVar[str] = "gym"
@@ -115,11 +115,11 @@ class EnvironmentModel(NamedTuple):
     """The model of an environment.
 
     Attributes:
-      file: that it is compiled from; None where Python makes the model, or changes it.
-      model: compiled.
-      control_steps: physics steps per action.
-      episode_steps: actions in an episode, if the registration limits them.
-      code: the environment with its settings, and the versions of the packages that it is made of.
+      file: the file that it is compiled from; None if Python makes the model, or changes it.
+      model: the compiled model.
+      control_steps: the number of physics steps per action.
+      episode_steps: the number of actions in an episode, if the registration limits it.
+      code: the environment with its settings, and the versions of its packages.
     """
 
     file: Path | None
@@ -130,7 +130,7 @@ class EnvironmentModel(NamedTuple):
 
     @property
     def description(self) -> str:
-        """A line about it."""
+        """A line about the model."""
         file = self.file.name if self.file else "a model made in Python"
         steps = f"{self.control_steps} steps of {self.model.opt.timestep:g} s per action"
         return ", ".join([file, steps, *([f"{self.episode_steps} actions"] if self.episode_steps else [])])
@@ -138,11 +138,11 @@ class EnvironmentModel(NamedTuple):
 
 @cache
 def environment_model(name: str) -> EnvironmentModel:
-    """The model of the environment `name`, which is made, and closed again, but neither reset nor drawn.
+    """Returns the model of the environment `name`, which is made and closed again, but neither reset nor drawn.
 
     Raises:
       MissingExtraError: Gymnasium is not installed.
-      ModelNotFoundError: there is no such environment, or it is not one on MuJoCo.
+      ModelNotFoundError: the environment does not exist, or does not run on MuJoCo.
       BrokenModelError: it cannot be made.
     """
     environment = make_environment(name)
@@ -157,11 +157,11 @@ def environment_model(name: str) -> EnvironmentModel:
 
 
 def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
-    """The environment `name` as `gymnasium.make` gives it, with the settings that the name has after a `?`.
+    """Returns the environment `name` as `gymnasium.make` makes it, with the settings after a `?` in the name.
 
     Raises:
-      UsageError: it does not take these settings, or this process runs no code; besides, what `environment_model`
-        raises.
+      UsageError: the environment does not accept these settings, or this process is confined.
+      MissingExtraError, ModelNotFoundError, BrokenModelError: as for `environment_model`.
     """
     require_unconfined(f"{GymSource.PREFIX}:{clean(name)} is an environment, which is code")
     registered, _, query = name.partition("?")
@@ -177,7 +177,11 @@ def make_environment(name: str) -> "gymnasium.Env[Any, Any]":
 
 
 def mujoco_environment(environment: "gymnasium.Env[Any, Any]", name: str) -> MujocoEnvironment:
-    """The innermost environment or one that it holds, on MuJoCo; raises ModelNotFoundError if there is none."""
+    """Returns the innermost environment, or one in its attributes, that runs on MuJoCo.
+
+    Raises:
+      ModelNotFoundError: neither does.
+    """
     from gymnasium import Env
 
     innermost = environment.unwrapped
@@ -191,21 +195,21 @@ def mujoco_environment(environment: "gymnasium.Env[Any, Any]", name: str) -> Muj
 
 
 def control_steps(environment: object) -> int:
-    """Physics steps per action: `frame_skip` in Gymnasium, `n_substeps` in Gymnasium-Robotics."""
+    """Returns the number of physics steps per action: `frame_skip` in Gymnasium, `n_substeps` in Gymnasium-Robotics."""
     members = vars(environment)
     return int(members.get("frame_skip") or members.get("n_substeps") or 1)
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keeps environments from warning that there are newer versions; what they print goes to stderr."""
+    """Suppresses warnings that newer versions exist, and redirects what environments print to stderr."""
     with warnings.catch_warnings(), redirect_stdout(sys.stderr):
         warnings.simplefilter("ignore")
         yield
 
 
 def _file_of(environment: object, model: mujoco.MjModel) -> Path | None:
-    """The file that `model` is compiled from, if there is one that gives this model."""
+    """Returns the file that `model` is compiled from; None if no file gives this model."""
     path = vars(environment).get("fullpath")
     if not isinstance(path, str) or not Path(path).is_file():
         return None
@@ -216,7 +220,7 @@ def _file_of(environment: object, model: mujoco.MjModel) -> Path | None:
 
 
 def _versions(environment: "gymnasium.Env[Any, Any]") -> str:
-    """The versions of Gymnasium and of the package that the environment comes from."""
+    """Returns the versions of Gymnasium and of the package of the environment."""
     package = type(environment.unwrapped).__module__.partition(".")[0]
     distributions = importlib.metadata.packages_distributions().get(package, []) if package != LIBRARY else []
     versions = []
@@ -227,7 +231,7 @@ def _versions(environment: "gymnasium.Env[Any, Any]") -> str:
 
 
 def _registered(name: str) -> "EnvSpec":
-    """The registration of an environment that may be one on MuJoCo; imports the module of `module:NAME`."""
+    """Returns the registration of an environment that may run on MuJoCo; imports the module of `module:NAME`."""
     _require_gymnasium(f"gym:{clean(name)}")
     import gymnasium
 
@@ -254,10 +258,10 @@ def _registered(name: str) -> "EnvSpec":
 
 
 def _settings(query: str, name: str, spec: "EnvSpec") -> dict[str, Any]:
-    """The settings of `name?query`: `a=1&b=false`; values are JSON, or else text.
+    """Parses the settings of `name?query`: `a=1&b=false`; values are JSON, or else text.
 
     Raises:
-      UsageError: the query is none, or the constructor of the environment does not take them.
+      UsageError: the query is malformed, or the constructor of the environment does not accept the settings.
     """
     if not query:
         return {}
@@ -278,7 +282,7 @@ def _settings(query: str, name: str, spec: "EnvSpec") -> dict[str, Any]:
 
 
 def _value(text: str) -> Any:
-    """A setting: JSON, or else the text itself."""
+    """Parses a setting: JSON, or else the text itself."""
     try:
         return json.loads(text)
     except ValueError:
@@ -290,7 +294,7 @@ def _require_gymnasium(text: str) -> None:
 
 
 def _import_installed(module: str, name: str) -> None:
-    """Imports `module`, which registers environments, if a package that is installed has it."""
+    """Imports `module`, which registers environments, if an installed package contains it."""
     if module.partition(".")[0] not in importlib.metadata.packages_distributions():
         raise _not_found(name, f"no installed package has the module {clean(module)}")
     try:
@@ -302,7 +306,7 @@ def _import_installed(module: str, name: str) -> None:
 
 @cache
 def _own_names() -> tuple[str, ...]:
-    """The MuJoCo environments that come with Gymnasium, as it registers them; none where it is not installed."""
+    """Returns the MuJoCo environments that Gymnasium registers; none if it is not installed."""
     if not importlib.util.find_spec(LIBRARY):
         return ()
     import gymnasium
@@ -312,7 +316,7 @@ def _own_names() -> tuple[str, ...]:
 
 
 def _broken(name: str, error: Exception) -> BrokenModelError:
-    """What an environment, or its package, raised before it could be played, and where."""
+    """Returns an error about an exception that an environment, or its package, raised while it was made."""
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"in {place.filename}, line {place.lineno}"
     return BrokenModelError(Path(f"gym:{name}"), f"{type(error).__name__}: {str(error) or place.line}", hint=where)
@@ -325,4 +329,4 @@ def _not_found(name: str, reason: str) -> ModelNotFoundError:
 
 
 def _not_mujoco(name: str) -> ModelNotFoundError:
-    return _not_found(name, "its simulation is not MuJoCo's")
+    return _not_found(name, "it does not run on MuJoCo")

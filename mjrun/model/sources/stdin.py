@@ -43,12 +43,12 @@ class StdinSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        with suppress(MjrunError, OSError):  # which loading raises
+        with suppress(MjrunError, OSError):  # loading raises it
             return (DEVICE, *existing_files(LABEL, self._read().encode()))
         return (DEVICE,)
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
-        path = place(Path(f"{LABEL}.xml"))  # beside the copies of its assets, to which its paths are relative
+        path = place(Path(f"{LABEL}.xml"))  # next to the copies of its assets, as its paths are relative
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(self._read(), "utf-8")
@@ -64,7 +64,7 @@ class StdinSource(Source):
         return compile_model(lambda: mujoco.MjSpec.from_string(xml), self.overrides, LABEL)
 
     def __reduce__(self) -> tuple[type, tuple[()], dict[str, object]]:
-        # Another process has another standard input.
+        # The standard input of another process is different.
         return StdinSource, (), {"overrides": self.overrides, "xml": self._read()}
 
     def _read(self) -> str:
@@ -73,11 +73,11 @@ class StdinSource(Source):
 
 @cache
 def _standard_input() -> str:
-    """All of standard input.
+    """Reads all of standard input.
 
     Raises:
       UsageError: it is a terminal, or closed.
-      BrokenModelError: it is empty, or no text.
+      BrokenModelError: it is empty, or not text.
     """
     if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
         state = "is a terminal" if sys.stdin and not sys.stdin.closed else "is closed"

@@ -25,7 +25,7 @@ def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(
     case.check()
 
 
-CASED = "there is Meshes/Base.obj: names of files and folders are case-sensitive"
+CASED = "Meshes/Base.obj exists: names of files and folders are case-sensitive"
 
 
 FORMATS = "MuJoCo reads meshes in STL, OBJ and MSH; convert it to one of them, as Blender does"
@@ -46,7 +46,7 @@ def test_a_missing_file_is_told_with_every_path_that_mujoco_opens_and_what_lies_
     assert (missing.code, missing.file, missing.line) == ("MJ107", "parts/arm.xml", 2)
     tried = ["meshes/part.obj", "meshes/parts/part.obj"]
     assert missing.message.endswith(f"tried {', '.join(tried)}")
-    assert missing.remedy.startswith("there is parts/assets/part.obj;")
+    assert missing.remedy.startswith("parts/assets/part.obj exists;")
     for path in map(Path, tried):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(MESH)

@@ -17,8 +17,10 @@ CASES = [
     Case("MJ101", "", 1, "the file is empty", "<mujoco/>"),
     Case("MJ108", mjcf('<site name="a"/>\n<site name="a"/>'), 5, "the name 'a' is already taken on line 4", FINE),
     Case("MJ112", mjcf('<replicate><geom size="1"/></replicate>'), 4, "<replicate> needs the attribute 'count'", FINE),
-    Case("MJ114", hinged(before='<option timestep="0"/>'), 2, "its timestep is 0, and must be positive", FINE),
-    Case("MJ114", hinged(before='<option timestep="-1"/>'), 2, "its timestep is -1", FINE),
+    Case("MJ114", hinged(before='<option timestep="0"/>'), 2, "the timestep must be positive and finite, not 0", FINE),
+    Case(
+        "MJ114", hinged(before='<option timestep="-1"/>'), 2, "the timestep must be positive and finite, not -1", FINE
+    ),
     Case("MJ202", hinged(geom='size=".1" mass="0"'), 4, '<body name="b"> can move, but has no mass', FINE),
     Case(
         "MJ303",
@@ -124,4 +126,4 @@ def test_a_keyframe_without_a_name_is_told_by_its_place() -> None:
     text = keyed('ctrl="1"').replace("</keyframe>", '\n<key ctrl="1 2"/>\n<key ctrl="1 2 3"/></keyframe>')
     (finding,) = [f for f in lint(text) if f.severity == "error"]
     assert (finding.code, finding.line) == ("MJ405", 13)
-    assert finding.message == "ctrl of the keyframe has 2 numbers, and the model 1"
+    assert finding.message == "ctrl of the keyframe has 2 numbers, but the model has 1"

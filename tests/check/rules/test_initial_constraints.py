@@ -32,7 +32,7 @@ CASES = [
         "MJ503",
         stiff(".003 1"),
         6,
-        "solref='0.003 1' is too stiff for the timestep 0.002 s: MuJoCo takes 0.004",
+        "solref='0.003 1' is too stiff for the timestep 0.002 s: MuJoCo uses 0.004",
         stiff(".004 1"),
     ),
 ]

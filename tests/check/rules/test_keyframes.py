@@ -25,16 +25,20 @@ CASES = [
         "the quaternion of joint 'j' has length 2, not 1",
         keyed('qpos=".6 .8 0 0"', 'type="ball"'),
     ),
-    Case("MJ405", keyed('qpos="0 0"'), 12, "qpos of the keyframe has 2 numbers, and the model 1", keyed('qpos="0"')),
-    Case("MJ405", keyed('ctrl="0 0"'), 12, "ctrl of the keyframe has 2 numbers, and the model 1", keyed('ctrl="0"')),
+    Case(
+        "MJ405", keyed('qpos="0 0"'), 12, "qpos of the keyframe has 2 numbers, but the model has 1", keyed('qpos="0"')
+    ),
+    Case(
+        "MJ405", keyed('ctrl="0 0"'), 12, "ctrl of the keyframe has 2 numbers, but the model has 1", keyed('ctrl="0"')
+    ),
     Case("MJ405", keyed('act="0"'), 12, "act of the keyframe has 1 number", keyed('act=""')),
-    Case("MJ405", keyed('mpos="0 0 0"'), 12, "mpos of the keyframe has 3 numbers, and the model 0", keyed("")),
-    Case("MJ405", keyed('mquat="1 0"'), 12, "mquat of the keyframe has 2 numbers, and the model 0", keyed("")),
+    Case("MJ405", keyed('mpos="0 0 0"'), 12, "mpos of the keyframe has 3 numbers, but the model has 0", keyed("")),
+    Case("MJ405", keyed('mquat="1 0"'), 12, "mquat of the keyframe has 2 numbers, but the model has 0", keyed("")),
     Case(
         "MJ405",
         keyed('qpos="1 0 0"', 'type="ball"'),
         12,
-        "qpos of the keyframe has 3 numbers, and the model 4; MuJoCo takes qpos0 for the rest",
+        "qpos of the keyframe has 3 numbers, but the model has 4; MuJoCo uses qpos0 for the rest",
         keyed('qpos="1 0 0 0"', 'type="ball"'),
     ),
 ]

@@ -14,8 +14,8 @@ def driven(motor: str) -> str:
 
 CASES = [
     Case("MJ301", driven(""), 11, "it has neither ctrlrange nor forcerange", driven('ctrlrange="-1 1"')),
-    Case("MJ301", driven('gear="2"'), 11, "nothing bounds what it does", driven('forcerange="-1 1"')),
-    Case("MJ302", hinged('range="1 -1"'), 5, "is reversed, and limits nothing", hinged('range="-1 1"')),
+    Case("MJ301", driven('gear="2"'), 11, "nothing limits it", driven('forcerange="-1 1"')),
+    Case("MJ302", hinged('range="1 -1"'), 5, "is reversed and has no effect", hinged('range="-1 1"')),
     Case("MJ302", driven('ctrlrange="1 -1"'), 11, "its ctrlrange 1 -1 is reversed", driven('ctrlrange="-1 1"')),
     Case("MJ304", hinged('type="slide" range="1 2"'), 5, "it starts at 0 m, outside [1, 2]", hinged('range="-1 2"')),
     Case("MJ304", hinged('ref="90" range="0 60"'), 5, "it starts at 1.571 rad, outside [0, 1.047]", FINE),
@@ -23,14 +23,14 @@ CASES = [
         "MJ305",
         hinged('range="-1.57 1.57"'),
         5,
-        "its range -1.57 1.57 is in degrees, and looks like radians",
+        "its range -1.57 1.57 is in degrees, but looks like radians",
         hinged('range="-1.57 1.57"', before='<compiler angle="radian"/>'),
     ),
     Case(
         "MJ305",
         hinged('range="0 90"', before='<compiler angle="radian"/>'),
         5,
-        "its range 0 90 is in radians, and looks like degrees",
+        "its range 0 90 is in radians, but looks like degrees",
         hinged('range="0 90"'),
     ),
 ]

@@ -14,8 +14,10 @@ from tests.check.models import FINE, Case, mjcf
 CASES = [
     Case("MJ102", mjcf("", "<solver/>"), 6, "<mujoco> has no element <solver>", mjcf("", '<option solver="CG"/>')),
     Case("MJ102", mjcf('<goem size="1"/>'), 4, "has no element <goem> (did you mean 'geom'?)", FINE),
-    Case("MJ103", mjcf("<actuator/>"), 4, "<actuator> is in <worldbody>, but belongs directly in <mujoco>", FINE),
-    Case("MJ103", mjcf("", "<motor/>"), 6, "<motor> is in <mujoco>, but belongs directly in <actuator>", FINE),
+    Case(
+        "MJ103", mjcf("<actuator/>"), 4, "<actuator> is inside <worldbody>, but must be directly inside <mujoco>", FINE
+    ),
+    Case("MJ103", mjcf("", "<motor/>"), 6, "<motor> is inside <mujoco>, but must be directly inside <actuator>", FINE),
     Case("MJ104", mjcf('<geom siez="1"/>'), 4, "<geom> has no attribute 'siez' (did you mean 'size'?)", FINE),
     Case("MJ104", mjcf('<frame>\n<geom size="1" siez="1"/></frame>'), 5, "<geom> has no attribute 'siez'", FINE),
     Case("MJ105", mjcf('<composite type="cable"/>'), 4, "<composite> was removed in MuJoCo 4.0.0", FINE),

@@ -31,7 +31,7 @@ def test_an_observation_that_is_not_finite_is_found_once_for_its_term() -> None:
 def test_a_termination_at_the_start_is_an_error_if_it_always_holds() -> None:
     (always,) = checked("terminations:\n  low: {when: qpos/rail < 1, as: failure}")
     assert (always.code, always.severity, always.line) == ("MJ804", "error", 10)
-    assert always.message == "'low' holds at the start of every episode, before anything is done"
+    assert always.message == "'low' holds at the start of every episode, before the first action"
 
 
 def test_and_a_warning_if_it_does_sometimes() -> None:
@@ -47,7 +47,7 @@ def test_actions_beyond_a_control_are_told_as_far_as_they_are_known() -> None:
     squashed = HEAD.replace("clip: [-1, 1]", "squash: tanh, scale: -3, offset: 0.5")
     (finding,) = checked(head=squashed)
     assert (finding.code, finding.severity, finding.line) == ("MJ805", "note", 8)
-    assert finding.message.endswith("cuts them off: push (-2.5..3.5 of -2..2)")
+    assert finding.message.endswith("clamps them: push (-2.5..3.5 of -2..2)")
     assert checked(head=HEAD.replace("clip: [-1, 1]", "scale: 3")) == []  # without limits of its own
     assert checked(head=HEAD.replace("clip: [-1, 1]", "clip: [-1, 1], scale: 2")) == []
 
@@ -56,7 +56,7 @@ def test_an_observation_that_never_changes_is_told() -> None:
     text = HEAD.replace("- {name: speed", "- {name: still, probe: [xpos/box/x, qpos/rail]}\n- {name: speed")
     (finding,) = checked(head=text)
     assert (finding.code, finding.severity, finding.line) == ("MJ807", "note", 6)
-    assert finding.message.startswith("still/xpos/box/x: the same in all of 16 episodes of random actions")
+    assert finding.message.startswith("still/xpos/box/x: the same in all 16 episodes of random actions")
 
 
 def test_episodes_that_become_unstable_are_told_with_their_seeds() -> None:
@@ -66,4 +66,4 @@ def test_episodes_that_become_unstable_are_told_with_their_seeds() -> None:
     )
     (finding,) = checked(head=text)
     assert (finding.code, finding.severity, finding.line) == ("MJ806", "warning", 9)
-    assert finding.message.startswith("16 of 16 episodes of random actions become unstable: of seeds 0, 1, 2")
+    assert finding.message.startswith("16 of 16 episodes of random actions become unstable: seeds 0, 1, 2")

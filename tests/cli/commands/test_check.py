@@ -24,8 +24,8 @@ FINE = (
 WARNED = FINE.replace('<joint name="j"', '\n<joint name="j" type="slide" range="2 1"')
 NOTED = FINE.replace("</body>", '</body><camera pos="0 -5 0" zaxis="0 -1 0"/>')
 BROKEN = FINE.replace("</body>", "</body><actuator/>")
-REMEDY = 'write range="1 2" (angles as <compiler angle=…> says), or remove it'
-TOLD = "joint 'j': its range 2 1 is reversed, and limits nothing"
+REMEDY = 'write range="1 2" (angles in the unit of <compiler angle=…>), or remove it'
+TOLD = "joint 'j': its range 2 1 is reversed and has no effect"
 
 
 @pytest.fixture

@@ -187,7 +187,7 @@ def test_a_model_that_mujoco_refuses_is_sent_to_check_which_says_more(
     done = mjrun_here(command, path)
     assert done.returncode == 3
     *_, last = done.stderr.decode().splitlines()
-    assert last == f"  mjrun check '{path}' says where and what to do"
+    assert last == f"  mjrun check '{path}' shows the place and a remedy"
     assert "write size" in (checked := mjrun_here("check", path).stdout.decode())
     assert "says where" not in checked
     assert b"says where" not in mjrun_here(command, HUMANOID, "--set", "geom/floor.material=none").stderr

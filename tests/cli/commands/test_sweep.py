@@ -267,4 +267,4 @@ def test_an_untrusted_model_is_swept_from_copies_and_reads_nothing_else(mjrun: C
     (mjrun.folder / "nosy.xml").write_text('<mujoco><asset><mesh file="/etc/hostname"/></asset></mujoco>')
     refused = mjrun("sweep", "nosy.xml", *varied)
     assert refused.returncode == 3
-    assert b"nosy.xml:1: '/etc/hostname' lies outside the folder that files are read from" in refused.stderr
+    assert b"nosy.xml:1: '/etc/hostname' is outside the folder that files are read from" in refused.stderr

@@ -40,7 +40,7 @@ def test_each_scene_has_a_line_about_it_the_first_sentence_of_its_file() -> None
 def test_a_task_is_the_document_of_its_name_and_no_model() -> None:
     assert {name: bundled_task(f"scene:{name}") for name in TASKS} == {n: SCENES / f"{n}.yaml" for n in TASKS}
     assert [bundled_task(text) for text in ("scene:car", "scene:", "car_drive", "dm:car_drive")] == [None] * 4
-    with pytest.raises(ModelNotFoundError, match="is a task, and a model must stand here"):
+    with pytest.raises(ModelNotFoundError, match="is a task, not a model"):
         parse_source("scene:car_drive").load()
 
 

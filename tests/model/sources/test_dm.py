@@ -77,8 +77,8 @@ def test_a_model_that_python_makes_is_refused_with_what_it_is_made_from(name: st
     with pytest.raises(ModelNotFoundError) as caught:
         parse_source(f"dm:{name}").load()
     assert str(caught.value).splitlines() == [
-        f"dm:{name}: its model is made by Python code of dm_control, which is not run",
-        f"dm:{name.partition('/')[0]} is the XML that it is made from",
+        f"dm:{name}: its model is made by Python code of dm_control, which mjrun does not run",
+        f"dm:{name.partition('/')[0]} is the XML before the change",
     ]
 
 

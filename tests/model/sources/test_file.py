@@ -95,7 +95,7 @@ def test_what_mujoco_packs_loads_with_its_meshes(tmp_path: Path, suffix: str) ->
 def test_a_suffix_in_capitals_which_mujoco_cannot_read_is_said_so(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text(MODEL)
-    assert "MuJoCo knows them in lower case only" in str(refusal(path))
+    assert "MuJoCo accepts them in lower case only" in str(refusal(path))
 
 
 def test_a_missing_file_names_those_that_are_there_and_the_nearest(tmp_path: Path) -> None:
@@ -210,7 +210,7 @@ def test_a_path_with_a_backslash_is_refused_as_mujoco_cannot_open_it(tmp_path: P
     path.write_text("<mujoco/>")
     with pytest.raises(ValueError, match="Error opening file"):
         mujoco.MjSpec.from_file(str(path))
-    with pytest.raises(ModelNotFoundError, match="MuJoCo takes a backslash in a path"):
+    with pytest.raises(ModelNotFoundError, match="MuJoCo reads a backslash in a path"):
         FileSource(path).load()
 
 
@@ -220,7 +220,7 @@ def test_a_damaged_compiled_model_that_mujoco_would_crash_on_is_refused(tmp_path
     )
     model.body_treeid[1] = 12345
     mujoco.mj_saveModel(model, str(tmp_path / "a.mjb"))
-    with pytest.raises(BrokenModelError, match="body_treeid names trees that are not there"):
+    with pytest.raises(BrokenModelError, match="body_treeid refers to trees that do not exist"):
         load(tmp_path / "a.mjb")
 
 

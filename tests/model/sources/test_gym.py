@@ -99,7 +99,7 @@ def test_overrides_are_applied_and_travel_with_it() -> None:
         ("Humanoid", "no such environment (did you mean 'Humanoid-v5'"),
         ("Humanod-v5", "no such environment (did you mean 'Humanoid-v5'"),
         ("../../etc/passwd", "no such environment"),
-        ("CartPole-v1", "its simulation is not MuJoCo's"),
+        ("CartPole-v1", "it does not run on MuJoCo"),
         ("nobody/Cart-v0", "no installed package registers environments under nobody/"),
         ("nobody_has_this:Cart-v0", "no installed package has the module nobody_has_this"),
     ],

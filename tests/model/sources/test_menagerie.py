@@ -55,7 +55,7 @@ def test_the_variable_comes_first_and_must_name_a_folder(tmp_path: Path, monkeyp
     monkeypatch.setenv("MJRUN_MENAGERIE", str(clone(tmp_path / "mine")))
     assert parse_source("menagerie:unitree_go2").main_file == tmp_path / "mine" / "unitree_go2" / "scene.xml"
     monkeypatch.setenv("MJRUN_MENAGERIE", str(tmp_path / "nowhere"))
-    with pytest.raises(ModelNotFoundError, match=r"MJRUN_MENAGERIE=.*nowhere: is no folder"):
+    with pytest.raises(ModelNotFoundError, match=r"MJRUN_MENAGERIE=.*nowhere: is not a folder"):
         parse_source("menagerie:unitree_go2").load()
 
 
@@ -84,7 +84,7 @@ def test_without_any_the_error_says_how_to_get_them() -> None:
     with pytest.raises(ModelNotFoundError) as caught:
         parse_source("menagerie:unitree_go2/scene").load()
     first, second = str(caught.value).splitlines()
-    assert first == "menagerie:unitree_go2/scene: there is no clone of MuJoCo Menagerie"
+    assert first == "menagerie:unitree_go2/scene: no clone of MuJoCo Menagerie was found"
     assert second.startswith("git clone https://github.com/google-deepmind/mujoco_menagerie here")
 
 
