@@ -1,8 +1,8 @@
 """MuJoCo itself as an engine: `mujoco.batch` steps and records in C, on all cores, with the GIL released.
 
-Each of its records is taken after a step: the state is then one step ahead of what was derived from it, so states are
-shifted back by one. With RK4 the derived fields belong to an intermediate stage, and are computed anew from the
-recorded states instead.
+It records after each step, when the state is one step ahead of the quantities derived from it; states are therefore
+shifted back by one. With RK4 the derived fields belong to an intermediate stage, and are computed from the recorded
+states instead.
 """
 
 import copy
@@ -25,7 +25,7 @@ RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-# Fields that are part of the integration state, but for the inputs, which a step does not change.
+# Fields of the integration state that a step changes: all except the inputs.
 STATE_FIELDS = ("qpos", "qvel", "act", "history", "qacc_warmstart", "plugin_state", "plastic")
 
 
@@ -33,7 +33,7 @@ class CEngine:
     """An `Engine` in which every simulation is bit for bit that of a bare loop of `mj_step` on its model alone.
 
     Args:
-      threads: how many simulations are stepped at the same time; as many as there are cores when 0.
+      threads: the number of simulations stepped at the same time; one for each core when 0.
     """
 
     def __init__(self, threads: int = 0) -> None:
@@ -48,10 +48,10 @@ class CEngine:
         record: Sequence[str],
         every: int = 1,
     ) -> Iterator[RolloutBlock]:
-        """As `Engine` has it.
+        """Implements `Engine.rollout`.
 
         Raises:
-          UsageError: the models are of different sizes.
+          UsageError: the models have different sizes.
         """
         run = _Run(models_of(models, len(starts)), np.array(starts, float), controls, record, self._threads)
         size = min(block_steps(run.models[0], record, len(starts)), max(steps, 1))
@@ -64,13 +64,13 @@ class CEngine:
 
 @dataclass(frozen=True)
 class StepRecords:
-    """What has come of some steps of n simulations.
+    """The results of some steps of n simulations.
 
     Attributes:
       fields: of every instant, `(n, rows, …)`.
       states: after the last step, `(n, nstate)`.
-      completed: which simulations got there, `(n,)`. MuJoCo has warned in the others: they are still where they
-        were, and their rows mean nothing.
+      completed: the simulations without a warning of MuJoCo, `(n,)` bool; the others are still at their start, and
+        their rows are invalid.
     """
 
     fields: dict[str, np.ndarray]
@@ -79,13 +79,13 @@ class StepRecords:
 
 
 class RecordingBatch:
-    """Steps n simulations in C, and records every instant.
+    """A batch of n simulations that steps in C, and records every instant.
 
     Args:
-      models: one for each simulation; automatic resets are off in them, and bodies do not sleep.
+      models: one for each simulation, with automatic resets off and without sleeping bodies.
       record: names of MjData fields.
       size: the most steps of one call.
-      threads: as `CEngine` has it.
+      threads: as in `CEngine`.
     """
 
     def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], size: int, threads: int = 0) -> None:
@@ -109,9 +109,9 @@ class RecordingBatch:
         """Takes `count` steps from `states` `(n, nstate)`.
 
         Args:
-          controls: `(n, count, nu)`; those in the states throughout when None.
-          rows: which instants are of interest.
-          ids: which simulations are to move; all when None.
+          controls: `(n, count, nu)`; those in the states when None.
+          rows: the instants to return.
+          ids: the simulations to step; all when None.
         """
         batch, n = self._batch, len(states)
         ids = np.arange(n) if ids is None else ids
@@ -121,16 +121,16 @@ class RecordingBatch:
         record = [state.STATE] if self._derived else self._record
         try:
             out = batch.rollout(count, None if controls is None else controls[ids], record=record, ids=ids)
-        except BatchError as error:  # the records of the others are lost with it
+        except BatchError as error:  # it discards the records of the other simulations too
             return self.run(states, count, controls, rows, np.setdiff1d(ids, error.ids))
         completed = np.zeros(n, bool)
         completed[ids] = True
         completed &= (batch.warning == warnings).all(axis=(1, 2))
-        for vectors in self._moving:  # MuJoCo would warn of the last state only at the start of the next step
+        for vectors in self._moving:  # MuJoCo checks the last state only at the start of the next step
             completed &= (abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
         if self._derived:
             instants = shifted(states[ids], out[state.STATE])
-            if controls is not None:  # a record holds the controls that led to it
+            if controls is not None:  # a record contains the controls before it
                 instants[:, :, state.controls(self._models[0])] = controls[ids]
             fields = self._derived.of(instants[:, rows], ids)
         else:
@@ -153,14 +153,14 @@ class DerivedFields:
         self._fields = {name: self._batch.bind(name) for name in record}
 
     def error(self, simulation: int) -> str:
-        """Why MuJoCo gave up on the first state of `simulation`."""
+        """Returns the error message of MuJoCo on the first state of `simulation`."""
         return self._batch.error(simulation)
 
     def of(self, states: np.ndarray, ids: np.ndarray) -> dict[str, np.ndarray]:
-        """The fields `(k, rows, …)` of the states `(k, rows, nstate)` of the simulations `ids` `(k,)`.
+        """Returns the fields `(k, rows, …)` of the states `(k, rows, nstate)` of the simulations `ids` `(k,)`.
 
         Raises:
-          mujoco.batch.SimulationError: MuJoCo gave up on some of them.
+          mujoco.batch.SimulationError: MuJoCo raised an error on some of them.
         """
         k, rows, size = states.shape
         slots = (np.arange(rows)[:, None] * self._count + ids).ravel()
@@ -173,7 +173,7 @@ class DerivedFields:
 
 
 class _Run:
-    """Simulations on their way through a rollout."""
+    """The simulations of a rollout."""
 
     def __init__(
         self,
@@ -187,16 +187,16 @@ class _Run:
         self._states, self._controls, self._record, self._threads = starts, controls, record, threads
         self._stable = np.ones(len(models), bool)
         self._failures: dict[int, SimulationError] = {}  # since the last block
-        self._shortages: dict[int, int] = {}  # likewise
+        self._shortages: dict[int, int] = {}  # since the last block
         self._initial: Fields = {}
         self._batch: RecordingBatch | None = None
-        # Which bodies sleep is in no state: these simulations stay in one MjData throughout, and out of the batch.
+        # States do not include which bodies sleep: these simulations stay in an MjData each, outside the batch.
         sleepy = [index for index, model in enumerate(models) if model.opt.enableflags & SLEEP]
         self._awake = with_flags(self.models, leave_out=SLEEP) if sleepy else self.models
         self._sleepers = {index: self._stepper(index, 0) for index in sleepy}
 
     def block(self, first: int, count: int, every: int, size: int) -> RolloutBlock:
-        """The rows of the `count` steps from `first` on, at most `size` of them."""
+        """Returns the rows of the `count` steps from `first`, at most `size` of them."""
         self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads)
         rows = slice(-first % every, count, every)
         steps = np.arange(first, first + count)[rows]
@@ -220,14 +220,14 @@ class _Run:
         return self._block(steps, recorded.fields, counts)
 
     def last(self, step: int) -> RolloutBlock:
-        """The row at the end, at `step`."""
+        """Returns the row at the end, at `step`."""
         ids = self._ids()
         derived = DerivedFields(self._awake, self._record, 1, self._threads)
         try:
             fields = derived.of(self._states[ids][:, None], ids)
         except BatchError as error:
             for index in error.ids.tolist():
-                time = float(self._states[index, 0])  # which comes first in a state
+                time = float(self._states[index, 0])  # the time is first in a state
                 self._fail(index, FailedStepError(step, time, derived.error(index)))
             return self.last(step)
         fields = {name: _spread(values, ids, len(self.models)) for name, values in fields.items()}
@@ -237,11 +237,11 @@ class _Run:
         return self._block(np.array([step]), fields, self._stable.astype(int))
 
     def _ids(self) -> np.ndarray:
-        """The simulations that go on in C."""
+        """Returns the simulations that continue in C."""
         return np.array([index for index in np.flatnonzero(self._stable) if index not in self._sleepers], int)
 
     def _stepper(self, index: int, step: int) -> PhysicsStepper:
-        """Simulation number `index`, to be taken on step by step from `step`."""
+        """Returns a stepper for simulation number `index`, from `step`."""
         model, data = self.models[index], mujoco.MjData(self.models[index])
         state.restore(model, data, self._states[index])
         control = None
@@ -269,9 +269,9 @@ class _Run:
 
 
 def with_flags(models: Sequence[mujoco.MjModel], disable: int = 0, leave_out: int = 0) -> Sequence[mujoco.MjModel]:
-    """`models` with `disable` among their disable flags and without `leave_out` among their enable flags.
+    """Returns `models` with `disable` among their disable flags and without `leave_out` among their enable flags.
 
-    Those that differ are copied, once where several are the same.
+    Models that change are copied, each once.
     """
     changed: dict[int, mujoco.MjModel] = {}
     for model in models:
@@ -285,7 +285,7 @@ def with_flags(models: Sequence[mujoco.MjModel], disable: int = 0, leave_out: in
 
 
 def _batch(models: Sequence[mujoco.MjModel], threads: int) -> Batch:
-    """A batch of a simulation of each of `models`."""
+    """Creates a batch with a simulation of each of `models`."""
     batch = Batch(models[0], len(models), threads if len(models) > 1 else 1)
     if any(model is not models[0] for model in models):
         try:
@@ -296,12 +296,12 @@ def _batch(models: Sequence[mujoco.MjModel], threads: int) -> Batch:
 
 
 def shifted(first: np.ndarray, records: np.ndarray) -> np.ndarray:
-    """Records `(n, rows, …)` that are taken after each step, as they are before it: `first` `(n, …)` leads them."""
+    """Returns records `(n, rows, …)` taken after each step as records before it, beginning with `first` `(n, …)`."""
     return np.concatenate([first[:, None], records[:, :-1]], axis=1)
 
 
 def _spread(values: np.ndarray, ids: np.ndarray, count: int) -> np.ndarray:
-    """`values` `(k, …)` of the simulations `ids` among zeros for the others: `(count, …)`."""
+    """Returns `values` `(k, …)` of the simulations `ids`, with zeros for the others: `(count, …)`."""
     if len(ids) == count:
         return values
     full = np.zeros((count, *values.shape[1:]), values.dtype)

@@ -1,6 +1,6 @@
 """The controls of a simulation, step by step: constants, tables, noise, and controllers in Python.
 
-Controls belong to an instant: those set at step k act from step k to k + 1, and on what is derived at k.
+Controls belong to an instant: those set at step k act from step k to k + 1, and on the quantities derived at k.
 """
 
 import inspect
@@ -18,44 +18,44 @@ from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.timeline import nearest, seconds
 
-NEVER = 2**62  # a step that no simulation reaches
-PREFIX = "ctrl/"  # of a table's columns
-SLACK = 1e-3  # of a timestep: a table's times may be sums of floats
-NOISE_BLOCK = 1024  # steps of noise drawn at a time
-NOISE_STREAM = 1  # keeps the noise on controls apart from other noise of the same seed
+NEVER = 2**62  # a step beyond every simulation
+PREFIX = "ctrl/"  # the prefix of columns of controls
+SLACK = 1e-3  # timesteps: the times of a table may be sums of floats
+NOISE_BLOCK = 1024  # steps of noise drawn in one call
+NOISE_STREAM = 1  # separates the noise on controls from other noise of the same seed
 
 Controller = Callable[[mujoco.MjModel, mujoco.MjData], Any]
 
 
 class KnownInputs(Protocol):
-    """Applied forces, mocap poses and whatever else acts on a simulation, known beforehand."""
+    """Applied forces, mocap poses and other inputs, known in advance."""
 
     def at(self, step: int) -> np.ndarray:
-        """All inputs at `step`, as `state.INPUTS` has them."""
+        """Returns all inputs at `step`, in the order of `state.INPUTS`."""
         ...
 
     def next_change(self, step: int) -> int:
-        """A step after `step` up to which all inputs but the controls stay as they are."""
+        """Returns a step after `step` up to which all inputs except controls are constant."""
         ...
 
 
 class KnownControls(Protocol):
-    """Controls that are known beforehand."""
+    """Controls that are known in advance."""
 
     def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
-        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`, as far as they are known."""
+        """Writes the known controls of the steps from `first` into `ctrl` `(n, nu)`."""
         ...
 
 
 class PeriodicController:
-    """A controller, called every `period` [s] with the model and an instant of which every field belongs together.
+    """A controller, called every `period` [s] with the model and an MjData in which every field belongs to one instant.
 
-    It writes `data.ctrl`, or any other input (applied forces, mocap poses, active equalities), or returns
-    the controls `(nu,)`. Forces and accelerations that it sees are those of the controls in force until then.
+    It writes `data.ctrl`, or any other input (applied forces, mocap poses, active equalities), or returns the controls
+    `(nu,)`. The forces and accelerations that it reads follow from the controls in force until then.
 
     Args:
       controller: called with (model, data); a method `reset` is called first, with (model, data) or nothing.
-      period: at least a timestep; its multiples fall on the nearest steps.
+      period: at least a timestep; its multiples are rounded to the nearest steps.
 
     Raises:
       ControllerError: it does not take (model, data).
@@ -68,31 +68,31 @@ class PeriodicController:
         if self._ratio < 1:
             raise UsageError(
                 f"{option('control_dt')} {float(period):g} is shorter than the timestep, {float(timestep):g} s\n"
-                "a controller can be called once a step at most"
+                "a controller can be called at most once per step"
             )
         if not _takes(controller, 2):
             raise ControllerError(f"the controller {self.name} must take (model, data)")
 
     def next_change(self, step: int) -> int:
-        """The first step after `step` at which the controller is called."""
+        """Returns the first step after `step` at which the controller is called."""
         return nearest(math.ceil((step + Fraction(1, 2)) / self._ratio) * self._ratio)
 
     def is_due(self, step: int) -> bool:
-        """Whether the controller is called at `step`."""
+        """Returns whether the controller is called at `step`."""
         return step == 0 or self.next_change(step - 1) == step
 
     def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Tells the controller that a simulation begins."""
+        """Calls the controller's own `reset`, if it has one, at the start of a simulation."""
         reset = getattr(self._controller, "reset", None)
         if reset is not None:
             arguments = (model, data) if _takes(reset, 2) else ()
             self._call("reset", reset, *arguments)
 
     def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int) -> None:
-        """Lets the controller set the inputs in `data`.
+        """Calls the controller, which sets the inputs in `data`.
 
         Raises:
-          ControllerError: it failed, or what it gave cannot be taken.
+          ControllerError: it failed, returned invalid controls, or changed the state.
         """
         before = state.save(model, data, spec=state.PHYSICS)
         when = f"at step {step}, time {data.time:.9g} s"
@@ -132,12 +132,12 @@ class PeriodicController:
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:
-    """Whether `function` can be called with `count` arguments, as far as it says."""
+    """Returns whether `function` accepts `count` arguments; True if its signature is unknown."""
     try:
         inspect.signature(function).bind(*[None] * count)
     except TypeError:
         return False
-    except ValueError:  # it does not say
+    except ValueError:  # no signature
         return True
     return True
 
@@ -145,14 +145,14 @@ def _takes(function: Callable[..., Any], count: int) -> bool:
 class ControlNoise:
     """Gaussian noise on every control: white, or an Ornstein-Uhlenbeck process.
 
-    Any step can be asked for at any time: the same seed gives the same noise at the same step.
+    The noise of any step can be requested at any time, and depends on the seed and the step alone.
 
     Args:
       std: standard deviation, in the actuators' own units.
-      smooth: time in which the process forgets [s]; 0 is white noise, new at every step.
+      smooth: correlation time of the process [s]; 0 is white noise, independent at every step.
       seed: of the noise.
       timestep: of the simulation [s].
-      actuators: how many.
+      actuators: the number of controls.
     """
 
     def __init__(self, std: float, smooth: float, seed: int, timestep: float, actuators: int) -> None:
@@ -162,7 +162,7 @@ class ControlNoise:
         self._block, self._values = -1, np.empty(0)
 
     def rows(self, first: int, count: int) -> np.ndarray:
-        """The noise of the steps from `first` on, `(count, nu)`."""
+        """Returns the noise of the steps from `first`, `(count, nu)`."""
         out = np.empty((count, self._actuators))
         step = first
         while step < first + count:
@@ -185,7 +185,7 @@ class ControlNoise:
         values = self._std * generator.standard_normal((NOISE_BLOCK, self._actuators))
         if self._keep:
             value = self._last[block]
-            values[block == 0 :] *= math.sqrt(1 - self._keep**2)  # so that the deviation is std from the start
+            values[block == 0 :] *= math.sqrt(1 - self._keep**2)  # a stationary process from the start
             for row in values:
                 row += self._keep * value
                 value = row
@@ -193,20 +193,21 @@ class ControlNoise:
 
 
 class ControlTable:
-    """Controls by time, read beforehand: each holds until the next, or goes there in a straight line.
+    """Controls by time: each holds until the next, or changes to it in a straight line.
 
     The last one holds to the end. Actuators without a column keep their constant control.
 
     Args:
       model: whose actuators are driven.
-      columns: `time` [s], and `ctrl/ACTUATOR` for each actuator, `(n,)` each; the rest is not looked at.
-      source: what the table is called in messages.
+      columns: `time` [s], and `ctrl/ACTUATOR` for each actuator, `(n,)` each; others are ignored.
+      source: the name of the table in messages.
       linear: interpolate; otherwise hold.
       constant: indices of controls that need no column.
 
     Raises:
-      UnknownNameError: a column of an actuator that is not there.
-      UsageError: no time, times out of order or too late, an actuator without a column, numbers not finite.
+      UnknownNameError: a column names an actuator that is not in the model.
+      UsageError: the time is missing, unordered or begins too late, an actuator has no column, or a number is not
+        finite.
     """
 
     def __init__(
@@ -226,7 +227,7 @@ class ControlTable:
         if not driven or missing:
             wanted = listing([f"{PREFIX}{name}" for name in missing or actuators]) or "nothing: it has no actuators"
             raise UsageError(
-                f"{clean(source)} lacks columns that the model takes: {wanted}\n{option('ctrl')} can hold the others"
+                f"{clean(source)} lacks columns for actuators of the model: {wanted}\n{option('ctrl')} sets the others"
             )
         self._time, self._linear = _times(columns, source), linear
         self._actuators = np.array([actuators.index(name) for name in driven])
@@ -235,7 +236,7 @@ class ControlTable:
         if len(bad):
             row, column = bad[0]
             text = f"{PREFIX}{list(driven)[column]} is {self._values[row, column]}"
-            raise UsageError(f"{clean(source)}, row {row}: {clean(text)}, and must be finite")
+            raise UsageError(f"{clean(source)}, row {row}: {clean(text)}; it must be finite")
 
     @property
     def end(self) -> float:
@@ -243,7 +244,7 @@ class ControlTable:
         return float(self._time[-1])
 
     def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
-        """Puts the controls of the steps from `first` on into their columns of `ctrl` `(n, nu)`."""
+        """Writes the controls of the steps from `first` into their columns of `ctrl` `(n, nu)`."""
         time = np.asarray(seconds(np.arange(first, first + len(ctrl)), timestep), float)
         if self._linear:
             for actuator, values in zip(self._actuators, self._values.T, strict=True):
@@ -256,12 +257,12 @@ class ControlTable:
 def _times(columns: Mapping[str, np.ndarray], source: str) -> np.ndarray:
     if "time" not in columns:
         raise UsageError(
-            f"{clean(source)} has no column 'time'\nit takes 'time' in seconds, and ctrl/ACTUATOR for each"
+            f"{clean(source)} has no column 'time'\nit needs 'time' in seconds, and ctrl/ACTUATOR for each actuator"
         )
     time = columns["time"]
     require_times(time, source)
     if time[0] > 0:
-        raise UsageError(f"{clean(source)} begins at {time[0]:.9g} s, and does not say what the controls are from 0 on")
+        raise UsageError(f"{clean(source)} begins at {time[0]:.9g} s; add a row at time 0")
     return time
 
 
@@ -272,19 +273,19 @@ class ControlArray:
         self._values = values
 
     def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
-        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
+        """Writes the controls of the steps from `first` into `ctrl` `(n, nu)`."""
         ctrl[:] = self._values[np.minimum(np.arange(first, first + len(ctrl)), len(self._values) - 1)]
 
 
 @dataclass
 class ControlSignal:
-    """All that drives a simulation: a table, noise that is added, a controller, and constants for the rest.
+    """All inputs of a simulation: a table of controls, noise on them, a controller, and constants for the rest.
 
     Attributes:
       timestep: of the simulation [s], exact.
-      constant: controls `(nu,)` that hold where nothing else says; the stepper keeps those of the controller here.
-      table, noise, controller: what there is besides.
-      inputs: what acts besides controls, if it is known beforehand.
+      constant: controls `(nu,)` of actuators without another source; the stepper stores those of the controller here.
+      table, noise, controller: sources of controls; None without.
+      inputs: inputs other than controls, if they are known in advance.
     """
 
     timestep: Fraction
@@ -296,11 +297,11 @@ class ControlSignal:
 
     @property
     def varies(self) -> bool:
-        """Whether the controls change from step to step, without a controller."""
+        """True where the controls change from step to step without a controller."""
         return self.table is not None or self.noise is not None
 
     def rows(self, first: int, count: int) -> np.ndarray:
-        """The controls of the steps from `first` on, `(count, nu)`, until the controller is called again."""
+        """Returns the controls of the steps from `first`, `(count, nu)`, until the next call of the controller."""
         ctrl = np.tile(self.constant, (count, 1))
         if self.table:
             self.table.apply(ctrl, first, self.timestep)
@@ -310,13 +311,17 @@ class ControlSignal:
 
 
 def require_times(time: np.ndarray, source: str) -> None:
-    """Raises UsageError unless `time` `(n,)` [s] has rows, and they ascend; `source` is what has them."""
+    """Checks that `time` `(n,)` [s] of `source` has rows in ascending order.
+
+    Raises:
+      UsageError: it has none, or they do not ascend.
+    """
     if not len(time):
         raise UsageError(f"{clean(source)} has no rows")
     bad = np.flatnonzero(~np.isfinite(time))
     if len(bad):
-        raise UsageError(f"{clean(source)}, row {bad[0]}: time is {time[bad[0]]}, and must be finite")
+        raise UsageError(f"{clean(source)}, row {bad[0]}: time is {time[bad[0]]}; it must be finite")
     bad = np.flatnonzero(np.diff(time) <= 0)
     if len(bad):
         before, after = time[bad[0]], time[bad[0] + 1]
-        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time {after:.9g} follows {before:.9g}, and must grow")
+        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time {after:.9g} follows {before:.9g}; times must ascend")

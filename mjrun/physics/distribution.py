@@ -1,4 +1,4 @@
-"""Random values: distributions, as they are written, and their quantile functions."""
+"""Distributions of random values: their text form, drawing, and quantile functions."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -19,9 +19,9 @@ class Distribution:
     """A distribution of values.
 
     Attributes:
-      text: as it is written: `uniform(0.3, 1)`.
+      text: its text form: `uniform(0.3, 1)`.
       name: `uniform`.
-      arguments: texts in its brackets.
+      arguments: the texts in its parentheses.
     """
 
     text: str
@@ -29,7 +29,7 @@ class Distribution:
     arguments: tuple[str, ...]
 
     def values(self, fractions: np.ndarray) -> list[str]:
-        """The values below which these fractions `(n,)`, from 0 to 1, of the distribution lie, as texts."""
+        """Returns the quantiles of the distribution at these fractions `(n,)` from 0 to 1, as texts."""
         if self.name == "choice":
             count = len(self.arguments)
             return [self.arguments[min(int(fraction * count), count - 1)] for fraction in fractions]
@@ -38,18 +38,18 @@ class Distribution:
 
     @cached_property
     def numbers(self) -> list[float]:
-        """The arguments as numbers, which they must be."""
+        """The arguments as numbers; a ValueError if they are not."""
         return [float(argument) for argument in self.arguments]
 
 
 def parse_distribution(text: str, place: str) -> Distribution | None:
-    """The distribution that `text` is; None if it is none.
+    """Returns the distribution that `text` specifies; None if `text` is not a call.
 
     Args:
-      place: what messages call it: `vary geom/floor.friction[0]`.
+      place: its name in messages: `vary geom/floor.friction[0]`.
 
     Raises:
-      UsageError: it is written like one, but there is no such distribution, or its numbers cannot be.
+      UsageError: the distribution does not exist, or its numbers are invalid.
     """
     call = CALL.fullmatch(text)
     if call is None:
@@ -72,7 +72,7 @@ def _parsed(text: str) -> Distribution | None:
 
 
 def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.ndarray:
-    """`count` numbers `(count,)` of the distribution, or the number, that `text` is; its values must be numbers."""
+    """Draws `count` numbers `(count,)` from the distribution `text`, or repeats the number `text`."""
     distribution = _parsed(text)
     if distribution is None:
         return np.full(count, float(text))
@@ -92,7 +92,7 @@ def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.nd
 
 
 def draw_text(text: str, generator: np.random.Generator) -> str:
-    """One value of the distribution that `text` is, as text; `text` itself if it is none."""
+    """Draws one value from the distribution `text`, as text; returns any other `text` unchanged."""
     distribution = _parsed(text)
     match distribution:
         case None:

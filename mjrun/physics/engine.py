@@ -1,4 +1,4 @@
-"""What an engine is: something that steps n simulations at once and records them as blocks of rows."""
+"""The interface of engines, which step n simulations at once and record them as blocks of rows."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,8 +10,8 @@ import numpy as np
 from mjrun.errors import SimulationError
 from mjrun.model import state
 
-BLOCK_STEPS = 4096  # steps in a block, at most
-BLOCK_BYTES = 64 * 2**20  # memory for the rows of a block, unless a single row takes more
+BLOCK_STEPS = 4096  # the most steps in a block
+BLOCK_BYTES = 64 * 2**20  # memory for the rows of a block, unless a single row needs more
 
 Fields = Mapping[str, np.ndarray]
 
@@ -26,12 +26,11 @@ class RolloutBlock:
     Attributes:
       steps: the step of each row, `(rows,)`.
       fields: MjData fields by name, `(n, rows, …)`.
-      initial: the same fields at step 0, `(n, 1, …)`, for what is measured from the beginning.
-      counts: how many of the rows each simulation has, `(n,)`. A simulation that has failed has fewer than the block;
-        what is beyond them means nothing.
+      initial: the same fields at step 0, `(n, 1, …)`, for quantities relative to the start.
+      counts: the number of valid rows of each simulation, `(n,)`; a failed simulation has fewer than the block.
       failures: the simulations that failed since the previous block, by index.
-      shortages: those that went on without some of their contacts or constraints, for want of memory, and the first
-        row's step at which they had; of this block. Engines that cannot tell have none.
+      shortages: for simulations that continued without some of their contacts or constraints for lack of memory, the
+        first such step in this block; empty for engines that do not report it.
     """
 
     steps: np.ndarray
@@ -43,7 +42,7 @@ class RolloutBlock:
 
 
 class Engine(Protocol):
-    """Steps n simulations at once."""
+    """An engine, which steps n simulations at once."""
 
     def rollout(
         self,
@@ -56,14 +55,14 @@ class Engine(Protocol):
     ) -> Iterator[RolloutBlock]:
         """Takes `steps` steps from each start, and yields the rows at steps 0, every, 2·every, … and at the last.
 
-        A simulation that becomes unstable, or in which MuJoCo gives up, ends there; the others go on. Memory does not
-        grow with the number of steps. Energy is recorded where the model has it enabled.
+        A simulation that becomes unstable, or in which MuJoCo raises an error, ends there; the others continue. Memory
+        does not grow with the number of steps. Energy is recorded where the model enables it.
 
         Args:
           models: one for each simulation, with the same sizes, or one for all of them; not changed.
           starts: integration states (`mjSTATE_INTEGRATION`), `(n, nstate)`.
-          controls: those of every step, `(n, steps, nu)`; the ones in `starts` throughout when None.
-          steps: how many to take.
+          controls: those of every step, `(n, steps, nu)`; the ones in `starts` when None.
+          steps: the number of steps.
           record: names of MjData fields that are arrays, `ncon` and `nefc`.
           every: steps from one row to the next.
 
@@ -74,7 +73,7 @@ class Engine(Protocol):
 
 
 def joined(blocks: Iterable[RolloutBlock], rows: int) -> Iterator[RolloutBlock]:
-    """The same rows, in which blocks of fewer than `rows` are one with those that follow, up to so many."""
+    """Joins successive blocks into blocks of at most `rows` rows."""
     waiting: RolloutBlock | None = None
     for block in blocks:
         if waiting and len(waiting.steps) + len(block.steps) > rows:
@@ -93,10 +92,10 @@ def _joined(one: RolloutBlock, other: RolloutBlock) -> RolloutBlock:
 
 
 def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> Sequence[mujoco.MjModel]:
-    """The model of each of `count` simulations.
+    """Returns the model of each of `count` simulations.
 
     Raises:
-      ValueError: there are not as many models as simulations.
+      ValueError: the number of models differs.
     """
     if isinstance(models, mujoco.MjModel):
         return [models] * count
@@ -106,7 +105,7 @@ def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> 
 
 
 def block_steps(model: mujoco.MjModel, record: Sequence[str], count: int) -> int:
-    """How many steps of `count` simulations fit in a block."""
+    """Returns the number of steps of `count` simulations that fit in a block."""
     data = mujoco.MjData(model)
     row = 8 * state.size(model) + sum(np.asarray(getattr(data, name)).nbytes for name in record)
     return int(np.clip(BLOCK_BYTES // max(1, count * row), 1, BLOCK_STEPS))

@@ -1,4 +1,4 @@
-"""Where a simulation starts: a keyframe, joint positions and velocities, controls, noise; all by name."""
+"""The initial state of a simulation: a keyframe, joint positions and velocities, controls, noise; all by name."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ class InitialState:
     Args:
       key: keyframe name or index; the model's own `qpos0` when None.
       qpos, qvel: joints by name, wildcard or index, or `NAME/COMPONENT` (`root/z`, `root/wx`). A joint
-        without a name answers to its body's. Units [m, rad, m/s, rad/s], quaternions w first.
+        without a name has that of its body. Units [m, rad, m/s, rad/s], quaternions w first.
       ctrl: actuators by name, wildcard or index, held constant.
       perturb: standard deviation of Gaussian noise added to every initial velocity.
       seed: of that noise; the same seed gives the same start.
@@ -33,7 +33,7 @@ class InitialState:
     seed: int = 0
 
     def data(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """A new MjData in this state.
+        """Returns a new MjData in this state.
 
         Raises:
           UnknownNameError: a name is not in the model.
@@ -45,7 +45,7 @@ class InitialState:
         return data
 
     def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Puts `data` into this state, whatever it held; raises what `data` does."""
+        """Puts `data` into this state, whatever it contained; raises the errors of `data`."""
         if self.key is None:
             mujoco.mj_resetData(model, data)
         else:
@@ -68,7 +68,7 @@ class InitialState:
         _check(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
-        """What the user should know of this start: controls that MuJoCo will clamp."""
+        """Returns a warning for each control that MuJoCo will clamp."""
         data, controls = self.data(model), control_names(model)
         driven = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
         clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
@@ -83,20 +83,20 @@ class InitialState:
 
 
 def _set(vector: np.ndarray, slices: Sequence[slice], values: Values, what: str, name: str) -> None:
-    """Writes `values` into every one of `slices`, which the option `what` has called `name`."""
+    """Writes `values` into each of `slices`, the places of `name` in the option `what`."""
     numbers = np.atleast_1d(np.asarray(values, float))
     for part in slices:
         size = part.stop - part.start
         if numbers.shape != (size,):
             text = ",".join(f"{number:g}" for number in numbers.ravel())
-            raise BadValueError(f"{option(what)} {clean(name)}", text, f"{size} number{'s' * (size > 1)}, as it takes")
+            raise BadValueError(f"{option(what)} {clean(name)}", text, f"{size} number{'s' * (size > 1)}")
         vector[part] = numbers
 
 
 def _joint_slices(
     model: mujoco.MjModel, addresses: np.ndarray, parts: dict[int, tuple[str, ...]], name: str
 ) -> list[slice]:
-    """Where in qpos or qvel the joints, or the joint components, that `name` stands for are."""
+    """Returns the places in qpos or qvel of the joints, or the joint components, that `name` selects."""
     slices = []
     for joint, component in _joints(model, parts, name):
         start, size = int(addresses[joint]), len(parts.get(int(model.jnt_type[joint]), ("",)))
@@ -107,7 +107,7 @@ def _joint_slices(
 
 
 def _joints(model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str) -> Iterator[tuple[int, int | None]]:
-    """Joint ids that `name` means, each with the component it names, if any."""
+    """Yields the joint ids that `name` selects, each with the component that it names, if any."""
     owner, slash, part = name.rpartition("/")
     known = {*names(model, "joint"), *names(model, "body")}
     if name in known or owner not in known:
@@ -138,14 +138,22 @@ def _vectors(data: mujoco.MjData) -> dict[str, np.ndarray]:
 
 
 def _check(data: mujoco.MjData, own: Mapping[str, np.ndarray], source: str) -> None:
-    """Raises ModelError or UsageError if a number of a start cannot be: of `own`, which `source` says, or another."""
+    """Checks the numbers of an initial state.
+
+    Args:
+      own: the numbers of `source`, the keyframe or the model's own pose.
+
+    Raises:
+      ModelError: a number of `source` is not finite or too large.
+      UsageError: another number is.
+    """
     for name, vector in _vectors(data).items():
         bad = np.flatnonzero(~(abs(vector) <= mujoco.mjMAXVAL))
         if not bad.size:
             continue
         index, value = bad[0], vector[bad[0]]
-        limit = f"below {mujoco.mjMAXVAL:g}, beyond which MuJoCo takes a simulation for unstable"
-        must = f"is {value:g}, and must be {limit if np.isfinite(value) else 'finite'}"
+        limit = f"below {mujoco.mjMAXVAL:g}, MuJoCo's limit of a stable simulation"
+        must = f"is {value:g}; it must be {limit if np.isfinite(value) else 'finite'}"
         if np.array_equal(value, own[name][index], equal_nan=True):
             raise ModelError(f"{source}: {name}[{index}] {must}")
         raise UsageError(f"the initial {name}[{index}] {must}")

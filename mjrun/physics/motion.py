@@ -1,7 +1,7 @@
-"""States that follow from samples of positions in time: motion capture, logs, tables of any simulator.
+"""States computed from samples of positions in time: motion capture, logs, tables of any simulator.
 
-Between samples, positions go on in a straight line, and quaternions along the shortest arc at constant angular
-velocity; or all of them hold. At the time of a sample, the state is that sample.
+Between samples, positions follow a straight line, and quaternions the shortest arc at constant angular velocity; or
+all of them hold. At the time of a sample, the state is that sample.
 """
 
 import mujoco
@@ -14,19 +14,19 @@ from mjrun.timeline import rational
 
 
 class Motion:
-    """The states of `model` at all steps from the first sample on, which is step 0.
+    """The states of `model` at all steps from the first sample, which is step 0.
 
-    They are computed as they are asked for: memory holds the samples, whatever the number of steps.
+    Each state is computed on request: memory holds the samples alone, whatever the number of steps.
 
     Args:
-      start: holds what the samples do not give.
+      start: provides the values that the samples lack.
 
     Attributes:
-      steps: all of them.
-      size: numbers in a state.
-      has_controls: whether the samples give any.
-      remarks: what the user should know of it.
-      position_remarks: those on its positions.
+      steps: all steps.
+      size: the length of a state.
+      has_controls: whether the samples include controls.
+      remarks: warnings for the user.
+      position_remarks: those about positions.
 
     Raises:
       UsageError: as `CompleteSamples`.
@@ -53,15 +53,15 @@ class Motion:
         self.remarks = [*complete.position_remarks, *complete.other_remarks]
 
     def state(self, index: int) -> np.ndarray:
-        """The integration state at step `index`: a new array `(size,)`.
+        """Returns the integration state at step `index` as a new array `(size,)`.
 
         Raises:
-          IndexError: there is none.
+          IndexError: the step does not exist.
         """
         return self.state_at(float(self.steps[index] * self._timestep))
 
     def state_at(self, time: float) -> np.ndarray:
-        """The integration state `time` [s] after the first sample; the first state before, the last after the end."""
+        """Returns the integration state `time` [s] after the first sample, held before the first and after the last."""
         row, share = self._place(time)
         moving = 0.0 if self._interpolation.hold else share
         data, fields = self._data, self._fields
@@ -79,7 +79,7 @@ class Motion:
         return state.save(self._model, data)
 
     def _place(self, time: float) -> tuple[int, float]:
-        """The last row that is not later than `time`, and the share of the way to the next."""
+        """Returns the last row at or before `time`, and the fraction of the way to the next."""
         row = max(0, int(np.searchsorted(self._time, time + self._slack, side="right")) - 1)
         since = time - self._time[row]
         if since <= self._slack or row == len(self._time) - 1:
@@ -104,5 +104,5 @@ class Motion:
 
 
 def _between(values: np.ndarray, row: int, share: float) -> np.ndarray:
-    """The numbers at `share` of the straight way from a row of `values` to the next."""
+    """Returns the numbers at the fraction `share` of the straight way from a row of `values` to the next."""
     return values[row] + share * (values[row + 1] - values[row]) if share else values[row]

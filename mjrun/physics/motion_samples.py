@@ -11,22 +11,22 @@ from mjrun.errors import UsageError, clean, listing
 from mjrun.model.names import BALL, FREE
 from mjrun.physics.control import require_times
 
-# The fields of MjData that samples may give.
+# The fields of MjData that samples may contain.
 FIELDS = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")
-UNIT_TOLERANCE = 1e-3  # a quaternion that is farther from unit length is reported
-EXACT_UNIT = 1e-14  # one that is nearer is left as it is, so that a trace replays bit for bit
-LONG = 1.5  # usual times between samples; what is longer is a gap
+UNIT_TOLERANCE = 1e-3  # a larger deviation of a quaternion from unit length is reported
+EXACT_UNIT = 1e-14  # a smaller one is left unchanged, so that a trace replays bit for bit
+LONG = 1.5  # median intervals between samples; a longer one is a gap
 
 
 @dataclass(frozen=True)
 class MotionSamples:
-    """Samples of a motion, as they are in a table.
+    """Samples of a motion in a table.
 
     Attributes:
-      source: what messages call the table.
+      source: the name of the table in messages.
       time: of each sample [s], `(n,)`.
       columns: names of the columns of each of `FIELDS`, in the order of its numbers.
-      values: `(n,)` by field and index, for what the table has; NaN where a sample is missing.
+      values: `(n,)` by field and index, for the columns of the table; NaN where a sample is missing.
     """
 
     source: str
@@ -35,19 +35,19 @@ class MotionSamples:
     values: Mapping[str, Mapping[int, np.ndarray]]
 
     def missing(self, field: str) -> list[str]:
-        """The columns of a field that the table lacks."""
+        """Returns the columns of a field that the table lacks."""
         columns = self.values.get(field, {})
         return [name for index, name in enumerate(self.columns[field]) if index not in columns]
 
 
 @dataclass(frozen=True)
 class Interpolation:
-    """How a motion goes on between its samples.
+    """The interpolation of a motion between its samples.
 
     Attributes:
-      hold: positions and velocities hold until the next sample, instead of going there in a straight line.
-      hold_controls: the same of controls.
-      unwrap: a hinge that jumps by more than half a turn has turned the other way, past the end of its scale.
+      hold: positions and velocities hold until the next sample, instead of following a straight line to it.
+      hold_controls: controls hold likewise.
+      unwrap: a jump of a hinge by more than half a turn is a turn in the other direction, past the end of its scale.
     """
 
     hold: bool = False
@@ -56,21 +56,21 @@ class Interpolation:
 
 
 class CompleteSamples:
-    """Samples without gaps: what is missing between others is interpolated, what the table lacks is as at the start.
+    """Samples without gaps: missing samples are interpolated, and columns that the table lacks are as at the start.
 
-    Quaternions have unit length, and never change sign from one sample to the next.
+    Quaternions have unit length, and keep their sign from one sample to the next.
 
     Args:
-      start: holds what the table lacks.
+      start: provides the values that the table lacks.
 
     Attributes:
-      time: of each sample [s], from the first one on, `(n,)`.
+      time: of each sample [s], from the first one, `(n,)`.
       fields: `(n, size)` for each of `FIELDS` that the table has, and for qpos and qvel.
-      position_remarks, other_remarks: what the user should know of its positions, and of the rest.
+      position_remarks, other_remarks: warnings about its positions, and about the rest.
 
     Raises:
-      UsageError: times that do not ascend, numbers that are infinite, a first sample that is missing, a quaternion of
-        which a component is missing, or all are zero.
+      UsageError: times that do not ascend, infinite numbers, a missing first sample, or a quaternion that is zero or
+        lacks a component.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class CompleteSamples:
         self.position_remarks, self.other_remarks = list(self._on_positions()), list(self._on_the_rest())
 
     def _complete(self, field: str, initial: np.ndarray) -> np.ndarray:
-        """The numbers of a field `(n, size)`."""
+        """Returns the numbers of a field `(n, size)`."""
         complete = np.tile(initial, (len(self.time), 1))
         columns = self._samples.values.get(field, {})
         names = self._samples.columns[field]
@@ -110,7 +110,7 @@ class CompleteSamples:
         return complete
 
     def _numbers(self, field: str, index: int, values: np.ndarray) -> np.ndarray:
-        """One column without its gaps."""
+        """Returns one column without its gaps."""
         name = self._samples.columns[field][index]
         rows = self._present(name, values)
         if field == "qpos" and self._interpolation.unwrap and index in hinges(self._model):
@@ -124,13 +124,13 @@ class CompleteSamples:
         return np.interp(self.time, self.time[rows], values[rows])
 
     def _quaternions(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Quaternions `(n, 4)` without gaps, normalized and of continuous sign."""
+        """Returns quaternions `(n, 4)` without gaps, normalized and of continuous sign."""
         rows = self._present(name, values)
         turned = values[rows]
         length = np.linalg.norm(turned, axis=1)
         if not length.all():
             row = rows[int(np.argmin(length))]
-            raise UsageError(f"{self._row(row)}: the quaternion {clean(name)} is zero, and turns nothing")
+            raise UsageError(f"{self._row(row)}: the quaternion {clean(name)} is zero, which is not a rotation")
         if abs(length - 1).max() > UNIT_TOLERANCE:
             self._lengths[name] = float(length[np.argmax(abs(length - 1))])
         inexact = abs(length - 1) > EXACT_UNIT
@@ -149,7 +149,7 @@ class CompleteSamples:
         return complete
 
     def _velocities(self) -> np.ndarray:
-        """Velocities `(n, nv)`: those in the table, the rest from positions."""
+        """Returns velocities `(n, nv)`: those in the table, the rest from positions."""
         measured = self._samples.values.get("qvel", {})
         model = self._model
         velocities = np.empty((len(self.time), model.nv))
@@ -160,7 +160,7 @@ class CompleteSamples:
         return velocities
 
     def _present(self, name: str, values: np.ndarray) -> np.ndarray:
-        """The rows in which there are all values; notes the gaps between them."""
+        """Returns the rows in which no value is missing; records the gaps between them."""
         rows = values.reshape(len(values), -1)
         present = np.atleast_1d(~np.isnan(rows).any(axis=1))
         bad = np.flatnonzero(np.isinf(rows).any(axis=1))
@@ -173,8 +173,8 @@ class CompleteSamples:
             )
         if not present[0]:
             raise UsageError(
-                f"{self._row(0)}: {clean(name)} is missing (empty or nan), and a motion begins with all of its "
-                "columns\nleave out the rows before the first whole one"
+                f"{self._row(0)}: {clean(name)} is missing (empty or nan), but a motion must begin with all of its "
+                "columns\nremove the rows before the first complete one"
             )
         whole = np.flatnonzero(present)
         self._note_gaps(name, whole)
@@ -240,7 +240,7 @@ class CompleteSamples:
 
 
 def quaternions(model: mujoco.MjModel, field: str) -> list[int]:
-    """Where in a field quaternions begin."""
+    """Returns the places in a field at which quaternions begin."""
     if field == "mocap_quat":
         return list(range(0, 4 * model.nmocap, 4))
     if field != "qpos":
@@ -251,12 +251,14 @@ def quaternions(model: mujoco.MjModel, field: str) -> list[int]:
 
 
 def hinges(model: mujoco.MjModel) -> set[int]:
-    """The indices of hinge angles in qpos."""
+    """Returns the indices of hinge angles in qpos."""
     return set(model.jnt_qposadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)].tolist())
 
 
 def slerp(first: np.ndarray, last: np.ndarray, share: float) -> np.ndarray:
-    """The quaternion at `share` of the shortest arc from `first` to `last`, at constant angular velocity.
+    """Returns the quaternion at the fraction `share` of the shortest arc from `first` to `last`.
+
+    The angular velocity along the arc is constant.
 
     K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985.
     """
@@ -268,11 +270,11 @@ def slerp(first: np.ndarray, last: np.ndarray, share: float) -> np.ndarray:
 
 
 def finite_differences(model: mujoco.MjModel, time: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """Velocities `(n, nv)` from `positions` `(n, nq)` at `time` `(n,)` [s].
+    """Returns velocities `(n, nv)` from `positions` `(n, nq)` at `time` `(n,)` [s].
 
-    At each sample it is the mean of the differences before and after it, weighted so that constant accelerations have
-    exact velocities; at both ends the only one there is. The differences are MuJoCo's (`mj_differentiatePos`): angular
-    velocities are in the frame of the body.
+    The velocity at a sample is the mean of the differences before and after it, weighted so that it is exact for
+    constant accelerations; at either end it is the only difference. The differences are MuJoCo's
+    (`mj_differentiatePos`): angular velocities are in the frame of the body.
     """
     velocities = np.zeros((len(time), model.nv))
     if len(time) == 1 or not model.nv:

@@ -1,4 +1,4 @@
-"""The one simulation loop: steps once, and lets any number of taps look on."""
+"""The simulation loop: it takes each step once, and serves any number of taps."""
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
@@ -17,9 +17,9 @@ class Tap(Generic[T]):
     """A cadence, a read and a write.
 
     Args:
-      steps: when to look, in non-decreasing order; a step that occurs twice is written twice.
-      read: what to take from the stepper; it must not change it.
-      write: where to put it.
+      steps: at which it reads, in non-decreasing order; at a repeated step it writes twice.
+      read: reads from the stepper, without changing it.
+      write: receives the result.
     """
 
     steps: Sequence[int]
@@ -32,7 +32,7 @@ class Tap(Generic[T]):
 
 
 class AnyTap(Protocol):
-    """A tap, whatever it takes."""
+    """A tap of any value."""
 
     @property
     def steps(self) -> Sequence[int]: ...
@@ -43,11 +43,11 @@ class AnyTap(Protocol):
 def observe(stepper: Stepper, taps: Sequence[AnyTap], until: int) -> None:
     """Moves `stepper` to step `until`, and serves every tap on the way.
 
-    Taps that share a step see the same instant; none sees a step beyond `until`. Observing does not
-    change the motion: it is bit for bit that of a run without taps.
+    Taps of the same step read the same instant; none reads a step beyond `until`. Observation does not change the
+    motion: it is bit for bit that of a run without taps.
 
     Raises:
-      SimulationError: as soon as a step fails; what was written before is good.
+      SimulationError: a step fails; everything written before is valid.
     """
     looks = takewhile(lambda look: look[0] <= until, heapq.merge(*map(_schedule, taps), key=itemgetter(0)))
     for step, due in groupby(looks, key=itemgetter(0)):

@@ -1,4 +1,4 @@
-"""A grid of settings: every combination of the values that each of them takes."""
+"""A grid of settings: every combination of their values."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +18,9 @@ Point = Mapping[str, str]
 
 
 def scan_values(path: str, text: str, name: str = "scan") -> list[str]:
-    """The values in `text`: separated by commas, or by semicolons where one has commas; then a lone one ends in one.
+    """Parses the values in `text`, separated by commas, or by semicolons where a value contains commas.
+
+    A single value with commas ends in a semicolon.
 
     `0.1..1:10` is ten values from 0.1 to 1, evenly spaced; `log:1e-4..1:5` five in equal ratios.
 
@@ -26,7 +28,7 @@ def scan_values(path: str, text: str, name: str = "scan") -> list[str]:
       name: of the option.
 
     Raises:
-      UsageError: there are none, or one twice.
+      UsageError: `text` has no values, or one twice.
     """
     place = f"{option(name)} {clean(path)}={clean(text)}"
     values: list[str] = []
@@ -39,7 +41,7 @@ def scan_values(path: str, text: str, name: str = "scan") -> list[str]:
 
 
 def _spaced(span: re.Match[str], place: str) -> list[str]:
-    """The values of `FIRST..LAST:COUNT`, both ends included, exact in decimals where they are evenly spaced."""
+    """Returns the values of `FIRST..LAST:COUNT`, both ends included; evenly spaced ones are exact in decimals."""
     try:
         first, last, count = Fraction(span["first"]), Fraction(span["last"]), int(span["count"])
     except ValueError:
@@ -51,7 +53,7 @@ def _spaced(span: re.Match[str], place: str) -> list[str]:
     if first <= 0 or last <= 0:
         raise UsageError(f"{place}: equal ratios need positive ends")
     with localcontext() as context:
-        context.prec = 50  # far beyond a float, so that 1e-4..1e-1:4 has 0.001 in it
+        context.prec = 50  # far beyond a float, so that 1e-4..1e-1:4 includes 0.001
         ends = [Decimal(end.numerator) / end.denominator for end in (first, last)]
         inner = [ends[0] * (ends[1] / ends[0]) ** (Decimal(k) / (count - 1)) for k in range(1, count - 1)]
     return [_text(first), *(repr(float(value)) for value in inner), _text(last)]
@@ -62,11 +64,11 @@ def _text(value: Fraction) -> str:
 
 
 def points(scan: Mapping[str, Sequence[str]]) -> Iterator[Point]:
-    """Every combination, the last setting changing fastest; a single empty one without a scan."""
+    """Yields every combination, the last setting changing fastest; a single empty one without settings."""
     for combination in product(*scan.values()):
         yield dict(zip(scan, combination, strict=True))
 
 
 def settings(point: Point) -> tuple[Override, ...]:
-    """The overrides that a point of the grid stands for."""
+    """Returns the overrides of a point of the grid."""
     return tuple(Override(SHORT.get(path, path), value) for path, value in point.items())

@@ -1,4 +1,4 @@
-"""Pushes in a simulation: which steps they act on, and the forces on the bodies at each."""
+"""Pushes in a simulation: the steps on which they act, and the forces on the bodies at each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class PushForces:
       timestep: [s], exact.
 
     Raises:
-      UsageError: an object that is not there or cannot be pushed, or a push that is too short for any step.
+      UsageError: an object does not exist or cannot be pushed, or a push is too short for any step.
     """
 
     def __init__(self, model: mujoco.MjModel, pushes: Sequence[Push], timestep: Fraction) -> None:
@@ -58,19 +58,19 @@ class PushForces:
         return bool(self._pushes)
 
     def next_change(self, step: int) -> int:
-        """The first step after `step` at which `on_bodies` may give something else."""
+        """Returns the first step after `step` at which `on_bodies` may change."""
         if any(push.site is not None and step in push.steps for push in self._pushes):
             return step + 1  # the lever of a force at a site turns with the body
         edges = [edge for push in self._pushes for edge in (push.steps.start, push.steps.stop)]
         return min((edge for edge in edges if edge > step), default=NEVER)
 
     def on_bodies(self, data: mujoco.MjData, step: int) -> np.ndarray:
-        """The forces and torques `(nbody, 6)` [N, N·m] at `step`, as `xfrc_applied` has them.
+        """Returns the forces and torques `(nbody, 6)` [N, N·m] at `step`, in the order of `xfrc_applied`.
 
         A force F at a site s acts on a body with its centre of mass at c as F with the torque (s - c) × F.
 
         Args:
-          data: in the state at `step`; what is derived from it is not looked at.
+          data: in the state at `step`; its derived fields are not used.
         """
         wrenches = np.zeros((self._model.nbody, 6))
         active = [push for push in self._pushes if step in push.steps]
@@ -84,7 +84,7 @@ class PushForces:
         return wrenches
 
     def remarks(self, steps: int) -> list[str]:
-        """What the user should know of these pushes in a simulation of `steps` steps: those that do nothing."""
+        """Returns a warning for each push that has no effect in a simulation of `steps` steps."""
         texts: list[str] = []
         for push in self._pushes:
             if push.steps.start >= steps:
@@ -95,14 +95,14 @@ class PushForces:
         return texts
 
     def _place(self, data: mujoco.MjData) -> None:
-        """Puts bodies and sites where they are in the state of `data`."""
+        """Computes the positions of bodies and sites in the state of `data`."""
         scratch = self._scratch
         scratch.qpos[:], scratch.mocap_pos[:], scratch.mocap_quat[:] = data.qpos, data.mocap_pos, data.mocap_quat
         mujoco.mj_kinematics(self._model, scratch)
 
 
 def _find(model: mujoco.MjModel, target: str) -> tuple[int, int | None]:
-    """The body that `target` means, and the site on it if it is one."""
+    """Returns the body that `target` names, and the site on it if `target` is one."""
     kind, colon, name = target.partition(":")
     if colon and kind in ("body", "site"):
         index = identify(model, kind, name)
@@ -117,8 +117,8 @@ def _find(model: mujoco.MjModel, target: str) -> tuple[int, int | None]:
         raise UnknownNameError("body or site", target, valid, option("push"), plural="bodies and sites")
     body = int(model.site_bodyid[index]) if kind == "site" else index
     if body == WORLD:
-        what = f"the site {clean(target)} is fixed to the world" if kind == "site" else "the world is not a body"
-        raise UsageError(f"{option('push')}: {what} that a force can move")
+        what = f"the site {clean(target)} is fixed to the world" if kind == "site" else "the target is the world"
+        raise UsageError(f"{option('push')}: {what}, which a force cannot move")
     return body, index if kind == "site" else None
 
 
@@ -126,7 +126,7 @@ def _steps(push: Push, timestep: Fraction) -> range:
     steps = range(nearest(push.at / timestep), nearest((push.at + push.duration) / timestep))
     if not steps:
         raise UsageError(
-            f"{option('push')} {clean(str(push))} is too short: no step of {float(timestep):g} s falls in it\n"
-            f"let it last {float(timestep):g} s or longer"
+            f"{option('push')} {clean(str(push))} is too short: it contains no step of {float(timestep):g} s\n"
+            f"set its duration to {float(timestep):g} s or longer"
         )
     return steps

@@ -1,4 +1,4 @@
-"""Recorded states: kept in memory or on disk, replayed instead of physics, or their inputs applied to physics again."""
+"""Recorded states: stored in memory or on disk, replayed instead of physics, or their inputs applied to physics."""
 
 import copy
 import math
@@ -18,10 +18,10 @@ from mjrun.physics.stepper import derive, instant_of
 from mjrun.timeline import rational
 
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-FAR = 1000  # steps from a recorded state to the next that are taken once more at most
+FAR = 1000  # the most steps from a recorded state to the next that are repeated
 ALIKE = 1e-4  # relative: times of states are sums of floats
-SPILL = 2**20  # bytes of states that are kept in memory
-AHEAD = 50  # steps that are looked through for a change of inputs
+SPILL = 2**20  # bytes of states in memory; more go to disk
+AHEAD = 50  # steps that are searched for a change of inputs
 
 
 class RecordedStates(Protocol):
@@ -34,11 +34,11 @@ class RecordedStates(Protocol):
 
     @property
     def size(self) -> int:
-        """Numbers in a state."""
+        """The length of a state."""
         ...
 
     def state(self, index: int) -> np.ndarray:
-        """State number `index` as a new array `(size,)`."""
+        """Returns state number `index` as a new array `(size,)`."""
         ...
 
 
@@ -64,9 +64,9 @@ class StateBuffer(Closable):
             self._file.seek(self._count * self._bytes)
             self._file.write(content)
         except OSError as error:
-            where = tempfile.tempdir or "no folder"  # which was found when the states became many
-            hint = "TMPDIR names another folder for it"
-            raise FileError(where, f"cannot hold the recording: {error.strerror or error}", hint) from None
+            where = tempfile.tempdir or "no folder"  # tempfile sets it when it opens the file on disk
+            hint = "set TMPDIR to another folder"
+            raise FileError(where, f"cannot store the recording: {error.strerror or error}", hint) from None
         self._count += 1
 
     def __len__(self) -> int:
@@ -80,16 +80,16 @@ class StateBuffer(Closable):
 
     @property
     def size(self) -> int:
-        """Numbers in a state."""
+        """The length of a state."""
         return self._bytes // 8
 
     @property
     def steps(self) -> np.ndarray:
-        """The step of each state `(n,)`, of a recording of every step."""
+        """The steps of the states `(n,)`, of a recording of every step."""
         return np.arange(self._count)
 
     def state(self, index: int) -> np.ndarray:
-        """State number `index`, to be written on."""
+        """Returns state number `index` as a new array."""
         return self[index].copy()
 
     def close(self) -> None:
@@ -98,7 +98,7 @@ class StateBuffer(Closable):
 
 
 class RecordedInputs:
-    """All that acted on a simulation: controls, applied forces, mocap poses. The last ones hold to the end."""
+    """All recorded inputs of a simulation: controls, applied forces, mocap poses. The last ones hold to the end."""
 
     def __init__(self, model: mujoco.MjModel, states: RecordedStates) -> None:
         self._states, self._nu = states, model.nu
@@ -107,12 +107,12 @@ class RecordedInputs:
         self._recent: dict[int, np.ndarray] = {}
 
     def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
-        """Puts the controls of the steps from `first` on into `ctrl` `(n, nu)`."""
+        """Writes the controls of the steps from `first` into `ctrl` `(n, nu)`."""
         for index in range(len(ctrl)):
             ctrl[index] = self.at(first + index)[: self._nu]
 
     def at(self, step: int) -> np.ndarray:
-        """The inputs at `step`, as `state.INPUTS` has them."""
+        """Returns the inputs at `step`, in the order of `state.INPUTS`."""
         if step not in self._recent:
             if len(self._recent) > 2 * AHEAD:
                 self._recent.clear()
@@ -121,7 +121,7 @@ class RecordedInputs:
         return self._recent[step]
 
     def next_change(self, step: int) -> int:
-        """A step after `step` up to which all inputs but the controls stay as they are."""
+        """Returns a step after `step` up to which all inputs except controls are constant."""
         others = self.at(step)[self._nu :]
         for following in range(step + 1, step + AHEAD):
             if not np.array_equal(self.at(following)[self._nu :], others):
@@ -130,16 +130,16 @@ class RecordedInputs:
 
 
 class ReplayStepper:
-    """Moves a copy of `model` along recorded states.
+    """A stepper along recorded states, with a copy of `model`.
 
-    Every state is bit for bit the recorded one, and every instant that of the simulation that was recorded, if
-    MuJoCo and the machine are the same. Which bodies sleep is in no state: where they may, every step is taken once
-    more to see it, from the recorded state and before the next one takes its place. When inputs changed between two
-    recorded states, bodies may be awake that slept.
+    Every state is bit for bit the recorded one, and every instant that of the recorded simulation, if MuJoCo and the
+    machine are the same. States do not include which bodies sleep: where bodies may sleep, every step is repeated from
+    the recorded state to find out, and the next recorded state replaces the result. Where inputs changed between two
+    recorded states, a body that slept may be awake.
 
     Args:
-      sizes: the `sizes` of the model that was recorded, if it is known.
-      simulated: whether the states come from physics, which says where bodies slept; otherwise they are a table's.
+      sizes: the `sizes` of the recorded model, if known.
+      simulated: whether the states come from physics, in which bodies may sleep, or from a table.
 
     Raises:
       UsageError: the recording is of another model, or of another timestep.
@@ -167,12 +167,16 @@ class ReplayStepper:
         self._put(0)
 
     def require(self, steps: Sequence[int]) -> None:
-        """Raises UsageError unless all of `steps` are recorded; the message is about the first that is not."""
+        """Checks that all of `steps` are recorded.
+
+        Raises:
+          UsageError: one is missing; the message names the first.
+        """
         for step in steps:
             self._find(step)
 
     def advance(self, step: int) -> None:
-        """Moves forward to `step`, which must not lie behind.
+        """Moves forward to `step`, which must not be before the current step.
 
         Raises:
           UsageError: the step is not recorded.
@@ -187,14 +191,14 @@ class ReplayStepper:
             self._put(index)
 
     def state(self) -> np.ndarray:
-        """The recorded state at `self.step`: a new array `(nstate,)`."""
+        """Returns the recorded state at `self.step` as a new array `(nstate,)`."""
         return self._state.copy()
 
     def instant(self) -> mujoco.MjData:
-        """An MjData in which every field belongs to `self.step`; not to be kept or written to.
+        """Returns an MjData in which every field belongs to `self.step`; it must not be kept or changed.
 
         Raises:
-          FailedStepError: MuJoCo gave up.
+          FailedStepError: MuJoCo raised an error.
         """
         if self._instant_step != self.step:
             derive(self.model, self._data, self._instant, self.step)
@@ -202,40 +206,40 @@ class ReplayStepper:
         return self._instant
 
     def initial(self) -> mujoco.MjData:
-        """An MjData in which every field belongs to step 0, wherever the stepper stands; not to be written to."""
+        """Returns an MjData in which every field belongs to step 0, at any current step; it must not be changed."""
         self._initial = self._initial or instant_of(self.model, self._states.state(0))
         return self._initial
 
     def _put(self, index: int) -> None:
-        """Goes to a state. MuJoCo wakes the bodies in it that move, or are not where they slept."""
+        """Moves to a state. MuJoCo wakes bodies in it that move, or have moved since they fell asleep."""
         self._index, self.step = index, int(self._steps[index])
         self._state = self._states.state(index)
         state.restore(self.model, self._data, self._state)
 
     def _follow(self, index: int) -> None:
-        """Goes to the next state by way of physics, so that bodies fall asleep and wake up as they did."""
+        """Moves to the next state through physics, so that bodies fall asleep and wake up as in the simulation."""
         count = int(self._steps[index]) - self.step
         try:
             mujoco.mj_step(self.model, self._data, nstep=min(count, FAR))
         except mujoco.FatalError:
-            self._data = mujoco.MjData(self.model)  # the old one broke off in the middle
+            self._data = mujoco.MjData(self.model)  # the old one is in the middle of a step
         self._put(index)
 
     def _find(self, step: int) -> int:
-        """The index of the state at `step`."""
+        """Returns the index of the state at `step`."""
         steps = self._steps
         index = bisect_left(steps, step)
         if index == len(steps):
             last = int(steps[-1])
             raise UsageError(
-                f"the {self._source} ends at {self._place(last)}: there is no {self._place(step)} in it\n"
-                f"ask for step {last} or an earlier one"
+                f"the {self._source} ends at {self._place(last)}, before {self._place(step)}\n"
+                f"request step {last} or an earlier one"
             )
         if steps[index] != step:
             before = f"{self._place(int(steps[index - 1]))}, and "
             raise UsageError(
                 f"{self._place(step)} is not in the {self._source}\n"
-                f"the nearest that are: {before if index else ''}{self._place(int(steps[index]))}"
+                f"the nearest recorded ones: {before if index else ''}{self._place(int(steps[index]))}"
             )
         return index
 
@@ -244,9 +248,13 @@ class ReplayStepper:
 
 
 def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mapping[str, Any] | None = None) -> None:
-    """Raises UsageError unless `states` may be states of `model`; `recorded` are its `sizes`, if they are known."""
+    """Checks that `states` may be states of `model`; `recorded` are the `sizes` of their model, if known.
+
+    Raises:
+      UsageError: they are not.
+    """
     ours = state.sizes(model)
-    theirs = recorded if isinstance(recorded, Mapping) else {}  # a recording may say anything
+    theirs = recorded if isinstance(recorded, Mapping) else {}  # a recording is untrusted
     differing = [name for name in state.SIZES if theirs.get(name, ours[name]) != ours[name]]
     if differing:
         facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
@@ -260,25 +268,29 @@ def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mappi
 
 
 def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:
-    """Raises UsageError unless `states` are as far apart in time as the steps of `model`."""
+    """Checks that `states` are as far apart in time as the steps of `model`.
+
+    Raises:
+      UsageError: they are not.
+    """
     last = len(states.steps) - 1
     if not last:
         return
-    begin, end = (float(states.state(index)[0]) for index in (0, last))  # time is first in a state
+    begin, end = (float(states.state(index)[0]) for index in (0, last))  # the time is first in a state
     timestep = (end - begin) / int(states.steps[last])
     if not math.isclose(timestep, model.opt.timestep, rel_tol=ALIKE):
         raise UsageError(
             f"the recording was made with a timestep of {timestep:.6g} s, not {model.opt.timestep:g} s\n"
-            f"give the {option('timestep')} that it was made with, or the model as it was"
+            f"set {option('timestep')} to that of the recording, or use the recorded model"
         )
 
 
 def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float | Fraction]) -> list[np.ndarray]:
-    """The last recorded state at or before each of `times` [s]; the first before the beginning.
+    """Returns the last recorded state at or before each of `times` [s]; the first one before the beginning.
 
     Args:
       timestep: of the recording [s]; step k is at k·timestep.
-      times: a float stands for any number that rounds to it, so that the time of a step finds that step.
+      times: a float represents any number that rounds to it, so that the time of a step selects that step.
     """
     rows: list[np.ndarray] = []
     before, steps = -1, states.steps
@@ -290,6 +302,6 @@ def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float 
 
 
 def _step(time: float | Fraction, timestep: Fraction) -> int:
-    """The last step at or before `time`."""
+    """Returns the last step at or before `time`."""
     step = math.floor(rational(time) / timestep)
     return step + (isinstance(time, float) and float((step + 1) * timestep) <= time)

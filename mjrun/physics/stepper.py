@@ -1,4 +1,4 @@
-"""Moving a model to a step, exactly, and noticing when it cannot be moved any further."""
+"""Steppers: physics moved to an exact step, with the first bad step found when a simulation fails."""
 
 import copy
 from typing import Protocol, runtime_checkable
@@ -13,7 +13,7 @@ from mjrun.physics.control import NEVER, ControlSignal, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
 
-CHUNK = 50  # steps between two looks at the warning counters; a look per step costs about 10 %
+CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
 SHORTAGES = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
 BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -24,25 +24,25 @@ QUANTITIES = dict(zip(BAD, ("the position", "the velocity", "the acceleration"),
 
 
 class Stepper(Protocol):
-    """Owns a model and its state, and moves to a step."""
+    """A model and its state, moved to a step."""
 
     model: mujoco.MjModel
     step: int
 
     def advance(self, step: int) -> None:
-        """Moves forward to `step`, which must not lie behind."""
+        """Moves forward to `step`, which must not be before the current step."""
         ...
 
     def state(self) -> np.ndarray:
-        """The integration state at `self.step`: a new array `(nstate,)`, enough to go on bit for bit."""
+        """Returns the integration state at `self.step` as a new array `(nstate,)`, enough to continue bit for bit."""
         ...
 
     def instant(self) -> mujoco.MjData:
-        """An MjData in which every field belongs to `self.step`; not to be kept or written to."""
+        """Returns an MjData in which every field belongs to `self.step`; it must not be kept or changed."""
         ...
 
     def initial(self) -> mujoco.MjData:
-        """An MjData in which every field belongs to step 0, wherever the stepper stands; not to be written to."""
+        """Returns an MjData in which every field belongs to step 0, at any current step; it must not be changed."""
         ...
 
 
@@ -60,10 +60,10 @@ class EditableStepper(Stepper, Protocol):
 
 
 def derive(model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, step: int) -> None:
-    """Makes `instant` a copy of `data`, which is at `step`, in which every field belongs to the state.
+    """Copies `data`, which is at `step`, to `instant`, and computes all derived fields there.
 
     Raises:
-      FailedStepError: MuJoCo gave up.
+      FailedStepError: MuJoCo raised an error.
     """
     mujoco.mj_copyData(instant, model, data)
     try:
@@ -73,10 +73,10 @@ def derive(model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, s
 
 
 def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
-    """A new MjData in the integration state `start` of step 0, in which every field belongs to it.
+    """Returns a new MjData in the integration state `start` of step 0, with all derived fields computed.
 
     Raises:
-      FailedStepError: MuJoCo gave up.
+      FailedStepError: MuJoCo raised an error.
     """
     data, instant = mujoco.MjData(model), mujoco.MjData(model)
     state.restore(model, data, start)
@@ -85,12 +85,12 @@ def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
 
 
 class PhysicsStepper:
-    """Steps with `mj_step` from the state in `data`, on a copy of `model`.
+    """A stepper that takes steps by `mj_step` from the state in `data`, on a copy of `model`.
 
     Args:
-      control: what drives it; the controls in `data` when None. A controller is called on arriving at a
-        step, whether or not anybody looks there.
-      pushes: added to what `xfrc_applied` holds otherwise: that of `data`, or what a controller writes there.
+      control: the source of controls; those in `data` when None. A controller is called on arrival at a step,
+        whether or not the step is observed.
+      pushes: added to the `xfrc_applied` of `data` or of a controller.
 
     Automatic resets are off: an unstable simulation raises UnstableError within `CHUNK` steps of its
     first bad step, and `step` is then the last good one.
@@ -125,7 +125,7 @@ class PhysicsStepper:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
             count = min(CHUNK, step - self.step, self.steps_alike())
-            # A copy, not a state: it knows which bodies sleep, and is whole after a step that broke off.
+            # A copy of the MjData, not a state: it includes sleeping bodies, and is intact after an interrupted step.
             mujoco.mj_copyData(self._saved, self.model, self._data)
             if self._take(count) is not None:
                 raise self._first_failure(count)
@@ -134,22 +134,22 @@ class PhysicsStepper:
 
     @property
     def lacks_memory(self) -> bool:
-        """Whether MuJoCo has left out contacts or constraints for want of memory; it warns, and goes on."""
+        """True where MuJoCo left out contacts or constraints for lack of memory; it warns and continues."""
         return any(self._data.warning[kind].number for kind in SHORTAGES)
 
     def steps_alike(self) -> int:
-        """How many steps can be taken before a controller is called or other inputs than controls change."""
+        """Returns the number of steps before a controller is called or inputs other than controls change."""
         sources = (self.control.controller, self.control.inputs, self._pushes)
         return min((source.next_change(self.step) for source in sources if source), default=NEVER) - self.step
 
     def jump(self, step: int, to: np.ndarray) -> None:
-        """Continues at `step` from the state `to` `(nstate,)`, which something else has stepped to."""
+        """Continues at `step` from the state `to` `(nstate,)`, computed elsewhere."""
         state.restore(self.model, self._data, to)
         self.step = step
         self._arrive()
 
     def edit(self, values: np.ndarray, spec: int) -> None:
-        """Changes parts of the state at this step, and a control for as long as nothing else drives the actuator.
+        """Changes parts of the state at this step; a changed control holds until another source drives the actuator.
 
         Args:
           values: the parts `(size,)` that `spec` names by `mjtState` bits.
@@ -164,8 +164,8 @@ class PhysicsStepper:
         return state.save(self.model, self._data)
 
     def instant(self) -> mujoco.MjData:
-        # Derived fields of `_data` lag one step behind its state. They are computed anew on a second
-        # MjData, so that nothing read here can change the motion.
+        # Derived fields of `_data` are one step behind its state. They are computed on a second MjData, so that
+        # observation cannot change the motion.
         if self._instant_step != self.step:
             derive(self.model, self._data, self._instant, self.step)
             self._instant_step = self.step
@@ -176,7 +176,7 @@ class PhysicsStepper:
         return self._initial
 
     def _arrive(self) -> None:
-        """Puts the inputs that belong to this step in force."""
+        """Puts the inputs of this step in force."""
         control = self.control
         if control.inputs:
             state.restore(self.model, self._data, control.inputs.at(self.step), state.INPUTS)
@@ -196,10 +196,10 @@ class PhysicsStepper:
         self._instant_step = -1
 
     def _call_controller(self, controller: PeriodicController) -> None:
-        """Lets the controller set the inputs. What it reads and writes of `xfrc_applied` is without the pushes."""
+        """Calls the controller, which sets the inputs. It reads and writes `xfrc_applied` without the pushes."""
         self._data.ctrl[:] = self.control.constant
         self._instant_step = -1
-        data = self.instant()  # a copy: all that a controller can change is the inputs
+        data = self.instant()  # a copy, so that a controller can change inputs alone
         if self._pushes:
             data.xfrc_applied[:] = self._unpushed
         seen = state.save(self.model, data, state.INPUTS)
@@ -214,7 +214,7 @@ class PhysicsStepper:
             self._push()
 
     def _take(self, count: int) -> str | None:
-        """Takes `count` steps; None if all went well, else what MuJoCo said when it gave up, if it did."""
+        """Takes `count` steps; returns None if all are stable, else the error message of MuJoCo, if any."""
         try:
             if self.control.varies:
                 for ctrl in self.control.rows(self.step, count):
@@ -224,7 +224,7 @@ class PhysicsStepper:
                 mujoco.mj_step(self.model, self._data, nstep=count)
         except mujoco.FatalError as error:
             return str(error)
-        # MuJoCo looks at positions and velocities only at the start of the next step.
+        # MuJoCo checks positions and velocities only at the start of the next step.
         limit = mujoco.mjMAXVAL
         good = (
             not any(self._data.warning[kind].number for kind in BAD)
@@ -234,7 +234,7 @@ class PhysicsStepper:
         return None if good else ""
 
     def _first_failure(self, count: int) -> SimulationError:
-        """Goes back to the start of the chunk of `count` steps and finds the step that fails."""
+        """Returns to the start of the chunk of `count` steps, and finds the step that fails."""
         self._data, self._saved = self._saved, mujoco.MjData(self.model)
         reason: str | None = None
         for _ in range(count):
@@ -249,7 +249,7 @@ class PhysicsStepper:
         return UnstableError(self.step, self._data.time, *self._culprit(failed), self.model.opt.timestep)
 
     def _culprit(self, failed: mujoco.MjData) -> tuple[str, str]:
-        """The quantity that failed in `failed`, and the joint it belongs to."""
+        """Returns the quantity that failed in `failed`, and its joint."""
         for kind in BAD:
             if failed.warning[kind].number:
                 index = failed.warning[kind].lastinfo

@@ -1,6 +1,6 @@
-"""A device of MuJoCo Warp: finding it, explaining what it refuses, and the models that its worlds can have.
+"""A device of MuJoCo Warp: its selection, its error messages, and the models of its worlds.
 
-Warp is imported when a device is looked for.
+Warp is imported on first use.
 """
 
 import dataclasses
@@ -20,9 +20,9 @@ from mjrun.packages import require
 
 EXTRA, LIBRARIES, PACKAGE = "warp", ("mujoco_warp", "warp"), "mujoco-warp"
 
-# Options that mujoco_warp has for each world, but that it changes (tolerance) or that all worlds keep in step with.
+# Options that mujoco_warp has for each world, but that it changes (tolerance) or that must be common (timestep).
 COMMON_OPTIONS = ("timestep", "tolerance")
-UNUSED = ("bvh_aabb", "dof_M0", "dof_length")  # by mujoco_warp, as worlds that sleep are not for it here
+UNUSED = ("bvh_aabb", "dof_M0", "dof_length")  # mujoco_warp ignores them, as it does not let bodies sleep
 
 
 class WarpDevice:
@@ -32,14 +32,14 @@ class WarpDevice:
       alias: `cpu`, `cuda:0` and so on; the first GPU, or else `cpu`, when None.
 
     Attributes:
-      alias, name: what it is called by, and what it calls itself.
-      is_gpu: whether it is one.
+      alias, name: its identifier, and the name that it reports.
+      is_gpu: True for a GPU.
       version: of mujoco_warp and of Warp.
       warp, library: the modules of Warp and of mujoco_warp.
 
     Raises:
       MissingExtraError: mujoco_warp is not installed.
-      UnknownNameError: there is no such device.
+      UnknownNameError: the device does not exist.
     """
 
     def __init__(self, alias: str | None = None) -> None:
@@ -49,12 +49,12 @@ class WarpDevice:
         self.version = f"{LIBRARIES[0]} {version(PACKAGE)}, warp {self.warp.__version__}"
 
     def active(self) -> AbstractContextManager[Any]:
-        """Lets Warp work on this device."""
+        """Makes Warp use this device within the context."""
         return self.warp.ScopedDevice(self.alias)
 
     @contextmanager
     def refusals(self, worlds: int) -> Iterator[None]:
-        """Explains how mujoco_warp refuses a model, fails on one, or has no memory for so many worlds."""
+        """Converts errors of mujoco_warp: on a model, or on a lack of memory for this number of worlds."""
         engine = option("engine")
         try:
             yield
@@ -75,12 +75,16 @@ class WarpDevice:
 
 
 def require_library() -> None:
-    """Raises MissingExtraError or WrongVersionError if the libraries of the extra cannot be used."""
+    """Checks that the libraries of the extra can be used.
+
+    Raises:
+      MissingExtraError, WrongVersionError: they cannot.
+    """
     require(f"{option('engine')} warp", EXTRA, *LIBRARIES)
 
 
 def _imported() -> tuple[Any, Any]:
-    """Warp, told not to report what it compiles, and mujoco_warp."""
+    """Imports Warp, with its reports of compilation switched off, and mujoco_warp."""
     require_library()
     import warp  # pyright: ignore[reportMissingImports]
 
@@ -101,16 +105,16 @@ def _device(warp: Any, alias: str | None) -> Any:
 
 
 class WarpFields:
-    """The fields that mujoco_warp keeps for each world, as a version of it has them."""
+    """The fields that the installed version of mujoco_warp stores for each world."""
 
     def __init__(self, device: WarpDevice) -> None:
         self._device = device
 
     def group(self, model: mujoco.MjModel) -> str:
-        """What models have in common whose simulations can be worlds of one group.
+        """Returns the identifier of the group of models whose simulations can be worlds together.
 
-        That is every number of their physics that worlds cannot differ in, and which of those that they can are zero:
-        mujoco_warp leaves out forces and sizes arrays by it.
+        The models of a group agree in every number of their physics that mujoco_warp does not store for each world, and
+        in which of the others are zero: these determine the forces that it leaves out, and the sizes of its arrays.
         """
         digest = hashlib.sha256()
         varying = {*self._fields, *self._options}
@@ -119,12 +123,12 @@ class WarpFields:
                 continue
             shown = abs(value) >= mujoco.mjMINVAL if name in varying else value
             digest.update(name.encode() + b"\0" + shown.tobytes())
-        # Servos, whose commands it wraps on ball joints.
+        # Servos: mujoco_warp wraps their commands on ball joints.
         digest.update((model.actuator_gainprm[:, 0] == -model.actuator_biasprm[:, 1]).tobytes())
         return digest.hexdigest()
 
     def put_models(self, first: mujoco.MjModel, models: Sequence[mujoco.MjModel]) -> Any:
-        """mujoco_warp's model on the device, in which the world of each of `models` has its own numbers.
+        """Puts models on the device as one model, in which each world has the numbers of its own.
 
         Args:
           first: the model of the first world, without what mujoco_warp refuses.
@@ -150,7 +154,7 @@ class WarpFields:
 
     @cached_property
     def _fields(self) -> tuple[str, ...]:
-        """Arrays of MjModel that mujoco_warp has for each world under the same name."""
+        """The arrays of MjModel that mujoco_warp stores for each world under the same name."""
         return self._of_each_world(self._device.library.Model, mujoco.MjModel)
 
     @cached_property
@@ -159,7 +163,7 @@ class WarpFields:
         return tuple(name for name in names if name not in COMMON_OPTIONS)
 
     def _of_each_world(self, library_type: type, mujoco_type: type) -> tuple[str, ...]:
-        """Fields whose first dimension may be the worlds, which mujoco_warp writes as `*`, of real numbers."""
+        """Returns the fields of real numbers whose first dimension is the worlds, which mujoco_warp marks by `*`."""
         names: list[str] = []
         for field in dataclasses.fields(library_type):
             shape = getattr(field.type, "shape", None)

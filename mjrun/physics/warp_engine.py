@@ -20,34 +20,34 @@ from mjrun.model import state
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.warp_device import WarpDevice, WarpFields
 
-CHEAPER = "what is left out makes a step cheaper than it is"
-CONSTRAINTS = f"there is room for {{njmax}} constraints in a world; {CHEAPER}"
-CONTACTS = f"there is room for {{nconmax}} contacts in a world; {CHEAPER}"
-# What mujoco_warp flags in a world where something does not fit: what it means, and what to do about it.
+CHEAPER = "the omitted ones make a step cheaper than a complete one"
+CONSTRAINTS = f"a world holds at most {{njmax}} constraints; {CHEAPER}"
+CONTACTS = f"a world holds at most {{nconmax}} contacts; {CHEAPER}"
+# Overflow marks of mujoco_warp: their meaning and the remedy.
 OVERFLOWS: Mapping[str, tuple[str, str]] = {
     "NEFC": (CONSTRAINTS, f"raise {option('njmax')} to {{constraints}}"),
     "NJMAX_NNZ": (
-        f"there is no room for all of the constraints' Jacobian; {CHEAPER}",
+        f"the constraints' Jacobian exceeds its memory; {CHEAPER}",
         f"raise {option('njmax')} above {{njmax}}",
     ),
     "BROADPHASE": (CONTACTS, f"raise {option('nconmax')} to {{contacts}}"),
     "NARROWPHASE": (CONTACTS, f"raise {option('nconmax')} to {{contacts}}"),
     "CCD": (
-        f"there is room for {{nconmax}} contacts of convex shapes; {CHEAPER}",
+        f"a world holds at most {{nconmax}} contacts of convex shapes; {CHEAPER}",
         f"raise {option('nconmax')} above {{nconmax}}",
     ),
     "HFIELD": ("a shape meets too many cells of a height field", "a coarser height field has fewer"),
-    "CONTACT_MATCH": ("a contact sensor matches more contacts than mujoco_warp looks at", "a narrower one has fewer"),
-    "TACTILE": ("a tactile sensor meets more geoms than mujoco_warp looks at", "a narrower one has fewer"),
-    "EPA_HORIZON": ("a penetration is too deep to be measured well", "start without deep penetrations"),
+    "CONTACT_MATCH": ("a contact sensor matches more contacts than mujoco_warp supports", "a narrower one has fewer"),
+    "TACTILE": ("a tactile sensor meets more geoms than mujoco_warp supports", "a narrower one has fewer"),
+    "EPA_HORIZON": ("a penetration is too deep to be measured accurately", "start without deep penetrations"),
     "ITERATIONS": (
         "the solver has reached its limit of {iterations} iterations",
         f"raise {option('set')} opt.iterations",
     ),
     "LS_ITERATIONS": ("the solver's line search has reached its limit", f"raise {option('set')} opt.ls_iterations"),
 }
-CONTACT, PASSIVE = 1, 4  # bits of a contact's type in mujoco_warp, for those that MuJoCo has too
-# Parts of an integration state that worlds have, in the order in which the state has them.
+CONTACT, PASSIVE = 1, 4  # bits of a contact's type in mujoco_warp for contacts that MuJoCo has too
+# Parts of an integration state that mujoco_warp stores, in their order in the state.
 STATE_FIELDS = (
     ("time", mujoco.mjtState.mjSTATE_TIME),
     ("qpos", mujoco.mjtState.mjSTATE_QPOS),
@@ -68,11 +68,11 @@ STATE_FIELDS = (
 
 @dataclass(frozen=True)
 class Demand:
-    """What a step of all worlds has needed.
+    """The sizes that a step of all worlds needed.
 
     Attributes:
       contacts: of all worlds together.
-      candidates: pairs that might touch, of all worlds together.
+      candidates: pairs from broad-phase collision detection, of all worlds together.
       constraints, iterations: of each world, and of its solver, `(n,)`.
     """
 
@@ -83,19 +83,19 @@ class Demand:
 
 
 class WarpWorlds:
-    """Worlds on a device, all at the same step. Use them within `active`.
+    """Worlds on a device, all at the same step; used within `active`.
 
     Args:
       models: one for all worlds, or one for each, of one `WarpFields.group`.
       starts: integration states, `(n, nstate)`.
-      nconmax, njmax: contacts and constraints to make room for in a world; mujoco_warp guesses when None.
+      nconmax, njmax: the most contacts and constraints of a world; mujoco_warp estimates them when None.
 
     Attributes:
-      count: how many worlds.
-      nconmax, njmax: contacts and constraints that there is room for in a world.
+      count: the number of worlds.
+      nconmax, njmax: the most contacts and constraints of a world.
 
     Raises:
-      UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+      UsageError: mujoco_warp cannot simulate this model, or this number of worlds.
     """
 
     def __init__(
@@ -118,22 +118,22 @@ class WarpWorlds:
                 self._model, self._sample, nworld=self.count, nconmax=nconmax, njmax=njmax
             )
             self._assign(starts)
-            # All of it, so that a rollout leaves nothing behind, whatever mujoco_warp remembers.
+            # All arrays, so that a rollout leaves no traces in the next, whatever mujoco_warp stores between steps.
             self._start = [(array, device.warp.clone(array)) for array in self._arrays()]
         self.nconmax, self.njmax = self._data.naconmax // self.count, int(self._data.njmax)
         self._step: Callable[[], None] = partial(device.library.step, self._device_model, self._data)
 
     def active(self) -> AbstractContextManager[Any]:
-        """Lets Warp work on the device of these worlds."""
+        """Makes Warp use the device of these worlds within the context."""
         return self._device.active()
 
     def compile(self) -> None:
-        """Takes the first step, for which Warp compiles what it has not cached, and records another as a graph.
+        """Takes the first step, for which Warp compiles all uncached kernels, and records another step as a graph.
 
-        A graph's kernels are launched at once, not one by one from Python, as in mujoco_warp's own testspeed.
+        A graph launches all kernels at once instead of one by one from Python, as in mujoco_warp's testspeed.
 
         Raises:
-          UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+          UsageError: mujoco_warp cannot simulate this model, or this number of worlds.
         """
         warp = self._device.warp
         with self._device.refusals(self.count), self.active():
@@ -144,54 +144,58 @@ class WarpWorlds:
             self.wait()
 
     def restart(self) -> None:
-        """Goes back to the starts."""
+        """Returns all worlds to their starts."""
         for array, start in self._start:
             self._device.warp.copy(array, start)
         self.wait()
 
     def step(self) -> None:
-        """Takes a step; it may still be under way when this returns."""
+        """Begins a step, and may return before it is complete."""
         self._step()
 
     def forward(self) -> None:
-        """Computes the derived fields of the state that the worlds are in."""
+        """Computes the derived fields of the current state."""
         self._device.library.forward(self._device_model, self._data)
 
     def wait(self) -> None:
-        """Waits until the device is done."""
+        """Waits until the device is idle."""
         self._device.warp.synchronize_device(self._device.alias)
 
     def upload(self, values: np.ndarray) -> Any:
-        """`values` as a flat array on the device."""
+        """Returns `values` as a flat array on the device."""
         return self._device.warp.array(values.ravel(), dtype=self._device.warp.float32)
 
     def set_controls(self, array: Any, offset: int) -> None:
-        """Sets the controls of all worlds, n·nu numbers of an uploaded `array` from `offset` on."""
+        """Sets the controls of all worlds to n·nu numbers of an uploaded `array` from `offset`."""
         self._device.warp.copy(self._data.ctrl, array, src_offset=offset, count=self.count * self._model.nu)
 
     def require(self, names: Sequence[str]) -> None:
-        """Raises UsageError unless mujoco_warp has the MjData fields `names`."""
+        """Checks that mujoco_warp has the MjData fields `names`.
+
+        Raises:
+          UsageError: it lacks one.
+        """
         for name in names:
             if name != "ncon" and not isinstance(getattr(self._data, name, None), self._device.warp.array):
                 raise UsageError(f"mujoco_warp does not compute {quoted(name)}\n{option('engine')} c does")
 
     def read(self, name: str) -> np.ndarray:
-        """The MjData field `name` of every world, `(n, …)`, with MuJoCo's shape and type."""
+        """Returns the MjData field `name` of every world, `(n, …)`, with MuJoCo's shape and type."""
         sample = np.asarray(getattr(self._sample, name))
         if name == "ncon":
             return self._contacts()
         values = getattr(self._data, name).numpy()
-        if name == "solver_niter":  # of all islands together here
+        if name == "solver_niter":  # mujoco_warp counts all islands together
             values = np.pad(values[:, None], ((0, 0), (0, sample.size - 1)))
         return values.reshape(self.count, *sample.shape).astype(sample.dtype)
 
     def unstable(self) -> np.ndarray:
-        """Which worlds have positions or velocities that are not finite or too large, `(n,)` bool."""
+        """Returns the worlds whose positions or velocities are not finite or too large, as a mask `(n,)`."""
         vectors = np.hstack([self._data.qpos.numpy(), self._data.qvel.numpy()])
         return ~(abs(vectors) <= mujoco.mjMAXVAL).all(axis=1)
 
     def demand(self) -> Demand:
-        """What the last step has needed."""
+        """Returns the sizes that the last step needed."""
         return Demand(
             contacts=int(self._data.nacon.numpy()[0]),
             candidates=int(self._data.ncollision.numpy()[0]),
@@ -200,11 +204,11 @@ class WarpWorlds:
         )
 
     def overflows(self, contacts: int = 0, constraints: int = 0) -> list[str]:
-        """What has not fitted since the start, and what to raise, a sentence each.
+        """Returns a sentence for each overflow since the start, with the remedy.
 
         Args:
-          contacts: the most that all worlds together have needed, if it is known.
-          constraints: the most that one world has needed.
+          contacts: the most that all worlds together needed, if known.
+          constraints: the most that one world needed, if known.
         """
         marks = int(np.bitwise_or.reduce(self._data.overflow.numpy()))
         limits = {
@@ -220,13 +224,13 @@ class WarpWorlds:
         return list(dict.fromkeys(texts))
 
     def _contacts(self) -> np.ndarray:
-        """Contacts in each world, `(n,)`."""
+        """Returns the number of contacts in each world, `(n,)`."""
         contact, count = self._data.contact, min(int(self._data.nacon.numpy()[0]), self._data.naconmax)
         counted = contact.type.numpy()[:count] & (CONTACT | PASSIVE) != 0
         return np.bincount(contact.worldid.numpy()[:count][counted], minlength=self.count).astype(np.int32)
 
     def _assign(self, starts: np.ndarray) -> None:
-        """Puts each world at its start."""
+        """Puts each world into its start."""
         for name, part in STATE_FIELDS:
             array = getattr(self._data, name)
             if array.size:
@@ -236,28 +240,28 @@ class WarpWorlds:
                 array.assign(values.reshape(array.numpy().shape))
 
     def _arrays(self) -> list[Any]:
-        """The arrays of the data that live on from step to step; contacts and constraints are made anew in each."""
+        """Returns the arrays that a step uses from the one before; contacts and constraints are recomputed."""
         values = [getattr(self._data, field.name) for field in fields(self._data)]
         return [value for value in values if isinstance(value, self._device.warp.array) and value.size]
 
 
 def overflow_message(mark: str, limits: Mapping[str, object]) -> str:
-    """What an overflow of mujoco_warp's means, and what to raise."""
+    """Returns the meaning of an overflow mark of mujoco_warp, and the remedy."""
     if mark not in OVERFLOWS:
-        return f"mujoco_warp has no room: {mark.lower()} overflow"
+        return f"mujoco_warp reports an overflow: {mark.lower()}"
     meaning, remedy = OVERFLOWS[mark]
     return f"{meaning.format_map(limits)}: {remedy.format_map(limits)}"
 
 
 def _with_autoreset(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy of `model` without the flag that turns automatic resets off: mujoco_warp has none, and refuses it."""
+    """Returns a copy of `model` without the flag that turns automatic resets off, which mujoco_warp refuses."""
     changed = copy.copy(model)
     changed.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return changed
 
 
 class WarpEngine:
-    """An `Engine` of models that differ in nothing but what `WarpFields` lets worlds differ in."""
+    """An `Engine` of models that differ only in the fields of `WarpFields`."""
 
     def __init__(self, device: WarpDevice) -> None:
         self._device = device
@@ -271,9 +275,9 @@ class WarpEngine:
         record: Sequence[str],
         every: int = 1,
     ) -> Iterator[RolloutBlock]:
-        """As `Engine` has it, but that instability is noticed at rows only, and models are of one `WarpFields.group`.
+        """Implements `Engine.rollout` for models of one `WarpFields.group`; instability is detected at rows only.
 
-        What does not fit is a warning.
+        An overflow is a warning.
 
         Raises:
           UsageError: mujoco_warp cannot simulate such models, or record a field.
@@ -291,7 +295,7 @@ class WarpEngine:
 
 
 class _Walk:
-    """Worlds on their way from row to row."""
+    """The worlds of a rollout, from row to row."""
 
     def __init__(
         self, worlds: WarpWorlds, model: mujoco.MjModel, controls: np.ndarray | None, record: Sequence[str]
@@ -302,7 +306,7 @@ class _Walk:
         self._initial: Fields = {}
 
     def block(self, rows: Sequence[int]) -> RolloutBlock:
-        """The rows at the steps `rows`, which follow those of the block before."""
+        """Returns the rows at the steps `rows`, which follow those of the block before."""
         values: dict[str, list[np.ndarray]] = {name: [] for name in self._record}
         counts, failures = np.zeros(self._worlds.count, int), dict[int, SimulationError]()
         with self._worlds.active():
@@ -325,17 +329,17 @@ class _Walk:
         return RolloutBlock(np.array(rows), fields, self._initial, counts, failures)
 
     def _upload(self, last: int) -> object:
-        """The controls from here to step `last`, `(steps, n, nu)` on the device; the last ones hold."""
+        """Uploads the controls from the current step to step `last`, `(steps, n, nu)`; the last ones hold."""
         if self._controls is None:
             return None
         index = np.minimum(np.arange(self._step, last + 1), self._controls.shape[1] - 1)
         return self._worlds.upload(self._controls[:, index].swapaxes(0, 1))
 
     def _unstable(self, before: int, row: int) -> dict[int, SimulationError]:
-        """The worlds that have become unstable between two rows."""
+        """Returns the errors of the worlds that became unstable between two rows."""
         bad = self._stable & self._worlds.unstable()
         self._stable &= ~bad
         place = f"after step {before}, time {before * self._timestep:.9g} s, and not later than step {row}"
-        advice = f"a smaller {option('timestep')} may cure it; mujoco_warp computes in single precision"
+        advice = f"a smaller {option('timestep')} may prevent it; mujoco_warp computes in single precision"
         message = f"the simulation became unstable {place}\n{advice}"
         return {int(index): SimulationError(before, before * self._timestep, message) for index in np.flatnonzero(bad)}

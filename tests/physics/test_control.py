@@ -127,13 +127,13 @@ GOOD = {"time": np.array([0, 1.0]), "ctrl/m": np.zeros(2), "ctrl/g": np.zeros(2)
         (
             {k: v for k, v in GOOD.items() if k != "ctrl/g"},
             UsageError,
-            "t.csv lacks columns that the model takes: ctrl/g",
+            "t.csv lacks columns for actuators of the model: ctrl/g",
         ),
-        ({"time": np.zeros(1)}, UsageError, "lacks columns that the model takes: ctrl/m, ctrl/g"),
+        ({"time": np.zeros(1)}, UsageError, "lacks columns for actuators of the model: ctrl/m, ctrl/g"),
         ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
         ({k: v[:0] for k, v in GOOD.items()}, UsageError, "has no rows"),
-        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 1: time 0 follows 1, and must grow"),
-        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 1: time 0 follows 0, and must grow"),
+        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 1: time 0 follows 1; times must ascend"),
+        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 1: time 0 follows 0; times must ascend"),
         ({**GOOD, "time": np.array([0.5, 1])}, UsageError, "begins at 0.5 s"),
         ({**GOOD, "time": np.array([0, np.nan])}, UsageError, "row 1: time is nan"),
         ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 1: ctrl/g is inf"),
@@ -277,10 +277,10 @@ def test_a_controller_cannot_be_called_between_steps() -> None:
     ("time", "message"),
     [
         ([], r"^t\.csv has no rows$"),
-        ([0, np.nan], r"^t\.csv, row 1: time is nan, and must be finite$"),
-        ([-np.inf, 1], r"^t\.csv, row 0: time is -inf, and must be finite$"),
-        ([0, 0.1, 0.1], r"^t\.csv, row 2: time 0\.1 follows 0\.1, and must grow$"),
-        ([3, 2], r"^t\.csv, row 1: time 2 follows 3, and must grow$"),
+        ([0, np.nan], r"^t\.csv, row 1: time is nan; it must be finite$"),
+        ([-np.inf, 1], r"^t\.csv, row 0: time is -inf; it must be finite$"),
+        ([0, 0.1, 0.1], r"^t\.csv, row 2: time 0\.1 follows 0\.1; times must ascend$"),
+        ([3, 2], r"^t\.csv, row 1: time 2 follows 3; times must ascend$"),
     ],
 )
 def test_times_that_are_none_are_refused_at_the_first_bad_row(time: list[float], message: str) -> None:

@@ -127,11 +127,11 @@ def test_noise_has_the_asked_deviation_about_zero() -> None:
         ({"qvel": {"root": [1, 2, 3, 4, 5, 6, 7]}}, "qvel root: '1,2,3,4,5,6,7' is not 6 numbers"),
         ({"qpos": {"shoulder": [1, 0, 0]}}, "qpos shoulder: '1,0,0' is not 4 numbers"),
         ({"qvel": {"shoulder": [1, 0, 0, 0]}}, "qvel shoulder: '1,0,0,0' is not 3 numbers"),
-        ({"qpos": {"hand": [1, 2]}}, "qpos hand: '1,2' is not 1 number,"),
-        ({"qpos": {"hand": []}}, "qpos hand: '' is not 1 number,"),
-        ({"qpos": {"root/z": [1, 2]}}, "qpos root/z: '1,2' is not 1 number,"),
+        ({"qpos": {"hand": [1, 2]}}, "qpos hand: '1,2' is not 1 number"),
+        ({"qpos": {"hand": []}}, "qpos hand: '' is not 1 number"),
+        ({"qpos": {"root/z": [1, 2]}}, "qpos root/z: '1,2' is not 1 number"),
         ({"qpos": {"*": 1}}, "qpos *: '1' is not 7 numbers"),
-        ({"ctrl": {"motor": [1, 2]}}, "ctrl motor: '1,2' is not 1 number,"),
+        ({"ctrl": {"motor": [1, 2]}}, "ctrl motor: '1,2' is not 1 number"),
     ],
 )
 def test_a_wrong_number_of_values_is_refused_with_the_right_one(how: dict[str, Any], message: str) -> None:
@@ -174,7 +174,7 @@ def test_a_start_that_is_not_finite_is_refused(field: str, name: str, where: str
     how: dict[str, Any] = {field: {name: bad}}
     with pytest.raises(UsageError) as caught:
         InitialState(**how).data(MODEL)
-    assert str(caught.value) == f"the initial {where} is {bad}, and must be finite"
+    assert str(caught.value) == f"the initial {where} is {bad}; it must be finite"
 
 
 @pytest.mark.parametrize("name", ["qpos", "qvel", "ctrl"])
@@ -184,7 +184,7 @@ def test_a_keyframe_that_is_not_finite_is_the_model_s_fault(name: str) -> None:
     changes: dict[str, Any] = {name: {"hand" if name != "ctrl" else "motor": 0.0}}
     with pytest.raises(ModelError) as caught:
         replace(InitialState(key="home"), **changes).data(model)
-    assert str(caught.value) == f"keyframe 'home': {name}[1] is nan, and must be finite"
+    assert str(caught.value) == f"keyframe 'home': {name}[1] is nan; it must be finite"
     assert caught.value.exit_code == 3
     InitialState(key="1").data(model)
 

@@ -315,7 +315,10 @@ def test_missing_rows_are_gaps_and_the_longest_is_told() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({7: [np.nan, 1, 1]}, r"^t\.csv, row 0: qpos/hip is missing \(empty or nan\), and a motion begins with all"),
+        (
+            {7: [np.nan, 1, 1]},
+            r"^t\.csv, row 0: qpos/hip is missing \(empty or nan\), but a motion must begin with all",
+        ),
         ({7: [np.nan] * 3}, r"^t\.csv has no value of qpos/hip in any row\nleave the column out, or map another$"),
         ({4: [np.nan, 1, 1]}, r"^t\.csv, row 0: qpos/root is missing"),
         ({7: [0, 1, np.inf]}, r"^t\.csv, row 2: qpos/hip is infinite$"),

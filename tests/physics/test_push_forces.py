@@ -221,9 +221,9 @@ def test_a_body_that_is_carried_by_a_mocap_pose_is_pushed_where_it_is() -> None:
         ),
         ("site:box=1/0/0@0+1", "no site 'box'"),
         ("body:tip=1/0/0@0+1", "no body 'tip'"),
-        ("world=1/0/0@0+1", "the world is not a body that a force can move"),
+        ("world=1/0/0@0+1", "the target is the world, which a force cannot move"),
         ("ground=1/0/0@0+1", "the site ground is fixed to the world"),
-        ("box=1/0/0@0+0.0009", r"push box=1/0/0@0\+0.0009 is too short: no step of 0.002 s falls in it"),
+        ("box=1/0/0@0+0.0009", r"push box=1/0/0@0\+0.0009 is too short: it contains no step of 0.002 s"),
     ],
 )
 def test_what_cannot_be_pushed_is_refused_with_its_place(text: str, message: str) -> None:

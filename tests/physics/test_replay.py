@@ -256,18 +256,17 @@ def test_it_cannot_go_back() -> None:
 MISSING = [
     (
         (1, 61),
-        "the recording ends at step 60, time 0.12 s: there is no step 61, time 0.122 s in it\n"
-        "ask for step 60 or an earlier one",
+        "the recording ends at step 60, time 0.12 s, before step 61, time 0.122 s\nrequest step 60 or an earlier one",
     ),
     (
         (1, 10**9),
-        "the recording ends at step 60, time 0.12 s: there is no step 1000000000, time 2000000 s in it\n"
-        "ask for step 60 or an earlier one",
+        "the recording ends at step 60, time 0.12 s, before step 1000000000, time 2000000 s\n"
+        "request step 60 or an earlier one",
     ),
     (
         (5, 7),
         "step 7, time 0.014 s is not in the recording\n"
-        "the nearest that are: step 5, time 0.01 s, and step 10, time 0.02 s",
+        "the nearest recorded ones: step 5, time 0.01 s, and step 10, time 0.02 s",
     ),
 ]
 
@@ -329,7 +328,7 @@ def test_another_timestep_is_refused() -> None:
     model = copy.copy(TUMBLER)
     model.opt.timestep = 0.001
     with pytest.raises(
-        UsageError, match=r"made with a timestep of 0.002 s, not 0.001 s\ngive the timestep that it was made with"
+        UsageError, match=r"made with a timestep of 0.002 s, not 0.001 s\nset timestep to that of the recording"
     ):
         ReplayStepper(model, tumbled())
     ReplayStepper(model, tumbled(last=0))

@@ -143,5 +143,5 @@ def test_states_that_need_a_folder_where_there_is_none_are_told(monkeypatch: pyt
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
     monkeypatch.setattr(replay, "SPILL", 1)
-    with StateBuffer(MODEL) as states, pytest.raises(FileError, match="no folder: cannot hold the recording"):
+    with StateBuffer(MODEL) as states, pytest.raises(FileError, match="no folder: cannot store the recording"):
         states.append(counted(0))

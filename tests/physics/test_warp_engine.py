@@ -172,7 +172,7 @@ def test_what_does_not_fit_is_told_with_what_to_raise(device: WarpDevice) -> Non
             narrow.step()
             most = max(most, int(narrow.demand().constraints.max()))
         (message,) = narrow.overflows(constraints=most)
-    assert message.startswith("there is room for 2 constraints in a world; ")
+    assert message.startswith("a world holds at most 2 constraints; ")
     assert spelled(message).endswith(": raise njmax to 4")  # a pyramid of 4 sides
 
 
@@ -204,11 +204,11 @@ def test_every_overflow_that_the_library_knows_has_a_sentence() -> None:
 @pytest.mark.parametrize(
     ("mark", "said"),
     [
-        ("NEFC", "^there is room for 64 constraints in a world; .*: raise njmax to 70$"),
-        ("BROADPHASE", "^there is room for 16 contacts in a world; .*: raise nconmax to 17$"),
+        ("NEFC", "^a world holds at most 64 constraints; .*: raise njmax to 70$"),
+        ("BROADPHASE", "^a world holds at most 16 contacts; .*: raise nconmax to 17$"),
         ("CCD", "raise nconmax above 16"),
         ("ITERATIONS", "limit of 100 iterations: raise set opt.iterations"),
-        ("NEW_ONE", "^mujoco_warp has no room: new_one overflow$"),
+        ("NEW_ONE", "^mujoco_warp reports an overflow: new_one$"),
     ],
 )
 def test_an_overflow_says_what_is_missing_and_the_remedy(mark: str, said: str) -> None:

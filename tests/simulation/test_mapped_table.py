@@ -184,8 +184,8 @@ class Bad:
         Bad(lambda: b"time,qpos/hip,qpos/hip\n0,1,2\n", r"two columns are called 'qpos/hip'", kind=FileError),
         Bad(lambda: b"time,qpos/hip\n0,up\n", r"t\.csv:2: column 'qpos/hip': 'up' is not a number", kind=FileError),
         Bad(csv(**{"time": [0, 1], "qpos/hip": [None, 1]}), r"t\.csv, row 0: qpos/hip is missing \(empty or nan\)"),
-        Bad(csv(**{"time": [0, None], "qpos/hip": [1, 1]}), r"t\.csv, row 1: time is nan, and must be finite"),
-        Bad(csv(**{"time": [0, 2, 1], "qpos/hip": [1, 1, 1]}), r"t\.csv, row 2: time 1 follows 2, and must grow"),
+        Bad(csv(**{"time": [0, None], "qpos/hip": [1, 1]}), r"t\.csv, row 1: time is nan; it must be finite"),
+        Bad(csv(**{"time": [0, 2, 1], "qpos/hip": [1, 1, 1]}), r"t\.csv, row 2: time 1 follows 2; times must ascend"),
         Bad(csv(time=[0], a=[0]), r"row 0: qpos/hip is infinite", texts=("qpos/hip=1/a",)),
     ],
 )
