@@ -17,7 +17,8 @@ from typing import Any, ForwardRef, Union, get_args, get_origin
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
-from mjrun.options.kinds import AnyKind, Camera, Choice, Instant, Kind, Optional, Processes, Several
+from mjrun.options.kinds import AnyKind, Camera, Choice, Kind, Optional, Several
+from mjrun.options.number_kinds import Instant, Processes
 from mjrun.options.option import Options, options_of
 from mjrun.options.policy import PolicyKind
 from mjrun.options.record import OneOf

@@ -37,7 +37,7 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.bench import BenchOptions
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import is_given, options
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.output import RendererRequest, SharedRendering

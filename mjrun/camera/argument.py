@@ -19,8 +19,10 @@ from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.targets import Vector
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import identify, names
-from mjrun.options.kinds import AnyKind, ExpectedError, Flag, Optional, Point
+from mjrun.options.kinds import AnyKind, Flag, Optional
+from mjrun.options.number_kinds import Point
 from mjrun.options.option import options_of
+from mjrun.options.schema import ExpectedError
 
 SHOT_SETTINGS = ("roll", "fovy")
 

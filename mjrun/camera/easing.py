@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mjrun.options.kinds import Choice, Real
+from mjrun.options.kinds import Choice
+from mjrun.options.number_kinds import Real
 from mjrun.options.option import Options, option, options
 
 # From 0 to 1 as u does, never back.

@@ -5,7 +5,8 @@ import math
 from mjrun.camera.easing import EASINGS, Ramp
 from mjrun.camera.targets import Place
 from mjrun.errors import suggestion
-from mjrun.options.kinds import POINT, Choice, Kind, Point, Real, Text
+from mjrun.options.kinds import Choice, Kind, Text
+from mjrun.options.number_kinds import POINT, Point, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.record import OneOf, Record
 from mjrun.options.schema import TEXT, ExpectedError, Schema

@@ -11,7 +11,8 @@ from mjrun.camera.rigs.registry import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.shake import Shake
 from mjrun.errors import UsageError, clean, concerning, near
-from mjrun.options.kinds import Choice, ExactNumber, Integer, Kind, Number, Optional, Reader, Real, Text
+from mjrun.options.kinds import Choice, Kind, Optional, Reader, Text
+from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real
 from mjrun.options.option import FrontEnd, Options, document_key, located, option, options, required
 from mjrun.options.record import ListOf, OneOf, Record, mappings_in, plain_values
 from mjrun.options.schema import Path, Schema

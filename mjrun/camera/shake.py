@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mjrun.options.kinds import Integer, Real
+from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options
 
 SINES = 16  # that the noise on an angle is the sum of

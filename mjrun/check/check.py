@@ -21,7 +21,7 @@ from mjrun.model.source import CollectionSource
 from mjrun.model.sources import names_task, source_of
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.options.check import CheckOptions
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
 from mjrun.platform.cores import available_cores

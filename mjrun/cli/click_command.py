@@ -15,8 +15,10 @@ from mjrun.errors import UsageError
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
-from mjrun.options.kinds import AnyKind, Choice, ColumnMap, ExpectedError, Flag, Optional, Settings, Several, Values
+from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
+from mjrun.options.schema import ExpectedError
+from mjrun.options.setting_kinds import ColumnMap, Settings, Values
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -88,7 +90,7 @@ class CommandLine:
         if len(asked) > 1:
             options = f"{', '.join(map(mention, asked[:-1]))} and {mention(asked[-1])}"
             raise UsageError(
-                f"{options} exclude each other: {'both' if len(asked) == 2 else 'all'} want standard output"
+                f"{options} exclude each other: {'both' if len(asked) == 2 else 'all'} print to standard output"
             )
         return asked[0] if asked and asked != ["json"] else ""
 

@@ -1,4 +1,4 @@
-"""The reference of all options, as Markdown: how the command line, run documents and Python spell them."""
+"""The reference of all options in Markdown, as spelled on the command line, in run documents and in Python."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.formats.format_lists import with_formats
-from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
+from mjrun.options.output import KeyframeOptions
 from mjrun.options.plot import PageOptions, PlotOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.task import PARTS, TaskOptions
@@ -22,18 +22,18 @@ INTRODUCTION = """\
 # Options of mjrun
 
 Every option, by section, as `mjrun schema options` prints them. A name means the same everywhere: `--trail-span` on the
-command line is `trail_span` in run documents and in Python. Units are in brackets. What is repeatable on the command
-line is a list in documents and in Python; one value alone will do."""
+command line is `trail_span` in run documents and in Python. Units are in brackets. An option that is repeatable on the
+command line is a list in documents and in Python, where a single value is also accepted."""
 
 
 @dataclass(frozen=True)
 class Owner:
-    """What takes the options of a section.
+    """A command, an output or a part of a document that accepts the options of a section.
 
     Attributes:
-      command: such as `video`; empty for what no command makes.
-      key: the list in documents whose entries take them, or `TOP_LEVEL`; empty for none.
-      python: the class; empty for none.
+      command: such as `video`; empty if no command makes the output.
+      key: the list in documents whose entries accept them, or `TOP_LEVEL`; empty if documents do not accept them.
+      python: the Python class; empty if no class accepts them.
       documents: the kind of documents that has this key.
     """
 
@@ -44,7 +44,7 @@ class Owner:
 
     @property
     def document(self) -> str:
-        """Where in a document its options stand."""
+        """The place of the options in a document."""
         return "the top level" if self.key == TOP_LEVEL else f"`{self.key}{'[]' if self.documents == RUN else ''}`"
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ class Owner:
 
 @dataclass
 class Section:
-    """Options that stand together, and what takes each of them."""
+    """A section of options, with the owners of each option."""
 
     title: str
     options: dict[str, Option] = field(default_factory=dict[str, Option])
@@ -65,7 +65,7 @@ class Section:
             self.owners.setdefault(each.name, []).append(owner)
 
     def fits(self, options: Sequence[Option]) -> bool:
-        """Whether `options` are the same as those here, or some of them, or these and more."""
+        """Returns whether `options` equal those of this section, or are a subset or a superset of them."""
         names = {each.name for each in options}
         agree = all(self.options.get(each.name, each) == each for each in options)
         return agree and (names <= set(self.options) or names >= set(self.options))
@@ -75,19 +75,19 @@ class Section:
 
 
 def options_reference() -> str:
-    """A section for each group of options, with a table of them."""
+    """Returns the reference: a section for each group of options, with a table of them."""
     sections = ["\n".join(_section_lines(section)) for section in reference_sections()]
     return "\n\n".join([INTRODUCTION, *sections, "\n".join(_expression_lines())])
 
 
 def _expression_lines() -> Iterator[str]:
     yield "## Functions in expressions\n"
-    yield "Of assertions, metrics, derived columns, events, and the rewards, terminations and observations of tasks.\n"
+    yield "For assertions, metrics, derived columns, events, and the rewards, terminations and observations of tasks.\n"
     yield from (f"- `{function}`: {meaning}." for function, meaning in MEANINGS.items())
 
 
 def reference_sections() -> list[Section]:
-    """The options of all commands and outputs; sections that several of them have stand once."""
+    """Returns the options of all commands and outputs; sections that several of them share occur once."""
     sections: list[Section] = []
     for title, owner, options in _sections():
         named = [section for section in sections if section.title == title]
@@ -100,7 +100,7 @@ def reference_sections() -> list[Section]:
 
 
 def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
-    """The title of every section of every command and output, what takes its options, and the options."""
+    """Yields the title of every section of every command and output, its owner and its options."""
     for name in COMMANDS:
         command = load_command(name)
         declared = [param.declared for param in command.params if isinstance(param, DeclaredOption)]
@@ -161,7 +161,7 @@ def _row(each: Option, owners: Sequence[Owner], all_owners: Sequence[Owner]) -> 
 
 
 def _restriction(owners: Sequence[Owner], all_owners: Sequence[Owner]) -> str:
-    """The sentence for an option that only some of the section's owners take."""
+    """Returns the sentence for an option that only some owners of the section accept."""
     others = [owner for owner in all_owners if owner not in owners]
     if not others:
         return ""

@@ -19,9 +19,8 @@ from mjrun.cli.report import Report
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.console import ConsoleOptions
-from mjrun.options.keyframe import LAST_INSTANT
 from mjrun.options.model import ModelOptions
-from mjrun.options.output import CommandOptions
+from mjrun.options.output import LAST_INSTANT, CommandOptions
 from mjrun.options.policy import ZERO
 from mjrun.options.trace import TraceOptions
 from mjrun.python_code import RedirectedFunction, load_code, made
@@ -182,7 +181,7 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
     """
     piped = (command_line.value("output") or default_output) == "-"
     if piped and command_line.make(ConsoleOptions).json:
-        raise UsageError(f"{option('json')} and the output both want standard output; give {option('output')} FILE")
+        raise UsageError(f"{option('json')} and the output both print to standard output; give {option('output')} FILE")
     return piped
 
 

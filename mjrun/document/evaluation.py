@@ -33,9 +33,10 @@ from mjrun.evaluation.prepared import Rewritten
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions
-from mjrun.options.kinds import Settings, Text
+from mjrun.options.kinds import Text
 from mjrun.options.option import Options, document_key
 from mjrun.options.record import Record
+from mjrun.options.setting_kinds import Settings
 
 TASK = (
     "The task: a document, relative to the folder of this one; one of ours, such as scene:car_drive; or an environment "

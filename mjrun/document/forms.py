@@ -8,8 +8,9 @@ from mjrun.document.camera import read_camera
 from mjrun.document.output_folder import Folders
 from mjrun.document.yaml_writer import number
 from mjrun.errors import DocumentError, UsageError, quoted
-from mjrun.options import kinds
-from mjrun.options.kinds import AnyKind, Integer, Key, Optional, Point, Reader, Real, Text, Vector
+from mjrun.options import kinds, number_kinds
+from mjrun.options.kinds import AnyKind, Key, Optional, Reader, Text
+from mjrun.options.number_kinds import Integer, Point, Real, Vector
 from mjrun.options.option import Options, option, options
 from mjrun.options.record import OneOf, Record
 from mjrun.options.schema import TEXT, Path, Schema, check
@@ -161,7 +162,7 @@ def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
 FORMS: dict[type[AnyKind], AnyKind] = {
     kinds.Camera: CameraForm(),
     kinds.Ghost: GhostForm(),
-    kinds.Instant: InstantOrEvent(zero=True),
+    number_kinds.Instant: InstantOrEvent(zero=True),
 }
 
 

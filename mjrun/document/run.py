@@ -33,10 +33,9 @@ from mjrun.document.tree import Fault, MappingNode, find, path_text, written_pat
 from mjrun.document.tree import Path as Place
 from mjrun.errors import InvalidJobsError, UsageError
 from mjrun.options.image import ImageOptions
-from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.kinds import File, Reader
 from mjrun.options.option import Options, document_key, options
-from mjrun.options.output import OutputOptions
+from mjrun.options.output import KeyframeOptions, OutputOptions
 from mjrun.options.plot import PageOptions, PlotOptions
 from mjrun.options.record import ListOf, OneOf, Record
 from mjrun.options.run import RunOptions

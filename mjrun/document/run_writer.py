@@ -12,10 +12,12 @@ from mjrun.document.yaml_parser import meaning
 from mjrun.document.yaml_writer import exact, number, yaml_text
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
-from mjrun.options.kinds import AnyKind, ExpectedError, File, Optional, Settings, setting_text
+from mjrun.options.kinds import AnyKind, File, Optional
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
 from mjrun.options.record import plain_values
+from mjrun.options.schema import ExpectedError
+from mjrun.options.setting_kinds import Settings, setting_text
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
@@ -50,7 +52,7 @@ def text_of(document: Mapped, command: str) -> str:
 
 def simulation_document(simulation: Simulation) -> Mapped:
     if simulation.controller is not None:
-        raise UsageError(f"{option('controller')}: code stays on the command line; a document cannot hold it")
+        raise UsageError(f"{option('controller')}: a document cannot contain code; give it on the command line")
     source = source_of(simulation.model)
     if not source.text:
         raise UsageError("a compiled model has no file that a document could name")
@@ -75,7 +77,7 @@ def _refused(each: Option, value: object) -> bool:
     """Raises where an option is code, or an output, that no document may write."""
     kind = each.kind.each if isinstance(each.kind, Optional) else each.kind
     if isinstance(kind, PolicyKind) and not (isinstance(value, str) and not is_code(value)):
-        raise UsageError(f"{option(each.name)}: code stays on the command line; a document cannot hold it")
+        raise UsageError(f"{option(each.name)}: a document cannot contain code; give it on the command line")
     if isinstance(kind, File) and kind.written and (reason := refusal(str(value))):
         raise UsageError(f"{reason}; give a path relative to a folder", path=(each.name,))
     return False

@@ -41,8 +41,9 @@ from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
 from mjrun.model.sources.bundled_scene import bundled_task
-from mjrun.options.kinds import Real, Text
+from mjrun.options.kinds import Text
 from mjrun.options.model import ModelOptions
+from mjrun.options.number_kinds import Real
 from mjrun.options.option import Options, document_key, options, options_of
 from mjrun.options.record import ListOf, MappingOf, OneOf, Record
 from mjrun.options.task import PARTS, TaskOptions

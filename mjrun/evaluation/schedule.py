@@ -13,7 +13,7 @@ from mjrun.errors import LostEpisodesError, MjrunError
 from mjrun.evaluation.episode import Episode, EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.prepared import EpisodeGroup
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
 from mjrun.platform.cores import available_cores
 from mjrun.python_code import import_from
 from mjrun.reporter import Reporter

@@ -13,7 +13,8 @@ import numpy as np
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names
-from mjrun.options.kinds import AnyKind, Integer, Optional
+from mjrun.options.kinds import AnyKind, Optional
+from mjrun.options.number_kinds import Integer
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions

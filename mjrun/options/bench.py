@@ -3,24 +3,11 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import (
-    Choice,
-    ExactNumber,
-    File,
-    Flag,
-    Integer,
-    Key,
-    Optional,
-    Percent,
-    Processes,
-    Real,
-    ScanValues,
-    Several,
-    Size,
-    Text,
-)
+from mjrun.options.kinds import Choice, File, Flag, Key, Optional, Several, Text
 from mjrun.options.model import ModelOptions
+from mjrun.options.number_kinds import ExactNumber, Integer, Percent, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.setting_kinds import ScanValues
 from mjrun.options.view import QUALITIES, RENDERERS, VIEWS, BackendOptions
 
 ENGINES = ("c", "warp")
@@ -28,28 +15,33 @@ ENGINES = ("c", "warp")
 
 @options
 class StepTimingOptions(Options):
-    """What is measured of steps."""
+    """Measurement of simulation speed."""
 
     section: ClassVar[str] = "Measurement"
 
-    budget: Fraction = option(converter=ExactNumber("SECONDS"), default=3, help="Wall time to spend [s], roughly.")
+    budget: Fraction = option(converter=ExactNumber("SECONDS"), default=3, help="Approximate wall time to spend [s].")
     repeats: int | None = option(
-        converter=Optional(Integer(1)), default=None, usual="7 to 50", help="How often a rollout is repeated."
+        converter=Optional(Integer(1)),
+        default=None,
+        usual="7 to 50",
+        help="Number of times that each rollout is repeated.",
     )
     threads: tuple[int | str, ...] = option(
         converter=Several(Processes("N", of="threads"), commas=True),
         default=(),
         usual="1,auto; 1 with --scan",
-        help="Copies to run side by side: 1,2,auto.",
+        help="Numbers of simulations to run side by side, each measured in turn: 1,2,auto.",
     )
     scan: tuple[tuple[str, str], ...] = option(
         converter=ScanValues(),
         default=(),
-        help="Measure a grid: integrator=euler,rk4 timestep=.001,.002 opt.solver=cg,newton, or any path of --set. "
-        "Values with commas are separated by semicolons.",
+        help="Measure every combination of these settings: integrator=euler,rk4 timestep=.001,.002 "
+        "opt.solver=cg,newton, or any path of --set. Separate values that contain commas by semicolons.",
     )
     accuracy: bool = option(
-        converter=Flag(), default=False, help="Add energy drift, and distance from a run with finer steps."
+        converter=Flag(),
+        default=False,
+        help="Add the energy drift, and the distance from a run with a smaller timestep.",
     )
     horizon: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
@@ -60,46 +52,49 @@ class StepTimingOptions(Options):
     reference: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
-        usual="an eighth of the finest",
-        help="Timestep of the finer run [s].",
+        usual="an eighth of the smallest",
+        help="Timestep of the run that accuracy is measured against [s].",
     )
-    whole: bool = option(converter=Flag(), default=False, help="Also time a whole trace and a whole video of 1 s.")
+    whole: bool = option(
+        converter=Flag(), default=False, help="Also time a complete trace and a complete video of 1 s."
+    )
 
 
 @options
 class EngineOptions(Options):
-    """What takes the steps."""
+    """The engine that computes the steps."""
 
     section: ClassVar[str] = "Engine"
 
     engine: str = option(
         converter=Choice(ENGINES),
         default="c",
-        help="MuJoCo, or MuJoCo Warp, of many worlds at once and in single precision. Needs the extra warp.",
+        help="Engine: c, MuJoCo; or warp, MuJoCo Warp, which steps many worlds at once in single precision. "
+        "Requires the extra warp.",
     )
     worlds: int | None = option(
         converter=Optional(Integer(1, 2**20)),
         default=None,
         usual="4096 on a GPU, 8 on a CPU",
-        help="Copies that warp steps at once.",
+        help="Number of worlds that Warp steps at once.",
     )
     device: str | None = option(
         converter=Optional(Text("cpu|cuda:N")),
         default=None,
         usual="the first GPU, or cpu",
-        help="Where warp computes.",
+        help="Warp device: cpu or cuda:N.",
     )
     nconmax: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
         usual="its own guess",
-        help="Contacts of a world that warp has room for.",
+        help="Maximum number of contacts per Warp world.",
     )
     njmax: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
         usual="its own guess",
-        help="Constraints of a world that warp has room for.",
+        help="Maximum number of constraints per Warp world.",
     )
 
 
@@ -112,7 +107,7 @@ class RolloutOptions(Options):
     key: str | None = option(
         converter=Optional(Key()),
         default=None,
-        usual="test, if there is one",
+        usual="test, if it exists",
         help="The keyframe to start from, by name or index.",
     )
     steps: int | None = option(
@@ -120,27 +115,28 @@ class RolloutOptions(Options):
         default=None,
         usual="10000, or what the budget allows",
         short="--nstep",
-        help="Steps of one rollout.",
+        help="Number of steps per rollout.",
     )
     noise_std: float = option(
         converter=Real(most=1, metavar="STD"),
         default=0.01,
-        help="Scale of pseudo-random noise on the controls, in half ranges; 0 leaves them as they start.",
+        help="Standard deviation of noise on the controls, as a share of half their range; 0 keeps the initial "
+        "controls.",
     )
     noise_rate: float = option(
         converter=Real(metavar="SECONDS"),
         default=0.1,
-        help="Time in which controls return to the keyframe's, or to the middle of their ranges [s].",
+        help="Time constant with which noisy controls return to the keyframe's, or to the middle of their ranges [s].",
     )
 
 
 @options
 class FrameTimingOptions(BackendOptions):
-    """What is measured of drawing."""
+    """Measurement of rendering speed."""
 
     section: ClassVar[str] = "Drawing"
 
-    render: bool = option(converter=Flag(), default=False, help="Also time drawing and encoding.")
+    render: bool = option(converter=Flag(), default=False, help="Also time rendering and encoding.")
     size: tuple[tuple[int, int], ...] = option(
         converter=Several(Size()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
     )
@@ -160,48 +156,51 @@ class FrameTimingOptions(BackendOptions):
 
 @options
 class BaselineOptions(Options):
-    """Comparison with a result that was saved."""
+    """Comparison with a saved result."""
 
     section: ClassVar[str] = "Report"
 
     save: str | None = option(
         converter=Optional(File(written=True)), default=None, help="Save the result as a baseline."
     )
-    compare: str | None = option(converter=Optional(File()), default=None, help="Compare with a saved result.")
+    compare: str | None = option(converter=Optional(File()), default=None, help="Compare with a saved baseline.")
     fail_above: float | None = option(
         converter=Optional(Percent()),
         default=None,
-        help="Exit with 1 if it is certainly slower than that: 10%, or became unstable. A ratio whose interval "
-        "contains the limit is inconclusive.",
+        help="Exit with code 1 if the result is certainly slower than the baseline by more than this, such as 10%, "
+        "or if the simulation became unstable. A slowdown whose confidence interval contains the limit is "
+        "inconclusive.",
     )
-    force: bool = option(converter=Flag(), default=False, help="Compare in spite of other models, options or machines.")
+    force: bool = option(
+        converter=Flag(), default=False, help="Compare even if the model, the options or the machine differ."
+    )
 
 
 @options
 class ReportOptions(Options):
-    """How the result is printed."""
+    """Formats of the report."""
 
     section: ClassVar[str] = "Report"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("csv", "markdown"), "both want standard output"),)
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("csv", "markdown"), "both print to standard output"),)
 
     csv: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="A CSV table instead, a line for each point of the grid.",
+        help="Print a CSV table instead, one line per combination of settings.",
     )
-    markdown: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Markdown instead.")
+    markdown: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print Markdown instead.")
     summary: str | None = option(
         converter=Optional(Text("[FILE]")),
         default=None,
         places=FrontEnd.COMMAND,
         flag_value="",
-        help="Also append Markdown to a file, or to that named by $GITHUB_STEP_SUMMARY.",
+        help="Also append the report as Markdown to a file; without a name, to the file in $GITHUB_STEP_SUMMARY.",
     )
 
 
 @options
 class BenchOptions(StepTimingOptions, EngineOptions, RolloutOptions, ModelOptions, FrameTimingOptions, BaselineOptions):
-    """What to measure."""
+    """All options of a benchmark."""
 
     section: ClassVar[str] = "Measurement"

@@ -3,7 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import AUTO, Choice, ExactNumber, Flag, Integer, Processes, Several, Text
+from mjrun.options.kinds import Choice, Flag, Several, Text
+from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
 SEVERITIES = ("error", "warning", "note")
@@ -11,49 +12,55 @@ SEVERITIES = ("error", "warning", "note")
 
 @options
 class CheckOptions(Options):
-    """What is looked for in models, and within what limits."""
+    """Rules to apply to models, and their limits."""
 
     section: ClassVar[str] = "Check"
 
     select: tuple[str, ...] = option(
         converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
-        help="Look for these only: MJ301, or MJ3 for all that begin so.",
+        help="Report only these codes: MJ301, or MJ3 for all codes that begin with it.",
     )
     ignore: tuple[str, ...] = option(
         converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
-        help="Leave these out. What keeps a model from loading stays.",
+        help="Do not report these codes. Errors that prevent a model from loading are always reported.",
     )
     fail_on: str = option(
         converter=Choice(SEVERITIES),
         default="error",
-        help="Exit with 1 when something of this severity, or worse, is found.",
+        help="Exit with code 1 if a finding has at least this severity.",
     )
     steps: int = option(
         converter=Integer(),
         default=200,
-        help="Steps that a model must survive, from its own start; 0 for none.",
+        help="Number of steps that a model must simulate from its initial state without becoming unstable; 0 skips "
+        "this check.",
     )
-    timeout: Fraction = option(converter=ExactNumber("SECONDS"), default=60, help="Wall time for one model [s].")
-    memory: int = option(converter=Integer(1, metavar="MIB"), default=4096, help="Memory for one model [MiB].")
-    jobs: int | str = option(converter=Processes(), default=AUTO, usual="auto, one per core", help="Models at once.")
+    timeout: Fraction = option(converter=ExactNumber("SECONDS"), default=60, help="Maximum wall time per model [s].")
+    memory: int = option(converter=Integer(1, metavar="MIB"), default=4096, help="Maximum memory per model [MiB].")
+    jobs: int | str = option(
+        converter=Processes(), default=AUTO, usual="auto, one per core", help="Number of models to check at once."
+    )
 
 
 @options
 class CheckReportOptions(Options):
-    """What is printed."""
+    """Formats of the report."""
 
     section: ClassVar[str] = "Check"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("sarif", "github"), "both want standard output"),)
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("sarif", "github"), "both print to standard output"),)
 
-    list_: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all codes, and stop.")
+    list_: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all codes and exit.")
     sarif: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="One SARIF 2.1.0 document on stdout, for code scanning.",
+        help="Print one SARIF 2.1.0 document to stdout, for code scanning.",
     )
     github: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Annotations of a GitHub workflow on stdout."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print annotations for GitHub workflows to stdout.",
     )

@@ -1,17 +1,18 @@
-"""Options of work on files nobody vouches for."""
+"""Options for running untrusted files in confinement."""
 
 from collections.abc import Mapping
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Optional, Values
+from mjrun.options.kinds import File, Flag, Optional
 from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.setting_kinds import Values
 
 TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
 
 
 @options
 class ConfinementOptions(Options):
-    """What keeps a model, and the documents and tables beside it, from doing harm; no document says so."""
+    """Confinement of untrusted models, documents and tables; only the command line sets it."""
 
     section: ClassVar[str] = "Trust"
 
@@ -19,20 +20,22 @@ class ConfinementOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Trust no file: read those beside the model and those that you name, write in the folders of the outputs, "
-        "use no network, run no code, load no .mjb, within limits of time, memory and file size.",
+        help="Treat all files as untrusted: read only files beside the model and files that you name, write only to "
+        "the folders of the outputs, use no network, run no code, load no .mjb, and limit time, memory and "
+        "file size.",
     )
     root: str | None = option(
         converter=Optional(File("DIR")),
         default=None,
         usual="the model's folder",
         places=FrontEnd.COMMAND,
-        help="With --untrusted, the folder that files are read from.",
+        help="Folder that files may be read from; requires --untrusted.",
     )
     limit: Mapping[str, tuple[float, ...]] = option(
         converter=Values("NAME=N"),
         default=dict[str, tuple[float, ...]](),
         usual="time=3600, memory=8192, file=16384",
         places=FrontEnd.COMMAND,
-        help="With --untrusted, a limit: time [s], memory of each process [MiB], file, the size of one [MiB].",
+        help="Limits of the untrusted run; requires --untrusted. time is the wall time [s], memory is per process "
+        "[MiB], and file is the size of one written file [MiB].",
     )

@@ -1,4 +1,4 @@
-"""Options of what a command prints on the console."""
+"""Options for messages, which every command accepts."""
 
 from typing import ClassVar
 
@@ -8,21 +8,26 @@ from mjrun.options.option import FrontEnd, Options, option, options
 
 @options
 class ConsoleOptions(Options):
-    """What is printed, and how much of it."""
+    """Form and amount of what a command prints."""
 
     section: ClassVar[str] = "Messages"
 
     json: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="One JSON document on stdout instead of prose."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print one JSON document to stdout instead of prose.",
     )
     quiet: bool = option(
-        converter=Flag(), default=False, short="-q", places=FrontEnd.COMMAND, help="Print errors only."
+        converter=Flag(), default=False, short="-q", places=FrontEnd.COMMAND, help="Print only results and errors."
     )
     verbose: bool = option(
         converter=Flag(),
         default=False,
         short="-v",
         places=FrontEnd.COMMAND,
-        help="Print more, such as where the time went.",
+        help="Print more details, such as timings.",
     )
-    debug: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show tracebacks.")
+    debug: bool = option(
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print a traceback with every error."
+    )

@@ -3,26 +3,20 @@
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from mjrun.options.kinds import (
-    ExpectedError,
-    File,
-    Flag,
-    Numbers,
-    Optional,
-    Percent,
-    Real,
-    Several,
-    Text,
-    Values,
-)
+from mjrun.options.kinds import File, Flag, Optional, Several, Text
+from mjrun.options.number_kinds import Numbers, Percent, Real
 from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.schema import ExpectedError
+from mjrun.options.setting_kinds import Values
 
 ALIGNMENTS = ("time", "row")
 NO_TOLERANCES: dict[str, Numbers] = {}
 
 
 class ColumnTolerances(Values):
-    """Tolerances by the columns that a wildcard matches: `qvel/*=1e-6`, or with a relative one, `qvel/*=1e-6,1e-3`."""
+    """Tolerances by column name with wildcards, absolute as in `qvel/*=1e-6`, or also relative as in
+    `qvel/*=1e-6,1e-3`.
+    """
 
     metavar = "COLUMNS=ATOL[,RTOL]"
 
@@ -48,28 +42,28 @@ def _require_tolerance(numbers: Numbers) -> None:
 
 @options
 class ToleranceOptions(Options):
-    """When numbers agree."""
+    """Tolerances within which numbers count as equal."""
 
     section: ClassVar[str] = "Tolerances"
 
     atol: float = option(
         converter=Real(metavar="ATOL"),
         default=0.0,
-        help="Numbers, and pixels, agree where |a - b| <= ATOL + RTOL·|b|. With 0 and 0 they must be the same, bit for "
-        "bit; NaN agrees with NaN.",
+        help="Absolute tolerance: numbers and pixels are equal where |a - b| <= ATOL + RTOL·|b|. With both "
+        "tolerances 0, they must be identical bit for bit; NaN equals NaN.",
     )
-    rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="The relative tolerance.")
+    rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="Relative tolerance.")
     tol: Mapping[str, Numbers] = option(
         converter=ColumnTolerances(),
         default=NO_TOLERANCES,
-        help="Tolerances for the columns that a name with wildcards matches: 'qvel/*=1e-6', 'energy/*=0,1e-9'; the "
-        "last that matches counts. That of time says which times are the same.",
+        help="Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. The last match "
+        "applies. The tolerance of the column time decides which times are equal.",
     )
 
 
 @options
 class TableDiffOptions(ToleranceOptions):
-    """How tables and recordings are compared."""
+    """Comparison of tables and recordings."""
 
     section: ClassVar[str] = "Tables and recordings"
 
@@ -77,28 +71,31 @@ class TableDiffOptions(ToleranceOptions):
         converter=Several(Text("COLUMNS")),
         default=(),
         usual="all",
-        help="Compare only columns that a name with wildcards matches, such as 'qpos/*'.",
+        help="Compare only these columns, by name or wildcard, such as 'qpos/*'.",
     )
     align: str | None = option(
         converter=Optional(Text("time|row|COLUMN[,COLUMN]...")),
         default=None,
-        usual="time, where both have it",
-        help="Which rows belong together: those of the same time, of the same number (row), or with the same cells in "
-        "named columns, in any order. Points of studies belong together by their parameters, episodes by their seeds.",
+        usual="time, if both have it",
+        help="How rows are paired: time pairs rows of equal time, row pairs them by number, and column names pair "
+        "rows with equal cells there, in any order. Points of studies are paired by their parameters, episodes "
+        "by their seeds.",
     )
     common: bool = option(
         converter=Flag(),
         default=False,
-        help="Compare only the rows and columns that both have; others are counted, and make no difference.",
+        help="Compare only rows and columns that exist on both sides; others are counted but are no difference.",
     )
     model: str | None = option(
-        converter=Optional(File("MODEL")), default=None, help="The model of two recordings, which names their joints."
+        converter=Optional(File("MODEL")),
+        default=None,
+        help="Model of the two recordings, from which columns get the names of joints.",
     )
 
 
 @options
 class PictureDiffOptions(Options):
-    """When videos and images agree."""
+    """Thresholds at which videos and images count as equal."""
 
     section: ClassVar[str] = "Videos and images"
 
@@ -106,41 +103,45 @@ class PictureDiffOptions(Options):
         converter=Optional(Real(metavar="DB")),
         default=None,
         usual="exact",
-        help="Frames agree down to this peak signal-to-noise ratio [dB]; 40 looks the same.",
+        help="Lowest peak signal-to-noise ratio at which frames count as equal [dB]; 40 is visually identical.",
     )
     min_ssim: float | None = option(
         converter=Optional(Real(least=-1.0, most=1, metavar="SSIM")),
         default=None,
         usual="exact",
-        help="Frames agree down to this structural similarity; 0.98 looks the same. Needs the extra diff.",
+        help="Lowest structural similarity (SSIM) at which frames count as equal; 0.98 is visually identical. "
+        "Requires the extra diff.",
     )
     max_changed: float | None = option(
         converter=Optional(Percent(most=1)),
         default=None,
         usual="exact",
-        help="Frames agree up to this share of pixels that changed: 0.1%.",
+        help="Largest share of changed pixels at which frames count as equal, such as 0.1%.",
     )
     output: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
         short="-o",
-        help="Draw the worst frame: A, B and their difference side by side (.png).",
+        help="Image (.png) of the most different frame: A, B and their difference side by side.",
     )
 
 
 @options
 class DiffOptions(TableDiffOptions, PictureDiffOptions):
-    """What is compared, and when it agrees."""
+    """All options of a comparison."""
 
     section: ClassVar[str] = "Comparison"
 
 
 @options
 class DiffReportOptions(Options):
-    """What is printed."""
+    """Formats of the report."""
 
     section: ClassVar[str] = "Report"
 
     github: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Annotations of a GitHub workflow on stdout."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print annotations for GitHub workflows to stdout.",
     )

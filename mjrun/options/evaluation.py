@@ -1,4 +1,4 @@
-"""Options of the command `eval`: episodes of a task under a policy, and what is asked of them."""
+"""Options of the command `eval`: episodes, their metrics and pass criteria."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,28 +6,13 @@ from dataclasses import field
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import (
-    Camera,
-    Choice,
-    ExactNumber,
-    ExpectedError,
-    File,
-    Flag,
-    Integer,
-    Numbers,
-    Optional,
-    Processes,
-    Real,
-    Settings,
-    Several,
-    Size,
-    Text,
-    Values,
-)
+from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
 from mjrun.options.model import ModelOptions
+from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.schema import NUMBER, Schema
+from mjrun.options.schema import NUMBER, ExpectedError, Schema
+from mjrun.options.setting_kinds import Settings, Values
 from mjrun.options.sweep import VariationOptions
 from mjrun.options.view import QUALITIES
 
@@ -38,7 +23,7 @@ NO_THRESHOLDS: dict[str, Numbers] = {}
 
 
 class Thresholds(Values):
-    """The least that is accepted, by the name of what it is asked of: `success=90%`, `return=200`."""
+    """Lowest accepted values by name: `success=90%`, `return=200`."""
 
     metavar = "NAME=VALUE"
     expected = "a name and a number, as in success=90% or return=200"
@@ -66,25 +51,24 @@ class Thresholds(Values):
 
 @options
 class FilmOptions(Options):
-    """Films of some of the episodes."""
+    """Videos of selected episodes."""
 
     section: ClassVar[str] = "Films"
 
     films: int = option(
         converter=Integer(),
         default=0,
-        help="Film so many episodes, from the one with the lowest return to the one with the highest: 3 are the worst, "
-        "the median and the best.",
+        help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="free", help="What the films show: a camera of the model, or a rig."
+        converter=Several(Camera()), default="free", help="Camera of the videos: a camera of the model, or a rig."
     )
-    size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the films [pixels].")
-    quality: str = option(converter=Choice(QUALITIES), default="model", help="How well the films are drawn.")
-    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of the films [Hz].")
-    speed: Fraction = option(
-        converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of the films."
+    size: tuple[int, int] = option(
+        converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."
     )
+    quality: str = option(converter=Choice(QUALITIES), default="model", help="Rendering quality of the videos.")
+    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of the videos [Hz].")
+    speed: Fraction = option(converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video.")
 
 
 @options
@@ -92,7 +76,7 @@ class EvaluationOptions(FilmOptions, VariationOptions, PolicyOptions, ModelOptio
     """An evaluation.
 
     Args:
-      task: what is played.
+      task: the task whose episodes are run.
     """
 
     section: ClassVar[str] = "Evaluation"
@@ -104,51 +88,52 @@ class EvaluationOptions(FilmOptions, VariationOptions, PolicyOptions, ModelOptio
         kw_only=False,
         short="-o",
         usual="TASK_eval",
-        help="The folder of the results.",
+        help="Folder for the results.",
     )
     episodes: int = option(
-        converter=Integer(1), default=100, help="How many episodes are played, of each policy and each point."
+        converter=Integer(1), default=100, help="Number of episodes for each policy and each point of a study."
     )
     seed: int = option(
-        converter=Integer(), default=0, help="The seed of the first episode; each episode after it has the next."
+        converter=Integer(), default=0, help="Seed of the first episode; each further episode uses the next one."
     )
     compare: object | None = option(
         converter=Optional(PolicyKind()),
         default=None,
-        help="Another policy, which plays the same episodes: who is better, with intervals of the paired differences.",
+        help="Second policy, evaluated on the same episodes; the report gives paired differences with confidence "
+        "intervals.",
     )
     compare_normalize: str | None = option(
         converter=Optional(NormalizationKind()),
         default=None,
-        help="The statistics that the other policy's observations are normalized with.",
+        help="Normalization statistics for the observations of the second policy.",
     )
     metric: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=EXPR", "effort=mean(abs(ctrl/motor))"),
         default=(),
         key="metrics",
-        help="A number of each episode besides its return: effort=mean(abs(ctrl/motor)), over what a trace of it "
-        "holds at every control instant.",
+        help="Additional number per episode, computed from a trace with one row per control period: "
+        "effort=mean(abs(ctrl/motor)).",
     )
     require: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),
         default=(),
-        help="Fail, with exit code 1, unless this holds over the table of episodes: share(success) > 0.9, "
+        help="Exit with code 1 unless this condition holds for the table of episodes: share(success) > 0.9, "
         "quantile(return, 0.05) > 100.",
     )
     fail_below: Mapping[str, Numbers] = option(
         converter=Thresholds(),
         default=NO_THRESHOLDS,
-        help="Fail, with exit code 1, where this is less: the success rate, success=90%; the mean return, return=200; "
-        "the mean of a metric; or the lower end of its interval, success_low=0.8.",
+        help="Exit with code 1 if a value is below its threshold: the success rate, success=90%; the mean return, "
+        "return=200; the mean of a metric; or the lower end of a confidence interval, success_low=0.8.",
     )
     confidence: float = option(
-        converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="The confidence of all intervals."
+        converter=Real(above=0, most=0.9999, metavar="SHARE"), default=0.95, help="Confidence level of all intervals."
     )
 
 
 @options
 class EvaluationExecutionOptions(Options):
-    """How the episodes are played."""
+    """Execution of the episodes on this machine."""
 
     section: ClassVar[str] = "Execution"
 
@@ -156,19 +141,22 @@ class EvaluationExecutionOptions(Options):
         converter=Processes("N", of="processes"),
         default="auto",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Processes that play episodes.",
+        help="Number of processes that run episodes.",
     )
 
 
 @options
 class EvaluationCommandOptions(Options):
-    """What the command prints."""
+    """Output of the command itself."""
 
     section: ClassVar[str] = "Report"
 
     csv: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="The table of all episodes on stdout."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all episodes to stdout."
     )
     print_document: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print this command as a document, and stop."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print this command as an evaluation document and exit.",
     )

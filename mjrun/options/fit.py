@@ -2,9 +2,11 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, Choice, File, Flag, Integer, Optional, Real, Settings, Several, Size
+from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several
+from mjrun.options.number_kinds import Integer, Real, Size
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.output import VIDEOS
+from mjrun.options.setting_kinds import Settings
 
 EXTRAS = {"fit": (("scipy",), "mjrun fit")}  # the libraries that the extra installs, and what needs them
 LOSSES = ("linear", "soft_l1", "huber", "cauchy")
@@ -20,106 +22,109 @@ class FitOptions(Options):
         converter=Several(File()),
         default=(),
         places=FrontEnd.DOCUMENT | FrontEnd.PYTHON,
-        help="Tables of what was measured, with columns such as time, qpos/knee and ctrl/motor.",
+        help="Tables of measurements, with columns such as time, qpos/knee and ctrl/motor.",
     )
     free: tuple[tuple[str, str], ...] = option(
         converter=Settings("PATH=LOW..HIGH", "joint/hinge.damping=0.001..1"),
         default=(),
-        help="A number to find, and its bounds: joint/hinge.damping=0.001..1, log:1e-4..1 where it may lie orders of "
-        "magnitude apart. Any path of --set, tied by a wildcard or scale:; actuator/NAME.kp and .kv of position "
-        "servos; delay:ctrl/* or delay:qpos/knee [s]; inertia:BODY.mass [kg], .center of mass [m] and .shape, "
-        "factors of how far mass is spread. ~normal(MEAN, STD) behind the bounds is a prior.",
+        help="Parameter to estimate, with its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its order of "
+        "magnitude is unknown. Accepts any path of --set, scale: and wildcards to tie several together; "
+        "actuator/NAME.kp and .kv of position servos; delay:ctrl/* or delay:qpos/knee [s]; inertia:BODY.mass "
+        "[kg], .center of mass [m] and .shape, factors for the spread of mass. Append ~normal(MEAN, STD) to "
+        "add a prior.",
     )
     output: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
         short="-o",
-        help="The model with what was found: its own text, with nothing but these attributes changed (.xml).",
+        help="Fitted model (.xml): the original text with only the fitted attributes changed.",
     )
     comparison: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="A table of what was measured, and of what the model says before (/nominal) and after (/fitted); mjrun "
-        "plot draws it.",
+        help="Table of the measurements beside the predictions of the model before the fit (/nominal) and after it "
+        "(/fitted), for mjrun plot.",
     )
     ranges: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="What is known of the parameters as distributions, for `vary:` in documents of mjrun sweep (.yaml).",
+        help="Distributions of the fitted parameters (.yaml), for vary: in documents of mjrun sweep.",
     )
     html: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="One page about the fit (.html), complete in itself: parameters with intervals, errors, correlations, and "
-        "plots of what was measured beside the model before and after.",
+        help="Self-contained page (.html) about the fit: parameters with confidence intervals, errors, "
+        "correlations, and plots of the measurements beside the model before and after.",
     )
     video: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help=f"A film of the fitted model, with what was measured as a ghost: {VIDEOS}.",
+        help=f"Video of the fitted model with the measured motion as a ghost: {VIDEOS}.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="free", help="What the film shows: a camera of the model, or a rig."
+        converter=Several(Camera()), default="free", help="Camera of the video: a camera of the model, or a rig."
     )
-    size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the film [pixels].")
+    size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the video [pixels].")
     noise: tuple[tuple[str, str], ...] = option(
         converter=Settings("COLUMN=STD", "qpos/knee=0.001"),
         default=(),
-        help="Standard deviation of the noise of a signal, in its unit; wildcards allowed. By default the high "
-        "frequencies of the log tell it.",
+        help="Standard deviation of the measurement noise of a signal, in its unit; accepts wildcards. By default, "
+        "it is estimated from the high frequencies of the data.",
     )
     holdout: float = option(
         converter=Real(0, most=0.9, metavar="SHARE"),
         default=0.2,
-        help="The last part of each log's time, which is not fitted but predicted to see whether the fit is better.",
+        help="Share of each table, at its end, that is not fitted but predicted, to test whether the fit is an "
+        "improvement.",
     )
     holdout_data: tuple[str, ...] = option(
         converter=Several(File()),
         default=(),
-        help="Tables that are held out as a whole, instead of the last part of each.",
+        help="Tables that are only predicted, instead of the last part of each table.",
     )
     starts: int = option(
         converter=Integer(1),
         default=3,
-        help="How many starts: the model's own values, then others spread evenly, which are tried where "
-        "the fit does not come down to the noise.",
+        help="Number of starting points: the values of the model, then others spread evenly over the bounds, used "
+        "if the fit does not reach the noise level.",
     )
     confidence: float = option(
         converter=Real(0.5, most=0.999),
         default=0.95,
-        help="Of the intervals: a share of repeated fits that contain the truth.",
+        help="Confidence level of the intervals: the share of repeated fits whose intervals contain the true value.",
     )
     loss: str = option(
         converter=Choice(LOSSES),
         default="linear",
-        help="How residuals count; all but linear are robust: outliers weigh less, and noise and errors are told by "
-        "medians.",
+        help="Loss function of the residuals. All but linear are robust: they reduce the weight of outliers and "
+        "estimate noise and errors by medians.",
     )
     allow_unidentifiable: bool = option(
         converter=Flag(),
         default=False,
-        help="Go on although the measurements say nothing of a parameter, or cannot tell several apart.",
+        help="Continue although the measurements do not determine some parameters, alone or in combination.",
     )
     keep_partial: bool = option(
         converter=Flag(),
         default=False,
-        help="Write the model with the best parameters so far if the fit is interrupted, and tell them; otherwise "
-        "nothing is left.",
+        help="If the fit is interrupted, write the model with the best parameters so far and report them; by "
+        "default nothing is written.",
     )
     excite: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="Nothing is measured yet: write a table of controls that make the parameters show, chirps of 0.1 to 10 Hz "
-        "within the ranges of controls, joints and forces. --ctrl-from plays it; --duration says how long it is.",
+        help="Without measurements: write a table of controls that excite the parameters, chirps of 0.1 to 10 Hz "
+        "within the ranges of controls, joints and forces. --ctrl-from applies the table; --duration sets its "
+        "length.",
     )
     excite_noise: float = option(
         converter=Real(1e-12, metavar="STD"),
         default=1e-3,
-        help="Standard deviation of the positions that will be measured [rad, m], for the intervals that --excite "
-        "tells beforehand.",
+        help="Expected standard deviation of the measured positions [rad, m], from which --excite predicts "
+        "confidence intervals.",
     )
     velocity_limit: float | None = option(
         converter=Optional(Real(1e-9, metavar="SPEED")),
         default=None,
-        help="How fast joints may move under --excite [rad/s, m/s].",
+        help="Maximum joint velocity under --excite [rad/s, m/s].",
     )

@@ -2,7 +2,8 @@
 
 from typing import ClassVar
 
-from mjrun.options.kinds import File, Flag, Instant, Integer, Optional, Text
+from mjrun.options.kinds import File, Flag, Optional, Text
+from mjrun.options.number_kinds import Instant, Integer
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
 from mjrun.options.view import ViewOptions
@@ -13,7 +14,7 @@ class ImageOptions(ViewOptions, OutputOptions):
     """An image of one instant."""
 
     section: ClassVar[str] = "Image"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both say when"),)
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
 
     output: str = required(
         converter=File(written=True),
@@ -28,18 +29,21 @@ class ImageOptions(ViewOptions, OutputOptions):
         default=None,
         usual="0",
         short="-t",
-        help="The instant to draw [s]; in documents also an event.",
+        help="Time of the image [s]; documents also accept an event.",
     )
-    step: int | None = option(converter=Optional(Integer()), default=None, help="The instant, by step.")
+    step: int | None = option(converter=Optional(Integer()), default=None, help="Time of the image, as a step number.")
     format: str | None = option(
         converter=Optional(Text("NAME")),
         default=None,
         usual="the output's suffix; png in a pipe",
-        help="The format; palette for a segmentation in colours.",
+        help="File format; palette stores a segmentation as colours.",
     )
-    legend: bool = option(converter=Flag(negatable=True), default=True, help="List what a coloured segmentation shows.")
+    legend: bool = option(
+        converter=Flag(negatable=True), default=True, help="List the objects of a coloured segmentation beside it."
+    )
     pointcloud: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="A .ply file of all that the cameras see, as coloured points in the world [m]; labelled by the view seg.",
+        help="Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m]; the view seg adds "
+        "labels.",
     )

@@ -1,4 +1,4 @@
-"""What an option is, and how a class of them is declared."""
+"""Declarations of options, and classes of them."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,8 +9,8 @@ from typing import Any, ClassVar, TypeVar, cast, dataclass_transform
 
 from mjrun.errors import BadValueError, UsageError
 from mjrun.errors import option as mention
-from mjrun.options.kinds import AnyKind, ExpectedError
-from mjrun.options.schema import Path
+from mjrun.options.kinds import AnyKind
+from mjrun.options.schema import ExpectedError, Path
 
 V = TypeVar("V")
 T = TypeVar("T")
@@ -18,7 +18,7 @@ C = TypeVar("C")
 
 
 class FrontEnd(Flag):
-    """Who knows an option."""
+    """Front ends that accept an option."""
 
     COMMAND = auto()
     DOCUMENT = auto()
@@ -28,20 +28,20 @@ class FrontEnd(Flag):
 
 @dataclass(frozen=True)
 class Option:
-    """One option, as every front end needs to know it.
+    """One option, with all facts that front ends use.
 
     Attributes:
-      name: the same everywhere: `trail_span`; the command line writes `--trail-span`.
-      attribute: of the class that declares it: the name, or `assert_` where that is a word of Python's.
-      kind: of its values.
+      name: the same in all front ends: `trail_span`; the command line writes `--trail-span`.
+      attribute: the attribute of the declaring class: the name, or `assert_` if the name is a Python keyword.
+      kind: the kind of the values.
       help: one or two sentences, with the unit.
-      default: what it is when nothing is said; `dataclasses.MISSING` where something must be said.
-      usual: what help shows instead of a default that says nothing by itself.
+      default: the default value; `dataclasses.MISSING` for a required option.
+      usual: text that help shows instead of a default that would not be informative.
       short: a second spelling on the command line, `-o`.
       section: heading under which help lists it.
-      places: who knows it.
-      flag_value: on the command line, the value of the option without one.
-      key: what documents call it.
+      places: the front ends that accept it.
+      flag_value: the value that the command line uses if the option is given without one.
+      key: the name in documents.
     """
 
     name: str
@@ -58,16 +58,16 @@ class Option:
 
     @property
     def is_required(self) -> bool:
-        """Whether something must be said."""
+        """True if the option has no default."""
         return self.default is dataclasses.MISSING
 
 
 @dataclass(frozen=True)
 class Exclusion:
-    """Options that cannot both be given, and why: "both say how long".
+    """Two options that exclude each other, with the reason: "both set the length".
 
     Attributes:
-      when: an option and its value without which they can, if there is one.
+      when: an option and its value, if the exclusion holds only with that value.
     """
 
     names: tuple[str, str]
@@ -75,11 +75,11 @@ class Exclusion:
     when: tuple[str, object] | None = None
 
     def applies(self, value: object) -> bool:
-        """Whether it holds, given the value of the option in `when`."""
+        """Returns whether the exclusion holds for a value of the option in `when`."""
         return self.when is None or value == self.when[1]
 
     def message(self, spelling: Callable[[str], str] = mention) -> str:
-        """The sentence."""
+        """Returns the error message."""
         one, other = map(spelling, self.names)
         return f"{one} and {other} exclude each other: {self.reason}"
 
@@ -96,7 +96,7 @@ def option(
     key: str = "",
     kw_only: bool = True,
 ) -> T:
-    """Declares a field of options; `converter` is its `Kind`, `key` what documents call it, if not its name."""
+    """Declares a field of options; `converter` is its `Kind`, and `key` its name in documents if that differs."""
     made = converter(default)
     facts = {**_facts(converter, help, usual, short, places, key), "flag_value": flag_value}
     if isinstance(made, dict):
@@ -114,7 +114,7 @@ def required(
     key: str = "",
     kw_only: bool = True,
 ) -> T:
-    """The same, where something must be said."""
+    """Declares a field of options without a default."""
     return dataclasses.field(kw_only=kw_only, metadata=_facts(converter, help, usual, short, places, key))
 
 
@@ -127,11 +127,11 @@ def _facts(
 
 
 class Options:
-    """Base of all classes of options: frozen values, checked and converted as they are made.
+    """Base of all classes of options: frozen values, checked and converted on construction.
 
     Attributes:
       section: heading in help.
-      exclusions: pairs of options that cannot both be given.
+      exclusions: pairs of options that exclude each other.
     """
 
     section: ClassVar[str] = "Options"
@@ -154,10 +154,10 @@ class Options:
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
-        """What is wrong with values that are right by themselves: where, and the sentence.
+        """Checks combinations of valid values; yields the place and the message of each conflict.
 
         Args:
-          values: by key, as they are written in a document, of any type.
+          values: by key, as a document contains them, of any type.
         """
         for exclusion in exclusions_of(cls):
             condition = exclusion.when and values.get(exclusion.when[0], _by_name(cls)[exclusion.when[0]].default)
@@ -166,12 +166,12 @@ class Options:
 
 
 def _is_set(value: object) -> bool:
-    """Whether a key is set to something: `separate: false` is not."""
+    """Returns whether a value is set: `separate: false` is not."""
     return value is not None and value is not False and value != []
 
 
 def located(message: str, path: Path) -> str:
-    """`message` after the place that it is about, `waypoint 2: at: …`, unless it names the option itself."""
+    """Prefixes `message` with its place, as in `waypoint 2: at: …`, unless it names the option itself."""
     if not path or mention(str(path[0])) in message:
         return message
     names: list[str] = []
@@ -184,7 +184,7 @@ def located(message: str, path: Path) -> str:
 
 
 def given_values(values: Options) -> dict[str, object]:
-    """The options that are other than their defaults, by key, as a document holds them."""
+    """Returns the options that differ from their defaults, by key, as a document contains them."""
     given: dict[str, object] = {}
     for each in options_of(type(values)):
         value = getattr(values, each.attribute)
@@ -194,14 +194,14 @@ def given_values(values: Options) -> dict[str, object]:
 
 
 def _as_mappings(value: object) -> object:
-    """`value` with mappings for options in lists."""
+    """Replaces options in lists by mappings."""
     items = cast("tuple[object, ...]", value if isinstance(value, tuple) else ())
     mappings = [given_values(item) for item in items if isinstance(item, Options)]
     return mappings or cast("object", value)
 
 
 def _shown(value: object) -> object:
-    """A value as messages show it: the numbers of a list short, side by side."""
+    """Formats a value for messages, with short numbers in lists."""
     if isinstance(value, list | tuple):
         parts = cast("Sequence[object]", value)
         return ", ".join(f"{part:g}" if isinstance(part, float) else str(part) for part in parts)
@@ -210,13 +210,13 @@ def _shown(value: object) -> object:
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(option, required, dataclasses.field))
 def options(cls: type[C]) -> type[C]:
-    """Makes a class of options: a frozen dataclass of keywords."""
+    """Declares a class of options: a frozen dataclass with keyword arguments."""
     return dataclass(frozen=True, kw_only=True)(cls)
 
 
 @cache
 def options_of(cls: type[Options]) -> tuple[Option, ...]:
-    """The options that `cls` declares and inherits, its own first."""
+    """Returns the options that `cls` declares and inherits, its own first."""
     declared: dict[str, Option] = {}
     for home in cls.__mro__:
         for each in _declared(home, cls):
@@ -225,24 +225,24 @@ def options_of(cls: type[Options]) -> tuple[Option, ...]:
 
 
 def document_options(declared: type[Options]) -> list[Option]:
-    """Those options that documents know."""
+    """Returns the options that documents accept."""
     return [each for each in options_of(declared) if FrontEnd.DOCUMENT in each.places]
 
 
 def document_key(key: str, kind: AnyKind, text: str, default: object = None) -> Option:
-    """A key that only documents have; with `dataclasses.MISSING` as its default it is needed."""
+    """Declares a key that only documents have; with `dataclasses.MISSING` as its default, it is required."""
     facts = _facts(kind, text, "", (), FrontEnd.DOCUMENT, key)
     return Option(key, key, default=default, section="", **cast("dict[str, Any]", facts))
 
 
 def is_always_written(each: Option) -> bool:
-    """Whether a document must say something: it has no standard output."""
+    """Returns whether a document must set the option, as a document cannot write to standard output."""
     return each.is_required or each.name == "output"
 
 
 @cache
 def exclusions_of(cls: type[Options]) -> tuple[Exclusion, ...]:
-    """The exclusions that `cls` declares and inherits."""
+    """Returns the exclusions that `cls` declares and inherits."""
     return tuple(dict.fromkeys(each for home in cls.__mro__ for each in vars(home).get("exclusions", ())))
 
 
@@ -252,7 +252,7 @@ def _by_name(cls: type[Options]) -> dict[str, Option]:
 
 
 def is_given(values: Options, name: str) -> bool:
-    """Whether an option is other than its default."""
+    """Returns whether an option differs from its default."""
     each = _by_name(type(values))[name]
     return _is_given(each, getattr(values, each.attribute))
 

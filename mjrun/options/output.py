@@ -1,12 +1,14 @@
-"""Options that all outputs of a simulation have."""
+"""Options that all outputs of a simulation share, and those of saved keyframes."""
 
 from dataclasses import field
+from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.kinds import File, Flag, Optional, Text
-from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.number_kinds import ExactNumber, Integer
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 
-# In help texts, these stand for the formats that there are; `mjrun.formats.format_lists` puts them in.
+# Placeholders in help texts, which `mjrun.formats.format_lists` replaces by the available formats.
 TABLES = "{table formats}"
 VIDEOS = "{video formats}"
 CODECS = "{codecs}"
@@ -21,8 +23,8 @@ class OutputOptions(Options):
     """An output of a simulation.
 
     Args:
-      simulation: what it is an output of.
-      output: where it is written.
+      simulation: the simulation that the output shows.
+      output: the file that is written.
       command: the command line, for the manifest.
     """
 
@@ -33,14 +35,15 @@ class OutputOptions(Options):
     manifest: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="A JSON file that says what made the output: versions, command, model, options, wall times, hashes.",
+        help="JSON file that records how the output was made: versions, command, model, options, wall times and "
+        "hashes.",
     )
     command: str = ""
 
 
 @options
 class CommandOptions(Options):
-    """What commands that simulate can do besides."""
+    """Additional outputs of the commands that simulate."""
 
     section: ClassVar[str] = "Output"
 
@@ -48,18 +51,47 @@ class CommandOptions(Options):
         converter=Optional(File(written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Also keep the state of every step (.npz), to replay.",
+        help="Also write the state of every step (.npz), for replay.",
     )
     save_key: str | None = option(
         converter=Optional(Text("FILE.xml[:NAME]")),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Also write the model's XML with the last instant, or that of the image, as a keyframe. FILE may be the "
-        "model's; NAME is end if it is left out.",
+        help="Also write the model's XML with the last instant, or that of the image, as a keyframe. FILE may be "
+        "the model itself; NAME is end by default.",
     )
     print_document: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print this command as a document for mjrun run, and stop.",
+        help="Print this command as a document for mjrun run and exit.",
     )
+
+
+LAST_INSTANT = "end"  # the default name of the key
+
+
+@options
+class KeyframeOptions(OutputOptions):
+    """The model's XML with one instant of the simulation, including controls, as a keyframe."""
+
+    section: ClassVar[str] = "Keyframe"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("time", "step"), "both set the instant"),)
+
+    output: str = required(
+        converter=File(written=True),
+        kw_only=False,
+        help="An .xml file, which may be the model itself. Apart from the keyframe, the XML is unchanged to the byte.",
+    )
+    name: str = option(
+        converter=Text(metavar="NAME"),
+        default=LAST_INSTANT,
+        help="Name of the keyframe; an existing keyframe of this name is replaced.",
+    )
+    time: Fraction | None = option(
+        converter=Optional(ExactNumber("SECONDS", zero=True)),
+        default=None,
+        usual="the last instant",
+        help="Time to save [s].",
+    )
+    step: int | None = option(converter=Optional(Integer()), default=None, help="Time to save, as a step number.")

@@ -1,4 +1,4 @@
-"""Options of policies: which one acts, what normalizes its observations, and whether code in its file may run."""
+"""Options of policies: the policy, the normalization of its observations, and trust in code in its file."""
 
 import re
 from os import PathLike, fspath
@@ -14,7 +14,7 @@ _CODE = re.compile(r"(.+\.py|[^\W\d]\w*(\.[^\W\d]\w*)*):[^\W\d]\w*(\.[^\W\d]\w*)
 
 
 class PolicyKind(Kind[object, object]):
-    """A policy as text: a file, `random`, `zero`, or code; in Python a policy itself too."""
+    """A policy as text: a file, `random`, `zero` or code. Python also accepts a policy object."""
 
     metavar = "POLICY"
 
@@ -26,7 +26,7 @@ class PolicyKind(Kind[object, object]):
         check(value, self.form)
         text = str(value)
         if is_code(text):
-            raise MisfitError([Misfit(message="code stays on the command line; a document cannot name it")])
+            raise MisfitError([Misfit(message="a document cannot contain code; give it on the command line")])
         return reader.input(text) if is_policy_file(text) else text
 
     def __call__(self, value: object) -> object:
@@ -36,7 +36,7 @@ class PolicyKind(Kind[object, object]):
 
 
 class NormalizationKind(Kind[str | PathLike[str], str]):
-    """A file of normalization statistics, or `none`."""
+    """A file with normalization statistics, or `none`."""
 
     metavar = "FILE|none"
 
@@ -54,7 +54,7 @@ class NormalizationKind(Kind[str | PathLike[str], str]):
 
 @options
 class TrustOptions(Options):
-    """Whether files may run code; no document says so."""
+    """Permission for files to run code; no document can grant it."""
 
     section: ClassVar[str] = "Policy"
 
@@ -62,35 +62,36 @@ class TrustOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Open policy files that can run code as they are opened: Stable-Baselines3 archives and torch files.",
+        help="Open policy files that can run code when they are opened: Stable-Baselines3 archives and torch files.",
     )
 
 
 @options
 class PolicyOptions(TrustOptions):
-    """A policy that acts on a task."""
+    """A policy that acts in a task."""
 
     section: ClassVar[str] = "Policy"
 
     policy: object | None = option(
         converter=Optional(PolicyKind()),
         default=None,
-        help="What acts on the task: an ONNX file; a LEAPP package, by its folder or its .yaml; a Stable-Baselines3 "
-        ".zip or a TorchScript .pt, which must be trusted; policy.py:act or package.module:Policy; random or zero.",
+        help="Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its .yaml; a "
+        "Stable-Baselines3 .zip or a TorchScript .pt, which require --trust; policy.py:act or "
+        "package.module:Policy; random or zero.",
     )
     normalize: str | None = option(
         converter=Optional(NormalizationKind()),
         default=None,
-        help="The statistics that observations are normalized with: those of VecNormalize (.pkl), or an .npz with "
-        "mean, var, epsilon and clip; none for a Stable-Baselines3 policy that was trained without.",
+        help="Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz with mean, var, "
+        "epsilon and clip. Use none for a Stable-Baselines3 policy that was trained without them.",
     )
 
 
 def is_code(text: str) -> bool:
-    """Whether a policy is Python that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`."""
+    """Returns whether a policy is Python code that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`."""
     return bool(_CODE.fullmatch(text))
 
 
 def is_policy_file(text: str) -> bool:
-    """Whether a policy is a file or a folder."""
+    """Returns whether a policy is a file or a folder."""
     return text not in BUILT_IN and not is_code(text)

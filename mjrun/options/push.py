@@ -1,4 +1,4 @@
-"""A push: a force on a body for a while, and how a command line, a document and Python write it."""
+"""Pushes, forces that act on a body for a limited time, in the forms of the command line, documents and Python."""
 
 import math
 import re
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import cast
 
-from mjrun.options.kinds import ExactNumber, Optional, Point, Reader, Text
+from mjrun.options.kinds import Optional, Reader, Text
+from mjrun.options.number_kinds import ExactNumber, Point
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.record import OneOf, Record
 from mjrun.options.schema import ExpectedError, Path, check
@@ -16,23 +17,23 @@ from mjrun.timeline import rational
 Force = tuple[float, float, float]
 KEYS = ("body", "site", "force", "at", "duration")
 EXPECTED = (
-    "BODY=FX/FY/FZ@T+DURATION: a force [N], when it begins, 0 or later, and how long it lasts [s], "
-    "as in torso=0/100/0@1+0.2"
+    "BODY=FX/FY/FZ@T+DURATION: a force [N], its start, 0 or later, and its duration [s], as in torso=0/100/0@1+0.2"
 )
-# Exponents have signs of their own, and exact times may be fractions: 1e-3, 1/3.
+# Exponents may have a sign, and exact times may be fractions: 1e-3, 1/3.
 _TIME = r"[0-9.]+(?:[eE][-+]?[0-9]+|/[0-9]+)?"
 _PUSH = re.compile(rf"(?P<target>.+)=(?P<force>[^=@]+)@(?P<at>{_TIME})\+(?P<duration>{_TIME})", re.DOTALL)
 
 
 @dataclass(frozen=True)
 class Push:
-    """A force that is constant in the world for a while.
+    """A force that is constant in world coordinates for a limited time.
 
     Attributes:
-      target: the body whose centre of mass it acts at, or else the site; `body:NAME` and `site:NAME` say which.
-      force: in the world [N].
-      at: when it begins [s].
-      duration: how long it lasts [s].
+      target: the body whose centre of mass the force acts on, or else the site; the prefixes `body:` and `site:`
+        resolve ambiguity.
+      force: force in world coordinates [N].
+      at: start [s].
+      duration: duration [s].
     """
 
     target: str
@@ -47,24 +48,24 @@ class Push:
 
 @options
 class PushMapping(Options):
-    """A force on a body at its centre of mass, or at a site, for a while."""
+    """A force on a body at its centre of mass, or at a site, for a limited time."""
 
     body: str | None = option(
-        converter=Optional(Text()), default=None, help="The body that is pushed at its centre of mass."
+        converter=Optional(Text()), default=None, help="Body that is pushed at its centre of mass."
     )
-    site: str | None = option(converter=Optional(Text()), default=None, help="The site at which its body is pushed.")
-    force: Force = required(converter=Point(), help="In the world [N].")
-    at: Fraction = required(converter=ExactNumber(zero=True), help="When it begins [s].")
-    duration: Fraction = required(converter=ExactNumber(), help="How long it lasts [s].")
+    site: str | None = option(converter=Optional(Text()), default=None, help="Site at which its body is pushed.")
+    force: Force = required(converter=Point(), help="Force in world coordinates [N].")
+    at: Fraction = required(converter=ExactNumber(zero=True), help="Start of the push [s].")
+    duration: Fraction = required(converter=ExactNumber(), help="Duration of the push [s].")
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         if ("body" in values) == ("site" in values):
-            yield ("site",) if "site" in values else (), "a push is on a body or at a site: give one of the two"
+            yield ("site",) if "site" in values else (), "give either body or site"
 
 
 class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
-    """Pushes: as text, or as a mapping with body or site, force, at and duration."""
+    """A push as text, or as a mapping with body or site, force, at and duration."""
 
     metavar = "BODY=FX/FY/FZ@T+DURATION"
 
@@ -130,6 +131,6 @@ def _push(target: str, force: object, at: object, duration: object) -> Push:
 
 
 def _exact(value: Fraction) -> str:
-    """`value` as the number that is exactly it, or as a fraction."""
+    """Formats `value` as a decimal number if that is exact, or else as a fraction."""
     near = float(value)
     return f"{near!r}".removesuffix(".0") if rational(near) == value else str(value)

@@ -1,4 +1,4 @@
-"""Kinds of values that have parts: mappings whose keys are declared options, lists, and what has several forms."""
+"""Kinds of structured values: mappings whose keys are declared options, lists, and values with several forms."""
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,21 +21,21 @@ from mjrun.options.schema import (
     wrong_length,
 )
 
-LISTED_KEYS = 6  # at most, in a message about something else
+LISTED_KEYS = 6  # at most, in a message about a wrong type
 
 V = TypeVar("V")
 T = TypeVar("T")
 
 
 class Record(Kind[T, T]):
-    """A mapping whose keys are the options of a class; its value is what `make` makes of them.
+    """A mapping whose keys are the options of a class; `make` builds its value.
 
     Args:
-      make: `dict` leaves the values as Python's arguments.
-      name: of the rule in JSON Schema.
-      more: further keys, which come first.
-      optional: keys that may be left out though they are needed.
-      blank: whether `key:` alone is an empty mapping, all of whose keys have their defaults.
+      make: builds the value from keyword arguments; `dict` keeps them.
+      name: the name of the rule in JSON Schema.
+      more: additional keys, listed first.
+      optional: required options that a document may leave out.
+      blank: accept `key:` alone as an empty mapping, with the default of every key.
     """
 
     metavar = "MAPPING"
@@ -56,12 +56,12 @@ class Record(Kind[T, T]):
         self.name, self.blank = name or declared.__name__, blank
 
     def options(self) -> list[Option]:
-        """The options of the mapping."""
+        """Returns the options of the mapping."""
         return [*self._more, *document_options(self.declared)]
 
     @property
     def keys(self) -> list[str]:
-        """The keys that the mapping may have."""
+        """The accepted keys."""
         return [each.key for each in self.options()]
 
     def _is_needed(self, each: Option) -> bool:
@@ -73,7 +73,7 @@ class Record(Kind[T, T]):
         return value
 
     def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
-        """What is wrong with values that are right by themselves, as of `Options.conflicts`."""
+        """Checks combinations of valid values, as `Options.conflicts` does."""
         return self.declared.conflicts(values)
 
     def read(self, value: object, reader: Reader) -> object:
@@ -90,7 +90,7 @@ class Record(Kind[T, T]):
         for key, part in written.items():
             each = options.get(key)
             if each is None:
-                # To compare thousands of keys, of which few are shown, takes its time.
+                # Comparing thousands of keys to suggest similar ones would be slow, and few are shown.
                 keys = [*options] if len(misfits.all) < FAULTS else []
                 misfits.all.append(Misfit((key,), keys=keys))
                 continue
@@ -103,13 +103,13 @@ class Record(Kind[T, T]):
 
     def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
         if self.name not in definitions:
-            definitions[self.name] = {}  # a part may have the same form
+            definitions[self.name] = {}  # a part may refer to the same rule
             definitions[self.name] = self.mapping_schema(reader, definitions)
         reference: Schema = {"$ref": f"#/$defs/{self.name}"}
         return {"anyOf": [reference, {"type": "null"}]} if self.blank else reference
 
     def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
-        """The rule of the mapping itself."""
+        """Returns the rule of the mapping itself."""
         properties: dict[str, Schema] = {}
         for each in self.options():
             rule = dict(reader.form(each.kind).schema(reader, definitions))
@@ -130,10 +130,10 @@ class Record(Kind[T, T]):
 
 
 class ListOf(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
-    """A list, and not one of its items alone.
+    """A list of values of one kind; a single value is not accepted in its place.
 
     Attributes:
-      least: the fewest of them.
+      least: the minimum number of items.
     """
 
     metavar = "LIST"
@@ -166,7 +166,7 @@ class ListOf(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
 
 
 class MappingOf(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
-    """Values of a kind by name."""
+    """A mapping from names to values of one kind."""
 
     metavar = "MAPPING"
 
@@ -195,11 +195,11 @@ class MappingOf(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
 
 
 class OneOf(Kind[V, T]):
-    """What a document may write in several ways, each of another type.
+    """A value that a document may write in several forms, distinguished by their JSON types.
 
     Args:
-      forms: what is expected where a value is of none of these types.
-      members: kinds by JSON's names for types; that of `number` takes integers too.
+      forms: the expected forms, for the message about a value of another type.
+      members: kinds by JSON type; that of `number` also accepts integers.
     """
 
     def __init__(self, forms: str, **members: AnyKind) -> None:
@@ -218,7 +218,7 @@ class OneOf(Kind[V, T]):
 
 
 def plain_values(values: Options) -> dict[str, object]:
-    """The keys of a document for options that are other than their defaults."""
+    """Returns the document keys of options that differ from their defaults."""
     plain: dict[str, object] = {}
     for each in document_options(type(values)):
         value = getattr(values, each.attribute)
@@ -228,7 +228,7 @@ def plain_values(values: Options) -> dict[str, object]:
 
 
 def mappings_in(value: object) -> list[dict[str, object]]:
-    """The mappings of a list in a document; none if it holds anything else."""
+    """Returns the mappings of a list in a document, or an empty list if it contains anything else."""
     items = cast("list[object]", value) if isinstance(value, list) else []
     mappings = [cast("dict[str, object]", item) for item in items if isinstance(item, dict)]
     return mappings if len(mappings) == len(items) else []

@@ -1,8 +1,9 @@
-"""Options of the command `run`: where the outputs go, and what this machine does otherwise than the document says."""
+"""Options of the command `run`: the output folder, and settings that override the document on this machine."""
 
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, File, Flag, Optional, Processes, Real
+from mjrun.options.kinds import Choice, File, Flag, Optional
+from mjrun.options.number_kinds import Processes, Real
 from mjrun.options.option import FrontEnd, option, options
 from mjrun.options.simulation import CodeOptions
 from mjrun.options.view import QUALITIES, BackendOptions
@@ -10,7 +11,7 @@ from mjrun.options.view import QUALITIES, BackendOptions
 
 @options
 class RunOptions(BackendOptions, CodeOptions):
-    """What only the command line says of a run."""
+    """Options of a run that only the command line sets."""
 
     section: ClassVar[str] = "Run"
 
@@ -19,42 +20,42 @@ class RunOptions(BackendOptions, CodeOptions):
         default=".",
         short="-o",
         places=FrontEnd.COMMAND,
-        help="The folder of all outputs; made if need be.",
+        help="Folder for all outputs; created if missing.",
     )
     update: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Make the golden tables of all traces, or replace them and tell what changed.",
+        help="Create or replace the golden tables of all traces, and report what changed.",
     )
     dry_run: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show what would be made, and stop."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show what would be made and exit."
     )
     quality: str | None = option(
         converter=Optional(Choice(QUALITIES)),
         default=None,
-        usual="as the document says",
+        usual="from the document",
         places=FrontEnd.COMMAND,
-        help="Quality of all videos and images.",
+        help="Rendering quality of all videos and images.",
     )
     jobs: int | str | None = option(
         converter=Optional(Processes()),
         default=None,
-        usual="as the document says",
+        usual="from the document",
         places=FrontEnd.COMMAND,
-        help="Processes that draw each video.",
+        help="Number of processes that render each video.",
     )
     html: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        usual="as the document says",
+        usual="from the document",
         places=FrontEnd.COMMAND,
-        help="One page about everything that was made (.html), which opens in any browser.",
+        help="Self-contained page (.html) about all outputs.",
     )
     embed_up_to: float | None = option(
         converter=Optional(Real(metavar="MB")),
         default=None,
-        usual="as the document says",
+        usual="from the document",
         places=FrontEnd.COMMAND,
-        help="Images and videos up to this size are in the page itself.",
+        help="Embed images and videos up to this size in the page; larger ones are linked.",
     )

@@ -1,4 +1,4 @@
-"""JSON Schema as the rule of what documents hold: plain values are checked by it, with places and sentences."""
+"""Checks of plain document values by rules in JSON Schema, with paths and messages."""
 
 import math
 import re
@@ -9,10 +9,10 @@ from typing import cast
 
 from mjrun.errors import UsageError, quoted, suggestion
 
-# A rule of JSON Schema. Beside its keywords, rules have annotations that only messages use:
-#   expected: what is expected wherever something in the rule does not fit
-#   forms: what is expected where the value has the type of no member of anyOf
-#   counted: the items of a list of fixed length
+# A rule of JSON Schema, with annotations for messages:
+#   expected: the expected value, whatever part of the rule fails
+#   forms: the expected value if its type matches no member of anyOf
+#   counted: the noun for the items of a list of fixed length
 Schema = Mapping[str, object]
 Path = tuple[str | int, ...]
 
@@ -38,11 +38,11 @@ _TYPE_NAMES: dict[type, str] = {
 
 
 class ExpectedError(ValueError):
-    """A value is not what its kind takes.
+    """A value that its kind does not accept.
 
     Attributes:
       expected: completes the sentence "… is not".
-      part: of a text that holds several values, the one that is wrong; None for the whole.
+      part: the invalid part of a text that holds several values; None if the whole text is invalid.
     """
 
     def __init__(self, expected: str, part: str | None = None) -> None:
@@ -52,15 +52,15 @@ class ExpectedError(ValueError):
 
 @dataclass(frozen=True)
 class Misfit:
-    """Something in a document that does not fit.
+    """A value in a document that does not fit its rule.
 
     Attributes:
-      path: its place in what was checked.
-      expected: what is expected there; else
-      message: what is wrong; else
-      error: what a value led to when it was made; it has a path of its own.
-      hint: follows what was expected and what is there instead.
-      keys: those of the mapping, where `path` ends with a key that it does not have.
+      path: the path from the checked value.
+      expected: the expected value; if empty,
+      message: the problem; if empty,
+      error: the error that the conversion of the value raised; it has a separate path.
+      hint: text after the expected and the actual value.
+      keys: the keys of the mapping if `path` ends with an unknown key.
     """
 
     path: Path = ()
@@ -72,7 +72,7 @@ class Misfit:
 
 
 class MisfitError(ValueError):
-    """Values of a document that do not fit."""
+    """Values of a document that do not fit their rules."""
 
     def __init__(self, misfits: Sequence[Misfit]) -> None:
         self.misfits = misfits
@@ -81,13 +81,13 @@ class MisfitError(ValueError):
 
 @dataclass
 class Misfits:
-    """Collects all that does not fit in parts of a value."""
+    """Collects the misfits in the parts of a value."""
 
     all: list[Misfit] = field(default_factory=list[Misfit])
 
     @contextmanager
     def at(self, *path: str | int) -> Generator[None]:
-        """Notes what is wrong with the part at `path`."""
+        """Collects the errors about the part at `path`."""
         try:
             yield
         except MisfitError as error:
@@ -99,7 +99,7 @@ class Misfits:
             self.all.append(Misfit(path, error=error))
 
     def raise_if_any(self) -> None:
-        """Raises MisfitError with all that was noted."""
+        """Raises MisfitError with all collected misfits."""
         if self.all:
             raise MisfitError(self.all)
 
@@ -108,14 +108,14 @@ def check(value: object, schema: Schema) -> None:
     """Checks a plain value by a rule without references.
 
     Raises:
-      MisfitError: with all that does not fit.
+      MisfitError: with all misfits.
     """
     if misfits := [*_misfits(value, schema)]:
         raise MisfitError(misfits)
 
 
 def type_name(value: object) -> str:
-    """JSON's name for the type of a value."""
+    """Returns JSON's name for the type of a value."""
     return _TYPE_NAMES.get(type(value), "null")
 
 
@@ -166,7 +166,7 @@ def _misfits_of_type(value: object, schema: Schema, path: Path) -> Iterator[Misf
 
 
 def _words(schema: Schema) -> str:
-    """The words of an `enum`, as in "'hold' or 'linear'"."""
+    """Lists the words of an `enum`, as in "'hold' or 'linear'"."""
     *most, last = [f"'{word}'" for word in cast("Sequence[str]", schema.get("enum") or [""])]
     return "" if "enum" not in schema else f"{', '.join(most)} or {last}" if most else last
 
@@ -180,11 +180,11 @@ def _text_misfits(text: str, schema: Schema, path: Path) -> Iterator[Misfit]:
     elif not re.search(str(schema.get("pattern", "")), text):
         yield Misfit(path, f"text as in {schema['pattern']}")
     elif "\0" in text:
-        yield Misfit(path, message=f"{quoted(text)} holds a character that no name or path has")
+        yield Misfit(path, message=f"{quoted(text)} contains a null character")
 
 
 def _wrong_number(number: float, schema: Schema) -> str:
-    """What `number` should be, if it is not within the bounds."""
+    """Returns the expected number if `number` is out of bounds, or else an empty text."""
     least, above, most = (cast("float | None", schema.get(key)) for key in ("minimum", "exclusiveMinimum", "maximum"))
     if not math.isfinite(number):
         return "a finite number"
@@ -196,7 +196,7 @@ def _wrong_number(number: float, schema: Schema) -> str:
 
 
 def wrong_length(length: int, schema: Schema) -> str:
-    """What is wrong with the length of a list, if it is not within the bounds."""
+    """Returns the message if the length of a list is out of bounds, or else an empty text."""
     least, most = cast("int", schema.get("minItems", 0)), cast("int", schema.get("maxItems", length))
     if least <= length <= most:
         return ""

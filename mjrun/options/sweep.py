@@ -6,25 +6,16 @@ from fractions import Fraction
 from itertools import combinations
 from typing import ClassVar
 
-from mjrun.options.keep import KeepOptions
-from mjrun.options.kinds import (
-    Choice,
-    ExactNumber,
-    ExpectedError,
-    File,
-    Flag,
-    Integer,
-    Kind,
-    Optional,
-    Processes,
-    Settings,
-    Several,
-    Text,
-)
+from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Several, Text
+from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
-from mjrun.options.variations import Variations
+from mjrun.options.output import VIDEOS
+from mjrun.options.schema import ExpectedError
+from mjrun.options.setting_kinds import Settings, Variations
+from mjrun.options.trace import PROBES
+from mjrun.options.view import QUALITIES
 
-# Extras of studies: the libraries that each installs, and what needs them.
+# The extras of studies, with the libraries that each installs and the feature that needs them.
 EXTRAS = {
     "sweep": (("scipy", "pyarrow"), "mjrun sweep"),
     "dask": (("distributed",), "mjrun sweep on Dask"),
@@ -35,7 +26,7 @@ PLANS = (".jsonl",)  # suffixes of plans, which are accepted in place of a model
 MANIFEST = "study.json"  # of the folder of a study
 PARTS = "parts"  # in that folder, with the results
 DESIGNS = ("grid", "zip")
-STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # instead of a run
+STOPPING = ("dry_run", "print_document", "plan", "task", "collect")  # each replaces the run
 SAMPLERS = {
     "sobol": "a scrambled Sobol sequence, which keeps its points when samples are added",
     "lhs": "a Latin hypercube",
@@ -43,8 +34,63 @@ SAMPLERS = {
 }
 
 
+KEPT = ("trace", "recording", "video")
+
+
+@options
+class KeepOptions(Options):
+    """Files of selected points, which are simulated again, with identical results, once all metrics are known."""
+
+    section: ClassVar[str] = "Files of points"
+
+    keep: tuple[str, ...] = option(
+        converter=Several(Choice(KEPT), commas=True, expected="trace, recording or video"),
+        default=(),
+        help="Kinds of files to write for points, in points/NUMBER of the study's folder: trace.parquet, "
+        "recording.npz, video.mp4.",
+    )
+    keep_where: tuple[str, ...] = option(
+        converter=Several(Text("EXPR")),
+        default=(),
+        help="Keep files of points for which this condition over parameters, metrics and statuses holds: unstable, "
+        "drift > 1.",
+    )
+    keep_lowest: tuple[str, ...] = option(
+        converter=Several(Text("N:METRIC")),
+        default=(),
+        help="Keep files of the N points with the lowest values of a metric: 4:drift.",
+    )
+    keep_highest: tuple[str, ...] = option(
+        converter=Several(Text("N:METRIC")),
+        default=(),
+        help="Keep files of the N points with the highest values of a metric: 4:drift.",
+    )
+    contact_sheet: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        help=f"Video that shows the videos of all kept points side by side with their values: {VIDEOS}.",
+    )
+    probe: tuple[str, ...] = option(
+        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        default=PROBES,
+        usual=",".join(PROBES),
+        help="Values to measure in kept traces, in addition to the columns that the metrics read.",
+    )
+    camera: tuple[object, ...] = option(
+        converter=Several(Camera()), default="free", help="Camera of kept videos: a camera of the model, or a rig."
+    )
+    size: tuple[int, int] = option(
+        converter=Size(), default=(640, 360), help="Width and height of kept videos [pixels]."
+    )
+    quality: str = option(converter=Choice(QUALITIES), default="model", help="Rendering quality of kept videos.")
+    fps: Fraction = option(converter=ExactNumber("FPS"), default=30, help="Frames per second of kept videos [Hz].")
+    speed: Fraction = option(
+        converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of kept videos."
+    )
+
+
 class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
-    """One of several tasks, counted from 1: `3/16`."""
+    """One of N tasks, counted from 1: `3/16`."""
 
     metavar = "I/N"
 
@@ -60,41 +106,45 @@ class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
 
 @options
 class VariationOptions(Options):
-    """What differs between the simulations."""
+    """Differences between the simulations."""
 
     section: ClassVar[str] = "Study"
 
     vary: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="What varies, and over which values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
-        "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Any path of --set, each:PATH for "
-        "the objects that match a wildcard one by one, or an option of the simulation, such as "
-        "controller=a.py:act,b.py:act.",
+        help="Parameter to vary, with its values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
+        "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Accepts any path of --set, "
+        "each:PATH for separate values of all objects that match a wildcard, or an option of the simulation, "
+        "such as controller=a.py:act,b.py:act.",
     )
     points: str | None = option(
         converter=Optional(File()),
         default=None,
-        help="A table of points: a column for each thing that varies, a row for each point.",
+        help="Table of points: one column per parameter, one row per point.",
     )
     design: str = option(
-        converter=Choice(DESIGNS), default="grid", help="How lists of values combine: all with all, or side by side."
+        converter=Choice(DESIGNS),
+        default="grid",
+        help="How lists of values combine: grid makes all combinations, zip pairs them in order.",
     )
     samples: int = option(
         converter=Integer(1, MOST_POINTS),
         default=64,
-        help="How many points are drawn from distributions such as uniform(0,1).",
+        help="Number of points to draw from distributions such as uniform(0,1).",
     )
     sampler: str = option(
         converter=Choice(tuple(SAMPLERS)),
         default="sobol",
-        help="How they are drawn: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
+        help="Sampling method: " + "; ".join(f"{name}, {how}" for name, how in SAMPLERS.items()) + ".",
     )
     repeats: int = option(
-        converter=Integer(1), default=1, help="How often each point is simulated, each time with the next seed."
+        converter=Integer(1), default=1, help="Number of simulations per point, each with the next seed."
     )
     where: tuple[str, ...] = option(
-        converter=Several(Text("EXPR")), default=(), help="Leave out points for which this does not hold: mass < 10."
+        converter=Several(Text("EXPR")),
+        default=(),
+        help="Leave out points for which this condition does not hold: mass < 10.",
     )
 
 
@@ -103,7 +153,7 @@ class StudyOptions(KeepOptions, VariationOptions):
     """A study.
 
     Args:
-      simulation: what its points vary.
+      simulation: the simulation that the points vary.
     """
 
     simulation: object = field(kw_only=False)
@@ -111,27 +161,27 @@ class StudyOptions(KeepOptions, VariationOptions):
         converter=File("DIR", written=True),
         kw_only=False,
         short="-o",
-        usual="MODEL_study, or as the document",
-        help="The folder of the study, which a second run continues.",
+        usual="MODEL_study, or from the document",
+        help="Folder for the study; a second run with the same folder continues it.",
     )
     metric: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=EXPR", "drift=max(abs(energy/drift))"),
         default=(),
         key="metrics",
-        help="A number of each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < 0.8). "
-        "The language is that of assertions.",
+        help="Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time, xpos/torso/z < "
+        "0.8). Uses the same expressions as --assert.",
     )
-    every: int = option(converter=Integer(1), default=1, help="Metrics look at every N-th step.")
+    every: int = option(converter=Integer(1), default=1, help="Evaluate metrics at every N-th step.")
     require: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),
         default=(),
-        help="Fail, with exit code 1, unless this holds over all points: share(failed) < 0.05.",
+        help="Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.",
     )
 
 
 @options
 class ExecutionOptions(Options):
-    """Where and how the points are simulated."""
+    """Execution of the points."""
 
     section: ClassVar[str] = "Execution"
     exclusions: ClassVar[tuple[Exclusion, ...]] = ()
@@ -140,69 +190,72 @@ class ExecutionOptions(Options):
         converter=Processes("N", of="processes"),
         default="auto",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Processes on this machine.",
+        help="Number of processes on this machine.",
     )
     engine: str = option(
         converter=Text("ENGINE"),
         default="local",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="What runs them: local, warp (MuJoCo Warp, in single precision), dask, dask://HOST:PORT, slurm, or "
-        "module:factory, which returns an Executor of concurrent.futures.",
+        help="Engine that runs the points: local, warp (MuJoCo Warp, in single precision), dask, dask://HOST:PORT, "
+        "slurm, or module:factory, which returns an Executor of concurrent.futures.",
     )
     chunk: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
-        usual="seconds, as measured",
+        usual="a few seconds' worth",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Points in a task.",
+        help="Number of points per task of the engine.",
     )
     time_limit: Fraction | None = option(
-        converter=Optional(ExactNumber("SECONDS")), default=None, usual="none", help="Wall time for a point [s]."
+        converter=Optional(ExactNumber("SECONDS")), default=None, usual="none", help="Maximum wall time per point [s]."
     )
     retry_failed: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Simulate the points that failed once more.",
+        help="Simulate points that failed before again.",
     )
 
 
 @options
 class StudyCommandOptions(Options):
-    """What the command can do besides."""
+    """Modes that replace the normal run, and what the command prints."""
 
     section: ClassVar[str] = "Execution"
     exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
-        Exclusion(pair, "each is all that is done") for pair in combinations(STOPPING, 2)
+        Exclusion(pair, "each of these replaces the run; give only one") for pair in combinations(STOPPING, 2)
     )
 
     dry_run: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Say what would be done, and how long it would take, and stop.",
+        help="Report the number of simulations and an estimate of their time, and exit.",
     )
     print_document: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print this command as a document, and stop."
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print this command as a study document and exit.",
     )
     plan: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Write what is to be simulated to this .jsonl file, many points on a line, and stop.",
+        help="Write the simulations of the study to this .jsonl file, many points per line, and exit.",
     )
     task: tuple[int, int] | None = option(
         converter=Optional(TaskNumber()),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Simulate the I-th of N equal parts of a plan, and stop: for job arrays, xargs and make.",
+        help="Simulate the I-th of N equal parts of a plan and exit: for job arrays, xargs and make.",
     )
     collect: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Simulate nothing; make the table of the results that are there.",
+        help="Simulate nothing; write the table from the existing results.",
     )
     csv: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="The table of all points on stdout."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all points to stdout."
     )

@@ -1,34 +1,18 @@
-"""Options of a task: what a policy observes and does, what it is rewarded for, and when an episode ends."""
+"""Options of a task: observations, actions, rewards, and the start and end of an episode."""
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import ClassVar, cast
 
-from mjrun.options.kinds import (
-    NUMBERS,
-    Choice,
-    ExactNumber,
-    ExpectedError,
-    File,
-    Integer,
-    Key,
-    Kind,
-    Numbers,
-    NumberVector,
-    Optional,
-    Reader,
-    Real,
-    Several,
-    Text,
-    Values,
-)
+from mjrun.options.kinds import Choice, File, Key, Kind, Optional, Reader, Several, Text
 from mjrun.options.model import ModelOptions
+from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
-from mjrun.options.schema import NUMBER, TEXT, Schema
+from mjrun.options.schema import NUMBER, TEXT, ExpectedError, Schema
+from mjrun.options.setting_kinds import DISTRIBUTION, Values, Variations, distribution_text
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
-from mjrun.options.variations import DISTRIBUTION, Variations, distribution_text
 
-# Extras of policies and tasks: the library that each installs, and what needs it.
+# The extras of policies and tasks, with the libraries that each installs and the feature that needs them.
 EXTRAS = {
     "policy": (("onnxruntime",), "policies in ONNX"),
     "gym": (("gymnasium",), "Gymnasium's environments and mjrun.gym"),
@@ -41,7 +25,7 @@ PREVIOUS = "previous"
 SQUASHES = ("none", "tanh")
 CONTROL, POSITION, VELOCITY, TORQUE = TARGETS = ("control", "position", "velocity", "torque")
 SUCCESS, FAILURE, TIMEOUT = ENDINGS = ("success", "failure", "timeout")
-# What an observation is taken from, and what a command comes from: exactly one each.
+# Sources of an observation and of a command, each of which has exactly one.
 OBSERVED = ("probe", "joints", "action", "command", "phase", "value")
 COMMANDED = ("constant", "table", "schedule", "random")
 
@@ -63,7 +47,7 @@ class RandomValue(Kind["str | float | Mapping[str, object]", str]):
 
 
 class Limits(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]]):
-    """The lowest and the highest value: a number each, or one for each component."""
+    """The lowest and the highest value: one number each, or one per component."""
 
     metavar = "[LOW, HIGH]"
     expected = "two numbers, or two lists of numbers, the lower first"
@@ -88,7 +72,7 @@ class Limits(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]]):
 
 
 class VectorOrKey(Kind["float | str | Sequence[float]", "Numbers | str"]):
-    """A number, one for each component, or the name of a keyframe that holds them."""
+    """One number, one per component, or the name of a keyframe that contains them."""
 
     metavar = "NUMBERS|KEY"
 
@@ -110,10 +94,10 @@ class VectorOrKey(Kind["float | str | Sequence[float]", "Numbers | str"]):
 
 
 class Schedule(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers], ...]"]):
-    """Values from times on [s], the first from 0: `[[0, [1, 0]], [2, [0, 1]]]`."""
+    """Values that change at given times [s], the first at 0: `[[0, [1, 0]], [2, [0, 1]]]`."""
 
     metavar = "[[TIME, VALUES], …]"
-    expected = "a list of [time, values], the times rising from 0 on, each with as many values"
+    expected = "a list of [time, values], with times that rise from 0 and equally many values each"
 
     @property
     def form(self) -> Schema:
@@ -144,34 +128,33 @@ def _spread(numbers: Numbers, count: int) -> Numbers:
 
 @options
 class TaskOptions(ModelOptions):
-    """A task, but for its model and its terms."""
+    """All options of a task but its model and its terms."""
 
     section: ClassVar[str] = "Task"
 
     control_dt: Fraction = required(
         converter=ExactNumber("SECONDS"),
-        help="The control period [s]: time between two actions of the policy, a whole number of timesteps.",
+        help="Control period [s]: time between two actions of the policy, a whole number of timesteps.",
     )
     duration: Fraction = required(
-        converter=ExactNumber("SECONDS"), help="Length of an episode [s]; its end is the termination timeout."
+        converter=ExactNumber("SECONDS"),
+        help="Length of an episode [s]; reaching it ends the episode with the termination timeout.",
     )
     derived: str = option(
         converter=Choice(DERIVED),
         default=CURRENT,
-        help="What is observed of quantities that MuJoCo derives from the state, such as xpos: current, computed for "
-        "the state that is observed; or lagged, as the last step left them, one step behind, as in Gymnasium.",
+        help="When quantities that MuJoCo derives from the state, such as xpos, are observed: current computes them "
+        "for the observed state; lagged takes those of the last step, one step behind, as Gymnasium does.",
     )
 
 
 @options
 class ResetOptions(Options):
-    """The state at which an episode starts, and what is random in it."""
+    """The initial state of an episode, and its randomization."""
 
     section: ClassVar[str] = "Reset"
 
-    key: str | None = option(
-        converter=Optional(Key()), default=None, help="The keyframe to start from, by name or index."
-    )
+    key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
         converter=Values(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
     )
@@ -184,28 +167,28 @@ class ResetOptions(Options):
     noise: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="What is added to the start, by columns: 'qpos/*' as in uniform(-0.1, 0.1), 'qvel/*' as in "
+        help="Noise added to the initial state, by columns: 'qpos/*' as in uniform(-0.1, 0.1), 'qvel/*' as in "
         "normal(0, 0.1). Quaternions are normalized afterwards.",
     )
     set: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="What is drawn instead of added, by columns: qpos/slider as in uniform(-1, 1).",
+        help="Random values that replace the initial state, by columns: qpos/slider as in uniform(-1, 1).",
     )
     vary: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="What is drawn of the model for each episode: geom/floor.friction[0] as in uniform(0.3, 1).",
+        help="Random values of the model for each episode: geom/floor.friction[0] as in uniform(0.3, 1).",
     )
 
 
 @options
 class ObservationOptions(Options):
-    """A term of the observation: where it is taken from, and what is done to it, in the order of these keys."""
+    """A term of the observation: its source and its processing, in the order of these keys."""
 
     section: ClassVar[str] = "Observation"
 
-    name: str = required(converter=Text("NAME"), help="The name of the term.")
+    name: str = required(converter=Text("NAME"), help="Name of the term.")
     probe: tuple[str, ...] | None = option(
         converter=Optional(Several(Text("COLUMN"), commas=True)),
         default=None,
@@ -216,17 +199,19 @@ class ObservationOptions(Options):
         default=None,
         help="Joints by name or wildcard, in this order.",
     )
-    of: str = option(converter=Choice(JOINT_FIELDS), default="qpos", help="What of the joints.")
+    of: str = option(converter=Choice(JOINT_FIELDS), default="qpos", help="Quantity of the joints to observe.")
     action: str | None = option(
         converter=Optional(Choice((PREVIOUS,))),
         default=None,
-        help="The last action of the policy, as the policy gave it; zeros at the start.",
+        help="Previous action of the policy, before any processing; zeros at the start.",
     )
-    command: str | None = option(converter=Optional(Text("COMMAND")), default=None, help="A command of the task.")
+    command: str | None = option(
+        converter=Optional(Text("COMMAND")), default=None, help="Command of the task to observe."
+    )
     phase: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
-        help="A period [s]: the sine and the cosine of 2π t/period.",
+        help="Period [s]; the sine and the cosine of 2π t/period are observed.",
     )
     value: str | None = option(
         converter=Optional(Text("EXPR")), default=None, help="An expression over columns: qpos/root/z - 1.2."
@@ -234,34 +219,32 @@ class ObservationOptions(Options):
     frame: str = option(
         converter=Text("world|BODY"),
         default=WORLD,
-        help="The body into whose axes vectors of three are turned; or world, which leaves them.",
+        help="Body into whose axes vectors of three components are rotated; world leaves them unchanged.",
     )
     noise: str | None = option(
-        converter=Optional(RandomValue()), default=None, help="What is added: normal(0, 0.01), anew for each number."
+        converter=Optional(RandomValue()),
+        default=None,
+        help="Noise added to each number, drawn at every observation: normal(0, 0.01).",
     )
     offset: Numbers = option(
-        converter=NumberVector(), default=(0.0,), help="What is subtracted: a number, or one for each component."
+        converter=NumberVector(), default=(0.0,), help="Value to subtract: one number, or one per component."
     )
     scale: Numbers = option(
-        converter=NumberVector(), default=(1.0,), help="What it is multiplied by: a number, or one for each component."
+        converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     clip: tuple[Numbers, Numbers] | None = option(
-        converter=Optional(Limits()), default=None, help="The lowest and the highest value."
+        converter=Optional(Limits()), default=None, help="Lowest and highest value."
     )
-    delay: int = option(converter=Integer(), default=0, help="Control periods until it is observed.")
-    history: int = option(
-        converter=Integer(1), default=1, help="How many of the latest values are observed, the oldest first."
-    )
+    delay: int = option(converter=Integer(), default=0, help="Delay of the observation, in control periods.")
+    history: int = option(converter=Integer(1), default=1, help="Number of latest values to observe, oldest first.")
 
 
 @options
 class ActionOptions(Options):
-    """Numbers of the action: what they drive, and what is done to them, in the order of these keys."""
+    """Components of the action: what they drive, and their processing, in the order of these keys."""
 
     section: ClassVar[str] = "Action"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (
-        Exclusion(("actuators", "joints"), "an action drives one of the two"),
-    )
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("actuators", "joints"), "an action drives either"),)
 
     actuators: tuple[str, ...] | None = option(
         converter=Optional(Several(Text("ACTUATOR"))),
@@ -277,8 +260,8 @@ class ActionOptions(Options):
         converter=Optional(Choice(TARGETS)),
         default=None,
         usual="control with actuators",
-        help="What the action is: a control of the actuator; a position or a velocity of the joint, which a torque "
-        "kp (q* - q) - kd q̇ or kd (q̇* - q̇) holds, computed at every step of the physics; or that torque.",
+        help="Meaning of the action: a control of the actuator; a position or a velocity of the joint, held by a "
+        "torque kp (q* - q) - kd q̇ or kd (q̇* - q̇) that is computed at every step; or that torque itself.",
     )
     kp: Numbers | None = option(
         converter=Optional(NumberVector()), default=None, help="Stiffness of a position target [N·m/rad, N/m]."
@@ -289,81 +272,82 @@ class ActionOptions(Options):
     squash: str = option(
         converter=Choice(SQUASHES),
         default="none",
-        help="What the action goes through first; tanh keeps it between -1 and 1.",
+        help="Function applied to the action first; tanh limits it to -1 … 1.",
     )
     clip: tuple[Numbers, Numbers] | None = option(
-        converter=Optional(Limits()), default=None, help="The lowest and the highest value, before scale and offset."
+        converter=Optional(Limits()), default=None, help="Lowest and highest value, before scale and offset."
     )
     scale: Numbers = option(
-        converter=NumberVector(), default=(1.0,), help="What it is multiplied by: a number, or one for each component."
+        converter=NumberVector(), default=(1.0,), help="Factor to multiply by: one number, or one per component."
     )
     offset: "Numbers | str" = option(
         converter=VectorOrKey(),
         default=(0.0,),
-        help="What is added at last: a number, one for each component, or the keyframe that holds the targets.",
+        help="Value added last: one number, one per component, or the keyframe that contains the targets.",
     )
 
 
 @options
 class CommandOptions(Options):
-    """What the policy is told to do, over the time of an episode."""
+    """A command that the policy receives over the time of an episode."""
 
     section: ClassVar[str] = "Command"
 
-    constant: Numbers | None = option(
-        converter=Optional(NumberVector()), default=None, help="Values that stay the same."
-    )
+    constant: Numbers | None = option(converter=Optional(NumberVector()), default=None, help="Constant values.")
     table: str | None = option(
-        converter=Optional(File()), default=None, help="A table with a column time [s], and one for each value."
+        converter=Optional(File()), default=None, help="Table with a column time [s] and one column per value."
     )
     interpolation: str = option(
-        converter=Choice(INTERPOLATIONS), default="hold", help="How values go on between the rows of that table."
+        converter=Choice(INTERPOLATIONS), default="hold", help="Interpolation between the rows of the table."
     )
     schedule: "tuple[tuple[Fraction, Numbers], ...] | None" = option(
-        converter=Optional(Schedule()), default=None, help="Values from times on [s]: [[0, [1, 0]], [2, [0, 1]]]."
+        converter=Optional(Schedule()),
+        default=None,
+        help="Values that change at given times [s]: [[0, [1, 0]], [2, [0, 1]]].",
     )
     random: tuple[str, ...] | None = option(
         converter=Optional(Several(RandomValue())),
         default=None,
-        help="The distribution of each value, or that of all: uniform(-1, 1).",
+        help="Distribution of each value, or one for all: uniform(-1, 1).",
     )
     size: int | None = option(
-        converter=Optional(Integer(1)), default=None, usual="one for each distribution", help="How many random values."
+        converter=Optional(Integer(1)), default=None, usual="one per distribution", help="Number of random values."
     )
     every: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
-        usual="once in an episode",
-        help="Time after which random values are drawn anew [s], a whole number of control periods.",
+        usual="once per episode",
+        help="Time after which new random values are drawn [s], a whole number of control periods.",
     )
 
 
 @options
 class RewardOptions(Options):
-    """A term of the reward of each control period."""
+    """A term of the reward for each control period."""
 
     section: ClassVar[str] = "Reward"
 
     value: str = required(
-        converter=Text("EXPR"), help="An expression over columns after the period: exp(-norm(xpos/car/x, xpos/car/y))."
+        converter=Text("EXPR"),
+        help="Expression over columns at the end of the period: exp(-norm(xpos/car/x, xpos/car/y)).",
     )
-    weight: float = option(converter=Real(least=None), default=1.0, help="What it is multiplied by in the sum.")
+    weight: float = option(converter=Real(least=None), default=1.0, help="Weight of the term in the sum.")
 
 
 @options
 class TerminationOptions(Options):
-    """What ends an episode."""
+    """A condition that ends an episode."""
 
     section: ClassVar[str] = "Termination"
 
     when: str = required(
         converter=Text("EXPR"),
-        help="A condition on columns, asked after each period, not at the start: qpos/root/z < 0.8.",
+        help="Condition on columns, evaluated after each period but not at the start: qpos/root/z < 0.8.",
     )
-    as_: str = required(converter=Choice(ENDINGS), help="What such an end is.")
+    as_: str = required(converter=Choice(ENDINGS), help="Outcome of an episode that ends this way.")
 
 
-# The parts of a task by their keys in documents: how an entry of one is found there, and its options.
+# The parts of a task by their keys in documents, with the path of an entry and its options.
 PARTS: dict[str, tuple[str, type[Options]]] = {
     "reset": ("", ResetOptions),
     "observations": ("[]", ObservationOptions),

@@ -3,7 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import AUTO, Choice, ExactNumber, File, Integer, Key, Optional, Processes, Several, Text
+from mjrun.options.kinds import Choice, File, Key, Optional, Several, Text
+from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
 from mjrun.options.view import ViewOptions
@@ -17,7 +18,7 @@ class VideoOptions(ViewOptions, OutputOptions):
 
     section: ClassVar[str] = "Video"
     exclusions: ClassVar[tuple[Exclusion, ...]] = (
-        Exclusion(("plot", "separate"), "a plot stands beside one frame, and separate views make several"),
+        Exclusion(("plot", "separate"), "separate views make several frames, and a plot belongs to one"),
     )
 
     output: str = required(
@@ -37,27 +38,33 @@ class VideoOptions(ViewOptions, OutputOptions):
         converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
     )
     format: str | None = option(
-        converter=Optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="The format."
+        converter=Optional(Text("NAME")), default=None, usual="the output's suffix; mp4 in a pipe", help="File format."
     )
     codec: str | None = option(
-        converter=Optional(Text("NAME")), default=None, help=f"{CODECS}; each format holds some of them."
+        converter=Optional(Text("NAME")),
+        default=None,
+        help=f"Video codec: {CODECS}; each format supports some of them.",
     )
     crf: int | None = option(
-        converter=Optional(Integer(least=None)), default=None, help="Constant rate factor: lower is better and larger."
+        converter=Optional(Integer(least=None)),
+        default=None,
+        help="Constant rate factor of the encoder: lower values give better quality and larger files.",
     )
     preset: str | None = option(
         converter=Optional(Key("NAME", "the name of a preset")),
         default=None,
-        help="The codec's preset, from fast to thorough.",
+        help="Preset of the codec, which trades encoding speed for compression.",
     )
     plot: tuple[str, ...] = option(
         converter=Several(Text("PROBE,…")),
         default=(),
-        help="A live plot of what a trace would measure: energy, qpos[left_*]. Several make a plot each.",
+        help="Live plot of measured values beside the frame: energy, qpos[left_*]. Each use adds a plot.",
     )
-    plot_side: str = option(converter=Choice(PLOT_SIDES), default="under", help="Where plots stand.")
+    plot_side: str = option(
+        converter=Choice(PLOT_SIDES), default="under", help="Position of the plots relative to the frame."
+    )
     jobs: int | str = option(
         converter=Processes(),
         default=AUTO,
-        help="Processes that draw; auto is one per core where a CPU draws a long video.",
+        help="Number of processes that render; auto uses one per core if a CPU renders a long video.",
     )

@@ -1,29 +1,16 @@
-"""Options of what is seen, and of who draws it."""
+"""Options of views: cameras, visible objects and the renderer."""
 
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import (
-    Camera,
-    Choice,
-    ExactNumber,
-    File,
-    Flag,
-    Ghost,
-    Groups,
-    MujocoName,
-    Optional,
-    Range,
-    Several,
-    Size,
-    Text,
-)
+from mjrun.options.kinds import Camera, Choice, File, Flag, Ghost, MujocoName, Optional, Several, Text
+from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
 from mjrun.options.option import FrontEnd, Options, option, options
 
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
 STYLES = ("color", "exact")
-# Rig that the command line can write → an example.
+# The rigs that the command line supports, each with an example.
 RIGS = {
     "free": "free:azimuth=90,elevation=-20",
     "orbit": "orbit:lookat=box,azimuth=140..240,ease=cosine",
@@ -31,8 +18,8 @@ RIGS = {
     "look": "look:from=0/-2/1,at=box",
 }
 CORNERS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right")
-GHOST_MOTIONS = ("key", "trace", "recording")  # settings of a ghost, each of which says how it moves
-NO_MAP = "none"  # of a ghost's table
+GHOST_MOTIONS = ("key", "trace", "recording")  # settings that determine how a ghost moves
+NO_MAP = "none"  # disables the map for the table of a ghost
 QUALITIES = ("draft", "model", "high")
 RENDERERS = ("classic", "filament")
 CALIBRATION_FORMATS = ("mjrun", "nerfstudio", "bop", "ros")
@@ -41,7 +28,7 @@ BACKENDS = "auto, egl, osmesa or glfw"
 
 @options
 class BackendOptions(Options):
-    """What this machine draws with; documents leave it open."""
+    """OpenGL on this machine; documents cannot set it."""
 
     section: ClassVar[str] = "Renderer"
 
@@ -56,31 +43,33 @@ class BackendOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Refuse to draw in software.",
+        help="Fail instead of rendering in software.",
     )
 
 
 @options
 class RendererOptions(BackendOptions):
-    """Who draws, and how well."""
+    """Renderer and rendering quality."""
 
     section: ClassVar[str] = "Renderer"
 
     quality: str = option(
         converter=Choice(QUALITIES),
         default="model",
-        help="draft: no shadows, reflections or multisampling; model: as the model asks; high: supersampled.",
+        help="Rendering quality: draft without shadows, reflections or multisampling; model with the settings of "
+        "the model; high with supersampling.",
     )
     renderer: str = option(
         converter=Choice(RENDERERS),
         default="classic",
-        help="MuJoCo's OpenGL renderer, or its physically based one, which needs Vulkan.",
+        help="Renderer: classic, MuJoCo's OpenGL renderer; or filament, its physically based one, which requires "
+        "Vulkan.",
     )
 
 
 @options
 class ViewOptions(RendererOptions):
-    """What is seen: cameras, views, what is drawn and what is added."""
+    """Cameras, views, visible objects and additions to the image."""
 
     section: ClassVar[str] = "View"
 
@@ -88,33 +77,33 @@ class ViewOptions(RendererOptions):
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),
         default="free",
-        help=f"A camera of the model, by name or index; or one of {', '.join(RIGS)} with settings after a colon: "
-        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with shots in time.",
+        help=f"Camera of the model, by name or index; or one of {', '.join(RIGS)} with settings after a colon: "
+        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots.",
     )
     view: tuple[str, ...] = option(
-        converter=Several(Choice(VIEWS)), default="rgb", help="Colour, depth [m] or segmentation."
+        converter=Several(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."
     )
-    layout: str = option(converter=Choice(LAYOUTS), default="row", help="How several views stand in one frame.")
+    layout: str = option(converter=Choice(LAYOUTS), default="row", help="Arrangement of several views in one frame.")
     separate: bool = option(
-        converter=Flag(), default=False, help="A file for each view instead, called NAME-CAMERA-VIEW."
+        converter=Flag(), default=False, help="Write each view to a separate file, named NAME-CAMERA-VIEW."
     )
-    captions: bool = option(converter=Flag(), default=False, help="Label each view.")
+    captions: bool = option(converter=Flag(), default=False, help="Label each view with its camera and its kind.")
     style: str | None = option(
         converter=Optional(Choice(STYLES)),
         default=None,
-        usual="what the file can hold",
-        help="Depth and segmentation as colours for the eye, or as exact 16-bit numbers: millimetres, ids.",
+        usual="exact if the file format supports it",
+        help="Pixels of depth and segmentation: color, colours for viewing; or exact, 16-bit millimetres or ids.",
     )
     depth_range: tuple[float, float] | None = option(
         converter=Optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
         default=None,
-        usual="as seen",
+        usual="the visible range",
         help="Depths [m] of the first and the last colour.",
     )
     seg_by: str = option(
         converter=MujocoName("KIND", of="segmentation"),
         default="object",
-        help="What a segmentation tells apart: object, geom, site, …, body or root-body.",
+        help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
     )
     show: tuple[str, ...] = option(
         converter=Several(MujocoName("FLAG", of="visual flag"), commas=True),
@@ -127,70 +116,72 @@ class ViewOptions(RendererOptions):
         help="Visual flags to switch off: shadow, skybox, texture, …",
     )
     geomgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of geoms to draw: 0,1,2, all or none."
+        converter=Optional(Groups()), default=None, help="Groups of geoms to show: 0,1,2, all or none."
     )
     sitegroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of sites to draw."
+        converter=Optional(Groups()), default=None, help="Groups of sites to show."
     )
     jointgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of joints to draw."
+        converter=Optional(Groups()), default=None, help="Groups of joints to show."
     )
     tendongroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of tendons to draw."
+        converter=Optional(Groups()), default=None, help="Groups of tendons to show."
     )
     actuatorgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of actuators to draw."
+        converter=Optional(Groups()), default=None, help="Groups of actuators to show."
     )
     flexgroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of flexes to draw."
+        converter=Optional(Groups()), default=None, help="Groups of flexes to show."
     )
     skingroup: tuple[int, ...] | None = option(
-        converter=Optional(Groups()), default=None, help="Groups of skins to draw."
+        converter=Optional(Groups()), default=None, help="Groups of skins to show."
     )
     frame_axes: str = option(
         converter=MujocoName("KIND", of="frame"),
         default="none",
-        help="Draw the axes of: body, geom, site, camera, light, contact or world.",
+        help="Objects whose axes are shown: body, geom, site, camera, light, contact or world.",
     )
     label: str = option(
         converter=MujocoName("KIND", of="label"),
         default="none",
-        help="Draw the names of: body, joint, geom, site, camera, tendon, actuator, …",
+        help="Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …",
     )
     trail: tuple[str, ...] = option(
         converter=Several(Text("OBJECT,…")),
         default=(),
-        help="Bodies, geoms or sites whose path is drawn, wider and warmer where they are faster.",
+        help="Bodies, geoms or sites whose path is drawn, wider and in warmer colours at higher speed.",
     )
     trail_span: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="all",
-        help="How much of the past a trail shows [s].",
+        help="Duration of the motion that a trail shows [s].",
     )
     ghost: tuple[str, ...] = option(
         converter=Several(Ghost()),
         default=(),
-        help="The model once more, translucent: offset=0/1/0, opacity=.3; in the pose of a keyframe, key=NAME, or "
-        "moving as in a recording, recording=FILE, or in any table of positions, trace=FILE, with map=FILE or --map.",
+        help="Translucent copy of the model: offset=0/1/0, opacity=.3; in the pose of a keyframe, key=NAME; or "
+        "moving as in a recording, recording=FILE, or as in a table of positions, trace=FILE, with map=FILE or "
+        "--map.",
     )
     text: str | None = option(
         converter=Optional(Text("TEMPLATE")),
         default=None,
-        help="Text over the frame: '{time:.2f} s', '{speed}x', any column of a trace as in '{qpos/knee:.1f}'.",
+        help="Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a trace as in "
+        "'{qpos/knee:.1f}'.",
     )
     text_corner: str | None = option(
         converter=Optional(Choice(CORNERS)),
         default=None,
         usual="top-left; bottom-right with captions",
-        help="Where the text stands.",
+        help="Position of the text.",
     )
     calibration: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="A file for the calibration of each frame: K, world from camera, near and far [m], time [s]; "
-        "in the axes of OpenCV.",
+        help="File with the calibration of each frame: K, world from camera, near and far [m] and time [s], in "
+        "OpenCV axes.",
     )
     calibration_format: str = option(
-        converter=Choice(CALIBRATION_FORMATS), default="mjrun", help="The format of that file."
+        converter=Choice(CALIBRATION_FORMATS), default="mjrun", help="Format of the calibration file."
     )

@@ -3,7 +3,8 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import ExactNumber, File, Flag, Integer, Optional
+from mjrun.options.kinds import File, Flag, Optional
+from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import FrontEnd, Options, option, options
 
 LIVE = FrontEnd.COMMAND | FrontEnd.PYTHON
@@ -11,7 +12,7 @@ LIVE = FrontEnd.COMMAND | FrontEnd.PYTHON
 
 @options
 class ViewerOptions(Options):
-    """Where a simulation is looked at live, and how it starts there."""
+    """The place where a live view opens, and its initial playback."""
 
     section: ClassVar[str] = "Viewer"
 
@@ -21,25 +22,24 @@ class ViewerOptions(Options):
         places=LIVE,
         help="Simulated seconds per second of wall time; 0.25 is slow motion.",
     )
-    paused: bool = option(converter=Flag(), default=False, places=LIVE, help="Start paused, at time 0.")
+    paused: bool = option(converter=Flag(), default=False, places=LIVE, help="Start paused at time 0.")
     browser: bool | None = option(
         converter=Optional(Flag(negatable=True)),
         default=None,
-        usual="a window where there is a display",
+        usual="a window if a display exists",
         places=LIVE,
-        help="Show it in a browser on this machine instead of in a window.",
+        help="Open the view in a browser on this machine instead of a window.",
     )
     port: int | None = option(
         converter=Optional(Integer(1, 65535, "PORT")),
         default=None,
         usual="the first free one from 8080",
         places=LIVE,
-        help="Port of the browser's page, which is served on 127.0.0.1 only; implies a browser.",
+        help="Port of the browser view, served on 127.0.0.1 only; implies --browser.",
     )
     recording: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
         places=LIVE,
-        help="Keep the state of every step since the last reset (.npz), to replay; written when the view ends, "
-        "however it ends.",
+        help="File for the state of every step since the last reset (.npz), for replay; written however the view ends.",
     )

@@ -12,8 +12,8 @@ from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
 from mjrun.formats.keyframe_writer import KeyframeWriter
 from mjrun.model.keyframe_text import key_names
 from mjrun.model.names import names
-from mjrun.options.keyframe import KeyframeOptions
 from mjrun.options.option import options
+from mjrun.options.output import KeyframeOptions
 from mjrun.outputs.output import (
     Context,
     EventSteps,

@@ -18,7 +18,7 @@ from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.segmentation import LabelsWriter
 from mjrun.formats.uint16_pixels import UINT16_MAX
 from mjrun.formats.video_writer import VideoWriter
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs.frame_drawer import FrameDrawer

@@ -8,7 +8,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from mjrun.errors import UsageError, clean
-from mjrun.options.variations import DISTRIBUTIONS
+from mjrun.options.setting_kinds import DISTRIBUTIONS
 
 CALL = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", re.DOTALL)
 Quantiles = Callable[[np.ndarray], np.ndarray]

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from mjrun.child_process import ExitStatus
 from mjrun.closable import Closable
 from mjrun.errors import BadValueError, DrawError, option
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
 from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
 from mjrun.shared_status import doing
 from mjrun.worker import ENVIRONMENT, Failure, Worker, WorkerEndedError

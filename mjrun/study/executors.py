@@ -17,7 +17,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
 from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library

@@ -12,8 +12,8 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.experiment.design import parameter_names
 from mjrun.experiment.results_table import TableNames
 from mjrun.formats.study_folder import values_in_words
-from mjrun.options.keep import KeepOptions
-from mjrun.options.kinds import AUTO
+from mjrun.options.number_kinds import AUTO
+from mjrun.options.sweep import KeepOptions
 from mjrun.platform.cores import available_cores
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.select import selected_columns

@@ -11,8 +11,8 @@ from typing import cast
 from mjrun.errors import MjrunError
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.study_folder import NAME, read_point
-from mjrun.options.keep import KeepOptions
 from mjrun.options.option import options_of
+from mjrun.options.sweep import KeepOptions
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.python_code import Sealed
 from mjrun.simulation.manifest import plain

@@ -9,7 +9,7 @@ import mujoco
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
-from mjrun.options.kinds import ExpectedError
+from mjrun.options.schema import ExpectedError
 from mjrun.simulation.simulation import Simulation
 
 BY_NAME = ("qpos", "qvel", "ctrl")  # written `qpos/hip`

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UsageError, concerning, counted, option, quoted
 from mjrun.model.names import control_names, control_slices, identify, matching, names
-from mjrun.options.kinds import Numbers
+from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
 from mjrun.task.measurement import as_slice
 from mjrun.task.task import Action

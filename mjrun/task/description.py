@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.errors import UnknownNameError
 from mjrun.model.names import names
 from mjrun.model.sources.gym import GymSource
-from mjrun.options.kinds import Numbers
+from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, LAGGED, POSITION, TORQUE, VELOCITY, WORLD
 from mjrun.probe.fields import field_probe
 from mjrun.task.action_map import ActionMap, Driven

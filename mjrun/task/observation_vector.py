@@ -12,7 +12,7 @@ import numpy as np
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.column import Column
 from mjrun.model.names import matching
-from mjrun.options.kinds import Numbers
+from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import WORLD
 from mjrun.probe.episode import EPISODE_GROUPS, within_task
 from mjrun.probe.fields import MATRIX, VECTOR, field_probe

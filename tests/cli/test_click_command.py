@@ -8,8 +8,10 @@ from click.testing import CliRunner
 
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
-from mjrun.options.kinds import Choice, ExactNumber, Flag, Integer, Optional, Settings, Several, Size, Text, Values
+from mjrun.options.kinds import Choice, Flag, Optional, Several, Text
+from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import FrontEnd, Options, option, options, required
+from mjrun.options.setting_kinds import Settings, Values
 
 
 @options

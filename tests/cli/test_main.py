@@ -309,7 +309,7 @@ def test_a_document_goes_to_stdout_as_json(mjrun_here: Command, swing: Path) -> 
     [
         (["video", "swing.xml", "--fps", "0"], 2, "UsageError", "'0' is not a positive number"),
         (["vidoe"], 2, "UsageError", "No such command 'vidoe'"),
-        (["video", "swing.xml", "-o", "-"], 2, "UsageError", "--json and the output both want standard output"),
+        (["video", "swing.xml", "-o", "-"], 2, "UsageError", "--json and the output both print to standard output"),
         (["image", "swing.xml", "--key", "home"], 2, "UnknownNameError", "no keyframe 'home'"),
         (["info", "none.xml"], 3, "ModelNotFoundError", "none.xml: no such model file"),
         (["trace", "exploding.xml", "--key", "fast", "-o", "t.csv"], 4, "UnstableError", "became unstable at step 6"),

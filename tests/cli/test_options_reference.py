@@ -88,7 +88,7 @@ def test_every_row_has_six_cells_and_no_placeholder_is_left() -> None:
     rows = [line for line in text.splitlines() if line.startswith("|")]
     assert all(len(re.split(r"(?<!\\)\|", row)) == 8 for row in rows)
     assert "formats}" not in text
-    assert "| `--trail-span` | `trail_span` | `trail_span` | `SECONDS` | all | How much of the past" in text
+    assert "| `--trail-span` | `trail_span` | `trail_span` | `SECONDS` | all | Duration of the motion" in text
     assert "| `--gl` |  | `gl` |" in text
     assert "| `--assert` | `assert` | `assert_` |" in text
 

@@ -28,7 +28,7 @@ def test_standard_output_has_one_use() -> None:
     assert not payload_on_stdout(CommandLine({"output": "a.csv", "json": True}), "-")
     with pytest.raises(UsageError) as error:
         payload_on_stdout(CommandLine({"output": "-", "json": True}))
-    assert error.value.spelled(flag).startswith("--json and the output both want standard output")
+    assert error.value.spelled(flag).startswith("--json and the output both print to standard output")
 
 
 def test_mujoco_that_is_imported_already_is_left_alone() -> None:

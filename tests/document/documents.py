@@ -8,9 +8,11 @@ import pytest
 
 from mjrun.document import reader
 from mjrun.errors import DocumentError, FileError
-from mjrun.options.kinds import Integer, Kind, Optional, Reader, Real, Text, Values
+from mjrun.options.kinds import Kind, Optional, Reader, Text
+from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.record import ListOf, Record
+from mjrun.options.setting_kinds import Values
 
 ANCHOR = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
 

@@ -9,7 +9,8 @@ from mjrun.camera.script import CameraScript, Event
 from mjrun.document.forms import CameraForm
 from mjrun.document.run_writer import plain_value
 from mjrun.document.yaml_writer import yaml_text
-from mjrun.options.kinds import Camera, Instant, Reader
+from mjrun.options.kinds import Camera, Reader
+from mjrun.options.number_kinds import Instant
 from tests.document.camera_strategies import events, scripts
 from tests.document.documents import Anything, put, read
 

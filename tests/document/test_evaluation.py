@@ -66,7 +66,7 @@ def test_what_is_written_is_read_again(document: Path) -> None:
     ("line", "message"),
     [
         ("episodes: 0", "4:11: episodes: expected a positive number, got 0"),
-        ("policy: act.py:act", "code stays on the command line"),
+        ("policy: act.py:act", "a document cannot contain code"),
         ("fail_below: {success: high}", "expected a number, got 'high'"),
         ("task: missing.yaml", "missing.yaml"),
         ("changes: {duration: -1}", "duration"),
@@ -104,5 +104,5 @@ def test_only_what_is_not_the_default_is_written(tmp_path: Path) -> None:
 def test_code_is_no_part_of_a_document(tmp_path: Path) -> None:
     task = cart_task(tmp_path)
     for policy in ("act.py:act", np.zeros_like):
-        with pytest.raises(UsageError, match="code stays on the command line"):
+        with pytest.raises(UsageError, match="a document cannot contain code"):
             evaluation_text(Evaluation(task, "out", policy=policy))

@@ -20,7 +20,7 @@ from tests.document.documents import ANCHOR, Nothing, Run, problems, put, read
         ("duration: 1e999\n", ["d.yaml:1:11: duration: expected a finite number, got 1e999"]),
         ("steps: 2.0\n", ["d.yaml:1:8: steps: expected a whole number, got 2.0"]),
         ("model: 2\n", ["d.yaml:1:8: model: expected text, got 2; as text it goes in quotes, '2'"]),
-        ('model: "b\\0.xml"\n', [r"d.yaml:1:8: model: 'b\x00.xml' holds a character that no name or path has"]),
+        ('model: "b\\0.xml"\n', [r"d.yaml:1:8: model: 'b\x00.xml' contains a null character"]),
         ("model: null\n", ["d.yaml:1:8: model: expected text, got null; as text it goes in quotes, 'null'"]),
         ("model: ''\n", ["d.yaml:1:8: model: expected text that is not empty, got ''"]),
         ("films: {}\n", ["d.yaml:1:8: films: expected a list, got a mapping"]),

@@ -54,7 +54,7 @@ def test_views_in_files_of_their_own_leave_the_name_itself_free() -> None:
         (".", "'.' is the folder of outputs itself"),
         ("./", "'./' is the folder of outputs itself"),
         ("b/..", "'b/..' is the folder of outputs itself"),
-        ('"a\\0.csv"', r"'a\x00.csv' holds a character that no name or path has"),
+        ('"a\\0.csv"', r"'a\x00.csv' contains a null character"),
         ("link/a.csv", "out/link/a.csv leads out of the folder of outputs, by a link"),
         ("link/../a.csv", "out/link/../a.csv leads out of the folder of outputs, by a link"),
         ("link", "out/link leads out of the folder of outputs, by a link"),

@@ -108,7 +108,7 @@ def test_what_no_document_can_hold_is_in_no_plan(made: StudyPlan) -> None:
     with pytest.raises(UsageError, match="a model from standard input is gone"):
         write_plan("plan.jsonl", stdin)
     code = replace(made, study=replace(made.study, simulation=Simulation("ball.xml", controller=print)))
-    with pytest.raises(UsageError, match="code stays on the command line"):
+    with pytest.raises(UsageError, match="a document cannot contain code"):
         write_plan("plan.jsonl", code)
 
 

@@ -13,7 +13,7 @@ from mjrun.document.json_schema import printed
 from mjrun.document.output_folder import OutputFolder
 from mjrun.document.run import OUTPUTS
 from mjrun.document.run_writer import plain_value
-from mjrun.options import kinds
+from mjrun.options import kinds, number_kinds, setting_kinds
 from mjrun.options.diff import ColumnTolerances
 from mjrun.options.evaluation import EvaluationOptions, Thresholds
 from mjrun.options.fit import FitOptions
@@ -22,10 +22,10 @@ from mjrun.options.option import Option, document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.push import PushKind
 from mjrun.options.schema import Schema
+from mjrun.options.setting_kinds import Variations
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, Limits, RandomValue, Schedule, TaskOptions, VectorOrKey
-from mjrun.options.variations import Variations
 from mjrun.rendering.segmentation import groupings
 from mjrun.rendering.visual import flags, frames, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
@@ -64,21 +64,21 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(words)
         case kinds.Flag():
             return st.booleans()
-        case kinds.Integer(least=least, most=most):
+        case number_kinds.Integer(least=least, most=most):
             return st.integers(least, most)
-        case kinds.Real(least=least, above=above, most=most):
+        case number_kinds.Real(least=least, above=above, most=most):
             low = least if above is None else above
             return st.floats(low, most, exclude_min=above is not None, allow_infinity=False)
-        case kinds.ExactNumber() | kinds.Instant():
+        case number_kinds.ExactNumber() | number_kinds.Instant():
             exact = positives | decimals | st.fractions(Fraction(1, 10**6), 10**6)
-            return exact | events if isinstance(kind, kinds.Instant) else exact
-        case kinds.Size():
+            return exact | events if isinstance(kind, number_kinds.Instant) else exact
+        case number_kinds.Size():
             return st.tuples(st.integers(1, 9999), st.integers(1, 9999))
-        case kinds.Range():
+        case number_kinds.Range():
             return st.tuples(st.floats(0, 1), st.floats(2, 3))
-        case kinds.Processes():
+        case number_kinds.Processes():
             return st.just("auto") | st.integers(1, 99)
-        case kinds.Groups():
+        case number_kinds.Groups():
             return st.lists(st.integers(0, 5), max_size=6) | st.sampled_from(["all", "none"])
         case kinds.Key():
             return names | st.integers(0, 9)
@@ -89,9 +89,9 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.dictionaries(names, least | st.lists(least, min_size=1, max_size=2), max_size=3)
         case Thresholds():
             return st.dictionaries(names, numbers, max_size=3)
-        case kinds.Values():
+        case setting_kinds.Values():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
-        case kinds.ColumnMap():
+        case setting_kinds.ColumnMap():
             pairs = st.dictionaries(st.sampled_from(["time", "qpos/a", "é"]), st.sampled_from(["t", "b * pi/180", "1"]))
             files = st.lists(st.sampled_from(["@a.map", "@b/c.txt", "time=t", "qpos/a=2*b"]), min_size=1, max_size=4)
             return pairs | files
@@ -112,9 +112,9 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
         case Schedule():
             vector = st.lists(numbers, min_size=2, max_size=2)
             return st.tuples(vector, vector).map(lambda both: [[0, both[0]], [0.5, both[1]]])
-        case kinds.NumberVector():
+        case number_kinds.NumberVector():
             return numbers | st.lists(numbers, min_size=1, max_size=4)
-        case kinds.Settings():
+        case setting_kinds.Settings():
             return st.dictionaries(names, texts | numbers | st.booleans(), max_size=3)
         case kinds.Ghost():
             return st.sampled_from(["offset=0/1/0,opacity=.3", "key=home", "trace=a.csv", ""])

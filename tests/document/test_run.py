@@ -327,7 +327,7 @@ WRONG = [
     (f"{HEAD}duration: 1{'0' * 308}0\n{TAIL}",
      [f"2:11: duration: expected a positive number, got 1{'0' * 38}…"]),
     (f"{HEAD}duration: 1\nsteps: 10\n{TAIL}",
-     ["3:8: steps: duration and steps exclude each other: both say how long"]),
+     ["3:8: steps: duration and steps exclude each other: both set the length"]),
     (f"{HEAD}steps: 1.5\n{TAIL}", ["2:8: steps: expected a whole number, got 1.5"]),
     (f"{HEAD}set: opt.gravity\n{TAIL}", ["2:6: set: expected a mapping, got 'opt.gravity'"]),
     (f"{HEAD}set: {{a: , b: [0, up], c: .inf, d: []}}\n{TAIL}",
@@ -346,10 +346,10 @@ WRONG = [
       "3:13: ctrl_noise: expected a number of at least 0, got -1",
       "4:7: seed: expected a number of at least 0, got -1"]),
     (f"{HEAD}replay: a.npz\nctrl_from: a.csv\nctrl_noise: 1\n{TAIL}",
-     ["3:12: ctrl_from: replay and ctrl_from exclude each other: a replay is driven by what is replayed",
-      "4:13: ctrl_noise: replay and ctrl_noise exclude each other: a replay of states goes without physics"]),
+     ["3:12: ctrl_from: replay and ctrl_from exclude each other: the replayed file drives the simulation",
+      "4:13: ctrl_noise: replay and ctrl_noise exclude each other: a replay of states does not compute physics"]),
     (f"{HEAD}replay: a.npz\nreplay_mode: controls\nctrl_from: a.csv\nctrl_noise: 1\n{TAIL}",
-     ["4:12: ctrl_from: replay and ctrl_from exclude each other: a replay is driven by what is replayed"]),
+     ["4:12: ctrl_from: replay and ctrl_from exclude each other: the replayed file drives the simulation"]),
     (f"{HEAD}replay: a.csv\nmap: {{qpos/hip: [a]}}\n{TAIL}",
      ["3:17: map.qpos/hip: expected an expression or a number, got a list"]),
     (f"{HEAD}replay: a.csv\nmap: [time]\n{TAIL}",
@@ -405,15 +405,15 @@ WRONG = [
       "2:75: videos[0].ghost[2]: expected text as in offset=0/1/0,opacity=0.3 or "
       "{offset, opacity, key, trace, map, recording}, got 5"]),
     (f"{HEAD}videos: [{{output: a.mp4, plot: energy, separate: true, plot_side: over}}]",
-     ["2:50: videos[0].separate: plot and separate exclude each other: a plot stands beside one frame, "
-     "and separate views make several",
+     ["2:50: videos[0].separate: plot and separate exclude each other: separate views make several "
+     "frames, and a plot belongs to one",
       "2:67: videos[0].plot_side: expected 'under' or 'beside', got 'over'"]),
     (f"{HEAD}videos: [{{output: a.mp4, quality: best, renderer: blender, calibration_format: cv}}]",
      ["2:35: videos[0].quality: expected 'draft', 'model' or 'high', got 'best'",
       "2:51: videos[0].renderer: expected 'classic' or 'filament', got 'blender'",
       "2:80: videos[0].calibration_format: expected 'mjrun', 'nerfstudio', 'bop' or 'ros', got 'cv'"]),
     (f"{HEAD}images: [{{output: a.png, time: 1, step: 5}}]",
-     ["2:41: images[0].step: time and step exclude each other: both say when"]),
+     ["2:41: images[0].step: time and step exclude each other: both set the instant"]),
     (f"{HEAD}images: [{{output: a.png, time: -1}}, {{output: b.png, time: soon}}, {{output: c.png, time: {{nth: 1}}}}]",
      ["2:32: images[0].time: expected a number from 0 on, got -1",
       "2:59: images[1].time: expected a number from 0 on, got 'soon'", "2:88: images[2].time: 'when' is missing"]),
@@ -423,7 +423,7 @@ WRONG = [
       "2:72: images[1].legend: expected true or false, got 'no'"]),
     (f"{HEAD}traces: [{{output: a.csv, every: 2, rate: 10}}, "
      "{output: b.csv, every: 0}, {output: c.csv, probes: q}]",
-     ["2:42: traces[0].rate: every and rate exclude each other: both say how often",
+     ["2:42: traces[0].rate: every and rate exclude each other: both set the sampling rate",
       "2:70: traces[1].every: expected a positive number, got 0",
       "2:90: traces[2]: unknown key 'probes' (did you mean 'probe'?); "
       "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest, golden, atol, rtol, tol"]),
@@ -464,7 +464,7 @@ def test_visual_flags_that_there_are_not_are_told_with_those_that_are_like_them(
 def test_what_is_wrong_in_a_setting_is_told_at_the_setting() -> None:
     assert problems(f"{HEAD}videos: [{{output: a.mp4}}]", "videos[0].fps=fast", "duration=1", "steps=2") == [
         "videos[0].fps=fast: expected a positive number, got 'fast'",
-        "steps=2: duration and steps exclude each other: both say how long",
+        "steps=2: duration and steps exclude each other: both set the length",
     ]
 
 

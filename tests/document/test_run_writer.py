@@ -364,7 +364,7 @@ def overridden(*settings: Override) -> Any:
     [
         (
             Recording(start(controller=lambda model, data: None), "a.npz"),
-            "controller: code stays on the command line",
+            "controller: a document cannot contain code",
         ),
         (Recording(Simulation(mujoco.MjModel.from_xml_string(XML)), "a.npz"), "a compiled model has no file"),
         (Trace(start()), "- is standard output, and a document writes files; give a path relative to a folder"),

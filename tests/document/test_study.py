@@ -109,7 +109,7 @@ def test_files_are_relative_to_the_document_and_the_folder_to_the_current_one(fo
         ("design: gird", "3:9: design: expected 'grid' or 'zip', got 'gird' (did you mean 'grid'?)"),
         ("output: ../up", "3:9: output: '../up' leaves the folder of outputs"),
         ("metrics: {x: }", "3:13: metrics.x: expected a finite number, text, true or false, or a list of finite"),
-        ("duration: 3", "2:8: steps: duration and steps exclude each other: both say how long"),
+        ("duration: 3", "2:8: steps: duration and steps exclude each other: both set the length"),
     ],
 )
 def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:

@@ -283,7 +283,7 @@ def test_what_is_wrong_with_an_observation_is_told_where_it_is(text: str, expect
         ("actions: [{}]", "5:11: actions[0].actuators: an action drives one of actuators, joints"),
         (
             "actions: [{actuators: a, joints: b}]",
-            "5:34: actions[0].joints: actuators and joints exclude each other: an action drives one of the two",
+            "5:34: actions[0].joints: actuators and joints exclude each other: an action drives either",
         ),
         ("actions: [{joints: a}]", "5:11: actions[0].target: joints requires a target: control, position, velocity or"),
         (

@@ -1,92 +1,68 @@
-"""What holds for every option of every command."""
+"""Properties of every option of every command, and of single ones as tables."""
 
-import re
+from collections.abc import Mapping
+from fractions import Fraction
+from functools import partial
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
+from typing import Any
 
+import click
 import pytest
 
 import mjrun.options
-from mjrun.options.bench import BenchOptions, ReportOptions
+from mjrun.bench import warp_timing
+from mjrun.cli.main import COMMANDS, group
+from mjrun.errors import BadValueError, UsageError
+from mjrun.formats.codecs import CODECS
+from mjrun.formats.format_lists import with_formats
+from mjrun.options.bench import BenchOptions, EngineOptions, ReportOptions
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
-from mjrun.options.diff import DiffOptions, DiffReportOptions
-from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
+from mjrun.options.diff import DiffOptions
+from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.image import ImageOptions
-from mjrun.options.info import InfoOptions
-from mjrun.options.keyframe import KeyframeOptions
-from mjrun.options.option import Option, Options, options_of
-from mjrun.options.output import CommandOptions
-from mjrun.options.plot import PlotOptions, TablePlotOptions
-from mjrun.options.policy import PolicyOptions
+from mjrun.options.model import InfoOptions, ModelOptions
+from mjrun.options.option import FrontEnd, Options, options_of
+from mjrun.options.output import CODECS as CODEC_LIST
+from mjrun.options.output import LAST_INSTANT, CommandOptions, KeyframeOptions
+from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.sweep import ExecutionOptions, StudyCommandOptions, StudyOptions
-from mjrun.options.task import (
-    ActionOptions,
-    ObservationOptions,
-    ResetOptions,
-    RewardOptions,
-    TaskOptions,
-    TerminationOptions,
-)
-from mjrun.options.task import (
-    CommandOptions as TaskCommandOptions,
-)
-from mjrun.options.trace import RecordingOptions, TraceCommandLineOptions, TraceOptions
-from mjrun.options.video import VideoOptions
+from mjrun.options.sweep import EXTRAS, ExecutionOptions, KeepOptions, StudyOptions, VariationOptions
+from mjrun.options.task import ActionOptions, ObservationOptions, TaskOptions
+from mjrun.options.trace import RecordingOptions, TraceOptions
+from mjrun.options.video import PLOT_SIDES, VideoOptions
+from mjrun.options.view import ViewOptions
 from mjrun.options.viewer import ViewerOptions
+from mjrun.rendering.graph import graph_size
+from mjrun.study.executors import ENGINES
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, ConsoleOptions)
-ALL: tuple[type[Options], ...] = (
-    *SIMULATING,
-    TraceCommandLineOptions,
-    PlotOptions,
-    TablePlotOptions,
-    PolicyOptions,
-    ConfinementOptions,
-    TaskOptions,
-    ResetOptions,
-    ObservationOptions,
-    ActionOptions,
-    TaskCommandOptions,
-    RewardOptions,
-    TerminationOptions,
-    RecordingOptions,
-    KeyframeOptions,
-    RunOptions,
-    BenchOptions,
-    ReportOptions,
-    CheckOptions,
-    CheckReportOptions,
-    DiffOptions,
-    FitOptions,
-    DiffReportOptions,
-    EvaluationOptions,
-    EvaluationExecutionOptions,
-    EvaluationCommandOptions,
-    InfoOptions,
-    StudyOptions,
-    StudyCommandOptions,
-    ExecutionOptions,
-    ViewerOptions,
-)
-DECLARED = [pytest.param(each, id=f"{cls.__name__}.{each.name}") for cls in ALL for each in options_of(cls)]
+ALL = {
+    value
+    for path in Path(mjrun.options.__file__).parent.glob("*.py")
+    for value in vars(import_module(f"mjrun.options.{path.stem}")).values()
+    if isinstance(value, type) and issubclass(value, Options) and value is not Options
+}
+IMAGE = partial(ImageOptions, None, "a.png")
+KEYFRAME = partial(KeyframeOptions, None, "a.xml")
+TRACE = partial(TraceOptions, None)
+PLOT = partial(PlotOptions, None, "a.png", probe="energy")
+VIDEO = partial(VideoOptions, None, "a.mp4")
+STUDY = partial(StudyOptions, None, "study")
+EVALUATION = partial(EvaluationOptions, None, "out")
+EVENT = object()
 
 
-@pytest.mark.parametrize("each", DECLARED)
-def test_help_is_a_sentence_that_spells_no_other_way_than_its_front_end(each: Option) -> None:
-    assert re.match(r"^[A-Z*{]|^[a-z0-9]+[,:]", each.help), each.help
-    assert each.help.endswith((".", "…", "'"))
-    assert "  " not in each.help
-
-
-@pytest.mark.parametrize("each", DECLARED)
-def test_a_default_is_a_value_of_its_kind(each: Option) -> None:
-    if not each.is_required:
-        assert each.kind(each.default) == each.default
+@pytest.mark.parametrize("cls", ALL, ids=lambda cls: cls.__name__)
+def test_a_default_is_a_value_of_its_kind_and_help_has_single_spaces(cls: type[Options]) -> None:
+    for each in options_of(cls):
+        assert "  " not in each.help, each.name
+        assert each.is_required or each.kind(each.default) == each.default, each.name
 
 
 def test_a_name_means_the_same_in_every_command_that_simulates() -> None:
@@ -98,19 +74,184 @@ def test_a_name_means_the_same_in_every_command_that_simulates() -> None:
                 assert (kind, text) == (each.kind, each.help), each.name
 
 
-def test_every_module_of_options_is_covered_here() -> None:
-    folder = Path(mjrun.options.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py")} - {
-        "__init__",
-        "kinds",
-        "option",
-        "push",
-        "variations",
-        "schema",
-        "record",
+@pytest.mark.parametrize(
+    ("cls", "places"),
+    [
+        (CommandOptions, FrontEnd.COMMAND),
+        (ConfinementOptions, FrontEnd.COMMAND),
+        (ConsoleOptions, FrontEnd.COMMAND),
+        (InfoOptions, FrontEnd.COMMAND),
+        (RunOptions, FrontEnd.COMMAND | FrontEnd.PYTHON),
+        (ViewerOptions, FrontEnd.COMMAND | FrontEnd.PYTHON),
+    ],
+)
+def test_no_document_sets_what_belongs_to_this_machine(cls: type[Options], places: FrontEnd) -> None:
+    assert all(each.places in places for each in options_of(cls))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_the_options_of_the_console_off_by_default(name: str) -> None:
+    command = group.get_command(click.Context(group), name)
+    assert command
+    assert {param.name for param in command.params} >= {"json", "quiet", "verbose", "debug"}
+    assert not any(each.default for each in options_of(ConsoleOptions))
+
+
+@pytest.mark.parametrize(
+    ("make", "values", "message"),
+    [
+        (CheckReportOptions, {"sarif": True, "github": True}, "sarif and github exclude each other"),
+        (ReportOptions, {"csv": True, "markdown": True}, "csv and markdown exclude each other"),
+        (IMAGE, {"time": 1, "step": 2}, "time and step exclude each other: both set the instant"),
+        (KEYFRAME, {"time": 1, "step": 3}, "time and step exclude each other: both set the instant"),
+        (TRACE, {"every": 2, "rate": 100}, "every and rate exclude each other: both set the sampling rate"),
+        (PLOT, {"every": 2, "rate": 100}, "every and rate exclude each other: both set the sampling rate"),
+        (VIDEO, {"plot": "energy", "separate": True}, "plot and separate exclude each other"),
+        (SimulationOptions, {"duration": 1, "steps": 2}, "duration and steps exclude each other: both set the length"),
+        (SimulationOptions, {"controller": print, "ctrl_from": "a.csv"}, "controller and ctrl_from exclude each other"),
+    ],
+)
+def test_options_that_exclude_each_other_are_refused(make: Any, values: Mapping[str, object], message: str) -> None:
+    with pytest.raises(UsageError, match=f"^{message}"):
+        make(**values)
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "value", "expected"),
+    [
+        (BenchOptions, "threads", ["1,2", "auto"], (1, 2, "auto")),
+        (BenchOptions, "size", (64, 48), ((64, 48),)),
+        (BenchOptions, "fail_above", 0.1, 0.1),
+        (BenchOptions, "budget", "1/3", Fraction(1, 3)),
+        (CheckOptions, "select", "MJ1, MJ301", ("MJ1", "MJ301")),
+        (ConfinementOptions, "limit", {"time": 60, "memory": 512}, {"time": (60.0,), "memory": (512.0,)}),
+        (DiffOptions, "columns", "q*", ("q*",)),
+        (EVALUATION, "fail_below", {"success": 0.9}, {"success": (0.9,)}),
+        (FigureOptions, "y", ["max(a, b), c", "d"], ("max(a, b), c", "d")),
+        (FigureOptions, "y", "qpos", ("qpos",)),
+        (FigureOptions, "log", "x,2:y", ("x", "2:y")),
+        (FigureOptions, "mark", "m·g=87.356", ("m·g=87.356",)),
+        (FigureOptions, "mark_event", "contact(a, b)", ("contact(a, b)",)),
+        (FitOptions, "free", {"joint/a.damping": "0..1"}, (("joint/a.damping", "0..1"),)),
+        (IMAGE, "time", 0.1, Fraction(1, 10)),
+        (IMAGE, "time", 0, 0),
+        (IMAGE, "time", EVENT, EVENT),
+        (KeepOptions, "keep", "trace,video", ("trace", "video")),
+        (KeepOptions, "keep", ("recording",), ("recording",)),
+        (KEYFRAME, "manifest", Path("a.json"), "a.json"),
+        (ModelOptions, "timestep", 0.1, Fraction(1, 10)),
+        (ModelOptions, "timestep", "1/480", Fraction(1, 480)),
+        (partial(ObservationOptions, name="angles"), "joints", "knee", ("knee",)),
+        (partial(ObservationOptions, name="angles"), "scale", 2, (2.0,)),
+        (partial(ObservationOptions, name="angles"), "phase", "0.5", Fraction(1, 2)),
+        (partial(PlotOptions, None, "a.png"), "probe", ["qpos,qvel", "energy"], ("qpos,qvel", "energy")),
+        (STUDY, "metric", {"drift": "max(x)", "up": "share(x >= 1)"}, (("drift", "max(x)"), ("up", "share(x >= 1)"))),
+        (partial(TaskOptions, duration="5"), "control_dt", 0.02, Fraction(1, 50)),
+        (VariationOptions, "vary", {"a": [0.1, 2], "seed": "1..3:3"}, (("a", "0.1,2"), ("seed", "1..3:3"))),
+        (VIDEO, "fps", "30000/1001", Fraction(30000, 1001)),
+        (VIDEO, "jobs", 1, 1),
+        (VIDEO, "jobs", "auto", "auto"),
+        (VIDEO, "preset", 8, "8"),  # as AV1 numbers them
+        (ViewerOptions, "speed", "1/3", Fraction(1, 3)),
+    ],
+)
+def test_values_become_exact_and_immutable(make: Any, name: str, value: object, expected: object) -> None:
+    assert getattr(make(**{name: value}), name) == expected
+
+
+@pytest.mark.parametrize(
+    ("make", "name", "value", "message"),
+    [
+        (partial(ActionOptions, joints="knee"), "target", "push", "position"),
+        (BenchOptions, "threads", "1,many", "^threads: 'many' is not a number of threads from 1 on, or auto"),
+        (CheckOptions, "memory", 0, "^memory: '0' is not a whole number from 1 on"),
+        (DiffOptions, "atol", -1, "atol"),
+        (DiffOptions, "rtol", float("nan"), "rtol"),
+        (DiffOptions, "min_ssim", 2, "min_ssim"),
+        (DiffOptions, "max_changed", 1.5, "max_changed"),
+        (DiffOptions, "tol", {"x": [1, 2, 3]}, "tol: .* is not an absolute tolerance"),
+        (EVALUATION, "fail_below", {"success": (0.9, 1)}, "fail_below"),
+        (EVALUATION, "episodes", 0, "episodes"),
+        (EVALUATION, "confidence", 0, "confidence"),
+        (EVALUATION, "confidence", 1, "confidence"),
+        (EVALUATION, "films", -1, "films"),
+        (FigureOptions, "style", "pink", "style"),
+        (FigureOptions, "columns", 0, "columns"),
+        (FigureOptions, "columns", 9, "columns"),
+        (FigureOptions, "size", (0, 5), "size"),
+        (FigureOptions, "log", "", "log"),
+        (FitOptions, "holdout", 1.0, "holdout"),
+        (FitOptions, "confidence", 0.2, "confidence"),
+        (FitOptions, "starts", 0, "starts"),
+        (FitOptions, "loss", "l2", "loss"),
+        (IMAGE, "time", -1, "^time: '-1' is not a number from 0 on"),
+        (IMAGE, "legend", 1, "^legend: '1' is not true or false"),
+        (KeepOptions, "keep", "movie", "trace, recording, video"),
+        (VariationOptions, "samples", 0, "samples"),
+        (VariationOptions, "design", "star", "design"),
+        (VariationOptions, "sampler", "dice", "sampler"),
+        (VariationOptions, "repeats", 0, "repeats"),
+        (VIDEO, "speed", 0, "^speed: '0' is not a positive number"),
+        (VIDEO, "jobs", 0, "^jobs: '0' is not a number of processes from 1 on, or auto"),
+        (ViewerOptions, "speed", 0, "speed"),
+        (ViewerOptions, "port", 0, "port"),
+        (ViewerOptions, "port", 70000, "port"),
+        (ViewerOptions, "browser", "firefox", "browser"),
+    ],
+)
+def test_invalid_values_are_refused(make: Any, name: str, value: object, message: str) -> None:
+    with pytest.raises(BadValueError, match=message):
+        make(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("cls", "names"),
+    [
+        (KeyframeOptions, {"output", "name", "time", "step", "manifest"}),
+        (RecordingOptions, {"output", "keep_partial", "manifest"}),
+        (EngineOptions, {"engine", *signature(warp_timing.WarpOptions).parameters}),
+        (InfoOptions, {"columns"}),
+    ],
+)
+def test_classes_have_these_options_and_no_others(cls: type[Options], names: set[str]) -> None:
+    assert {each.name for each in options_of(cls)} == names
+
+
+@pytest.mark.parametrize(
+    ("cls", "like", "names"),
+    [
+        (BenchOptions, ViewOptions, {"size", "camera", "view", "quality", "renderer", "gl"}),
+        (RunOptions, VideoOptions, {"quality", "jobs"}),
+        (PlotOptions, FigureOptions, {each.name for each in options_of(FigureOptions)}),
+        (TablePlotOptions, FigureOptions, {each.name for each in options_of(FigureOptions)}),
+    ],
+)
+def test_commands_share_the_forms_of_values(cls: type[Options], like: type[Options], names: set[str]) -> None:
+    metavars = {each.name: each.kind.metavar for each in options_of(cls)}
+    assert {name: metavars[name] for name in names} == {
+        each.name: each.kind.metavar for each in options_of(like) if each.name in names
     }
-    bases = {base.__module__ for cls in ALL for base in cls.__mro__}
-    assert {f"mjrun.options.{name}" for name in modules} <= bases
-    for name in modules:
-        classes = [value for value in vars(import_module(f"mjrun.options.{name}")).values() if isinstance(value, type)]
-        assert any(issubclass(cls, Options) for cls in classes)
+
+
+def test_left_out_options_of_run_change_nothing() -> None:
+    options = RunOptions()
+    assert (options.output, options.quality, options.jobs, options.gl, options.controller) == (".", *[None] * 4)
+    assert KEYFRAME().name == LAST_INSTANT
+    assert ViewerOptions().browser is None
+
+
+def test_a_plot_under_a_frame_is_as_wide_and_one_beside_it_as_high() -> None:
+    under, beside = (graph_size((640, 480), side) for side in PLOT_SIDES)
+    assert (under[0], beside[1]) == (640, 480)
+
+
+def test_help_lists_codecs_that_a_user_can_choose() -> None:
+    (declared,) = (each for each in options_of(VideoOptions) if each.name == "codec")
+    assert CODEC_LIST in declared.help
+    assert {"h264", "h265", "av1", "vp9", "prores", "ffv1"} <= set(with_formats(CODEC_LIST).split(", ")) <= set(CODECS)
+    assert "8" in CODECS["av1"].presets
+
+
+def test_every_engine_that_needs_a_library_has_an_extra() -> None:
+    assert ExecutionOptions().engine in ENGINES
+    assert set(EXTRAS) - {"sweep"} <= {engine.partition(":")[0] for engine in ENGINES}

@@ -2,9 +2,8 @@
 
 import pytest
 
-from mjrun.errors import MjrunError
-from mjrun.options.evaluation import EvaluationOptions, Thresholds
-from mjrun.options.kinds import ExpectedError
+from mjrun.options.evaluation import Thresholds
+from mjrun.options.schema import ExpectedError
 
 
 @pytest.mark.parametrize(
@@ -20,15 +19,3 @@ def test_a_threshold_is_a_number_or_a_percentage(text: str, expected: tuple[str,
 def test_anything_else_is_none(text: str) -> None:
     with pytest.raises(ExpectedError, match=r"success=90% or return=200"):
         Thresholds().parse(text)
-
-
-def test_python_gives_numbers() -> None:
-    assert EvaluationOptions(None, "out", fail_below={"success": 0.9}).fail_below == {"success": (0.9,)}
-    with pytest.raises(MjrunError, match="fail_below"):
-        EvaluationOptions(None, "out", fail_below={"success": (0.9, 1)})
-
-
-@pytest.mark.parametrize("options", [{"episodes": 0}, {"confidence": 0}, {"confidence": 1}, {"films": -1}])
-def test_values_that_cannot_be_are_refused(options: dict[str, object]) -> None:
-    with pytest.raises(MjrunError, match=next(iter(options))):
-        EvaluationOptions(None, "out", **options)  # type: ignore[arg-type]

@@ -8,32 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.kinds import (
+from mjrun.options.kinds import Camera, Choice, File, Flag, Key, Kind, Optional, Several, Text
+from mjrun.options.number_kinds import (
     GROUPS,
-    Camera,
-    Choice,
-    ColumnMap,
     ExactNumber,
-    ExpectedError,
-    File,
-    Flag,
     Groups,
     Instant,
     Integer,
-    Key,
-    Kind,
-    Optional,
     Percent,
     Processes,
     Range,
     Real,
-    Settings,
-    Several,
     Size,
-    Text,
-    Values,
-    setting_text,
 )
+from mjrun.options.schema import ExpectedError
+from mjrun.options.setting_kinds import ColumnMap, Settings, Values, setting_text
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import math
 import re
-from fractions import Fraction
 from pathlib import Path
 
 import mujoco
@@ -26,11 +25,6 @@ MODEL = """
 
 def test_integrators_are_those_of_mujoco() -> None:
     assert set(INTEGRATORS) == set(enum_members(mujoco.mjtIntegrator))
-
-
-def test_a_timestep_is_exact() -> None:
-    assert ModelOptions(timestep=0.1).timestep == Fraction(1, 10)
-    assert ModelOptions(timestep="1/480").timestep == Fraction(1, 480)
 
 
 def test_every_example_in_help_changes_a_model(tmp_path: Path) -> None:

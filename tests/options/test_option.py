@@ -5,7 +5,8 @@ from typing import ClassVar
 import pytest
 
 from mjrun.errors import BadValueError, UsageError
-from mjrun.options.kinds import ExactNumber, Flag, Integer, Optional, Several, Text, Values
+from mjrun.options.kinds import Flag, Optional, Several, Text
+from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import (
     Exclusion,
     FrontEnd,
@@ -18,6 +19,7 @@ from mjrun.options.option import (
     options_of,
     required,
 )
+from mjrun.options.setting_kinds import Values
 
 
 @options

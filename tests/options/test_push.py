@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.options.kinds import ExpectedError
 from mjrun.options.push import Push, PushKind
+from mjrun.options.schema import ExpectedError
 
 KIND = PushKind()
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from mjrun.errors import spelled
-from mjrun.options import kinds
+from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import Reader
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.record import ListOf, MappingOf, OneOf, Record, plain_values
@@ -18,8 +18,8 @@ class Toaster(Options):
 
     exclusions = (Exclusion(("slices", "bagel"), "there is one slot"),)
 
-    heat: float = required(converter=kinds.Real(above=0.0, most=9.0), help="How hot.")
-    slices: int = option(converter=kinds.Integer(1), default=2, help="How many.")
+    heat: float = required(converter=number_kinds.Real(above=0.0, most=9.0), help="How hot.")
+    slices: int = option(converter=number_kinds.Integer(1), default=2, help="How many.")
     bagel: bool = option(converter=kinds.Flag(), default=False, help="Toast one side.")
     assert_: str | None = option(converter=kinds.Optional(kinds.Text()), default=None, usual="nothing", help="A claim.")
 
@@ -115,7 +115,7 @@ def test_lists_and_mappings_tell_of_every_part() -> None:
 
 
 def test_one_of_several_forms_is_chosen_by_the_type() -> None:
-    forms = OneOf[Any, Any]("a number or a toaster", number=kinds.Real(), object=TOASTER)
+    forms = OneOf[Any, Any]("a number or a toaster", number=number_kinds.Real(), object=TOASTER)
     assert forms.read(2, Reader()) == 2
     assert forms.read({"heat": 2}, Reader()) == Toaster(heat=2)
     assert misfits(-1, forms) == [((), "a number of at least 0")]

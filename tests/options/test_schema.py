@@ -3,8 +3,9 @@
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.options.kinds import NUMBERS, SETTING
+from mjrun.options.number_kinds import NUMBERS
 from mjrun.options.schema import ExpectedError, Misfit, MisfitError, Misfits, Schema, check
+from mjrun.options.setting_kinds import SETTING
 from tests.document.schema_oracle import fits
 
 LIST: Schema = {"type": "array", "items": {"type": "number"}}
@@ -26,7 +27,7 @@ PAIR: Schema = {"type": "array", "prefixItems": [{"type": "number"}, {"type": "s
         ({"type": "string"}, None, [((), "text")]),
         ({"type": "string", "enum": ["oak", "ash", "elm"]}, "pine", [((), "'oak', 'ash' or 'elm'")]),
         ({"type": "string", "enum": ["oak"]}, 5, [((), "'oak'")]),
-        ({"type": "string"}, "a\0b", [((), r"'a\x00b' holds a character that no name or path has")]),
+        ({"type": "string"}, "a\0b", [((), r"'a\x00b' contains a null character")]),
         (LIST, [1, "a", "b"], [((1,), "a number"), ((2,), "a number")]),
         (
             {**LIST, "minItems": 2},

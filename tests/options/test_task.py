@@ -4,15 +4,12 @@ from fractions import Fraction
 
 import pytest
 
-from mjrun.errors import BadValueError
-from mjrun.options.kinds import AnyKind, ExpectedError
+from mjrun.options.kinds import AnyKind
+from mjrun.options.schema import ExpectedError
 from mjrun.options.task import (
-    ActionOptions,
     Limits,
-    ObservationOptions,
     RandomValue,
     Schedule,
-    TaskOptions,
     VectorOrKey,
 )
 
@@ -56,11 +53,3 @@ def test_a_kind_takes_what_documents_write(kind: AnyKind, value: object, made: o
 def test_a_kind_refuses_what_cannot_be(kind: AnyKind, value: object) -> None:
     with pytest.raises(ExpectedError):
         kind(value)
-
-
-def test_a_task_needs_its_times_and_a_term_converts_its_numbers() -> None:
-    assert TaskOptions(control_dt=0.02, duration="5").control_dt == Fraction(1, 50)
-    term = ObservationOptions(name="angles", joints="knee", scale=2, phase="0.5")
-    assert (term.joints, term.scale, term.phase) == (("knee",), (2.0,), Fraction(1, 2))
-    with pytest.raises(BadValueError, match="position"):
-        ActionOptions(joints="knee", target="push")

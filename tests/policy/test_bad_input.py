@@ -74,4 +74,4 @@ def test_a_document_names_no_code(mjrun_here: Command) -> None:
     (mjrun_here.folder / "run.yaml").write_text("model: robot.xml\npolicy: p.py:act\ntraces: [t.csv]\n")
     done = mjrun_here("run", "run.yaml")
     assert done.returncode == 2
-    assert "run.yaml:2:9: policy: code stays on the command line; a document cannot name it" in done.stderr.decode()
+    assert "run.yaml:2:9: policy: a document cannot contain code; give it on the command line" in done.stderr.decode()

@@ -151,8 +151,8 @@ def test_actions_that_are_not_finite_end_it_with_the_step(tmp_path: Path) -> Non
     [
         ({"policy": "zero", "controller": print}, "both drive the actuators"),
         ({"policy": "zero", "ctrl_from": "a.csv"}, "both drive the actuators"),
-        ({"policy": "zero", "key": "home"}, "says how an episode starts"),
-        ({"policy": "zero", "perturb": 0.1}, "says how an episode starts"),
+        ({"policy": "zero", "key": "home"}, "sets the start of an episode"),
+        ({"policy": "zero", "perturb": 0.1}, "sets the start of an episode"),
         ({"policy": "zero", "replay": "a.npz"}, "driven by what is replayed"),
         ({"normalize": "none"}, "there is none"),
     ],
@@ -290,7 +290,7 @@ def test_a_run_document_makes_all_outputs_of_an_episode(task: Path, tmp_path: Pa
     assert alone.episode == results[0].episode
     assert (tmp_path / "d.csv").read_bytes() == (tmp_path / "out" / "a.csv").read_bytes()
     (tmp_path / "run.yaml").write_text("model: arm.yaml\npolicy: policy.py:act\ntraces: [a.csv]\n")
-    with pytest.raises(DocumentError, match=r"run.yaml:2:9: policy: code stays on the command line"):
+    with pytest.raises(DocumentError, match=r"run.yaml:2:9: policy: a document cannot contain code"):
         read_run(tmp_path / "run.yaml", [], RunOptions(), "")
 
 

@@ -11,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, FailedPointsError, LostFilesError, UnknownNameError, UsageError
 from mjrun.formats.study_folder import read_study
 from mjrun.formats.video_reader import read_video
-from mjrun.options.keep import KeepOptions
+from mjrun.options.sweep import KeepOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import keep

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from mjrun.formats.study_folder import read_point
-from mjrun.options.keep import KEPT, KeepOptions
+from mjrun.options.sweep import KEPT, KeepOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.point_files import PointOutputs, keep_options, make_isolated, up_to

@@ -13,7 +13,8 @@ from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import concerning
-from mjrun.options.kinds import Choice, Flag, Optional, Point
+from mjrun.options.kinds import Choice, Flag, Optional
+from mjrun.options.number_kinds import Point
 from mjrun.options.option import option, options, required
 from mjrun.options.schema import Path
 

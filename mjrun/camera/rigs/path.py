@@ -14,7 +14,8 @@ from mjrun.camera.pose import Pose, around, heading, rotation
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import UsageError, concerning
-from mjrun.options.kinds import Choice, Optional, Point, Real
+from mjrun.options.kinds import Choice, Optional
+from mjrun.options.number_kinds import Point, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.record import ListOf, Record, mappings_in
 from mjrun.options.schema import Path

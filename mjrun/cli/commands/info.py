@@ -12,8 +12,7 @@ from mjrun.cli.report import Report
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.info import InfoOptions
-from mjrun.options.model import ModelOptions
+from mjrun.options.model import InfoOptions, ModelOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,9 +16,8 @@ from mjrun.cli.simulation_command import import_mujoco, load_controller, reporte
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.keep import KeepOptions
-from mjrun.options.kinds import Settings, Values
 from mjrun.options.option import options_of
+from mjrun.options.setting_kinds import Settings, Values
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
     MANIFEST,
@@ -26,6 +25,7 @@ from mjrun.options.sweep import (
     PLANS,
     STOPPING,
     ExecutionOptions,
+    KeepOptions,
     StudyCommandOptions,
     StudyOptions,
     VariationOptions,

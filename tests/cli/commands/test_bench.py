@@ -145,7 +145,7 @@ def test_a_slower_build_fails_only_with_a_limit_and_an_incomparable_one_is_refus
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        (["--json", "--csv"], 2, "--json and --csv exclude each other: both want standard output"),
+        (["--json", "--csv"], 2, "--json and --csv exclude each other: both print to standard output"),
         (["--fail-above", "10%"], 2, "--fail-above has no effect without --compare"),
         (["--compare", "base.json", "--fail-above", "0.1"], 2, "'0.1' is not a percentage; write it as in 10%"),
         (["--compare", "base.json"], 7, "base.json: cannot be read"),

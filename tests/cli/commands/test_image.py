@@ -54,7 +54,7 @@ def test_views_lie_side_by_side_in_the_layout_asked_for(mjrun_here: Command, swi
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("-o", "-", "--json"), 2, "--json and the output both want standard output"),
+        (("-o", "-", "--json"), 2, "--json and the output both print to standard output"),
         (("-t", "1", "--step", "2"), 2, "--step"),
         (("--camera", "sid"), 2, "did you mean 'side'?"),
         (("-o", "a.xyz"), 2, ".xyz"),

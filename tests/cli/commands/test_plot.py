@@ -74,7 +74,7 @@ def test_formats_of_a_pipe(mjrun_here: Command) -> None:
         (["run.csv", "-o", "a.png", "--size", "99999x99999"], 2, "at most 65535 a side and 100 megapixels"),
         (["run.csv", "-o", "a.gif"], 2, "no figure format '.gif'"),
         (["run.csv", "-o", "a.png", "--y", "none/*"], 2, "no column 'none/*' in --y"),
-        (["run.csv", "-o", "-", "--json"], 2, "both want standard output"),
+        (["run.csv", "-o", "-", "--json"], 2, "both print to standard output"),
         (["none.csv", "-o", "a.png"], 7, "no such file"),
         (["text.csv", "-o", "a.png"], 7, "is not a number"),
         (["run.csv", "-o", "/dev/null/a.png"], 7, "is not a folder"),

@@ -237,9 +237,9 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
         (("p.jsonl", "--task", "3/2"), "'3/2' is not one of N tasks; write it as in 1/16"),
         (
             ("ball.xml", "--task", "1/2", "--collect"),
-            "--task and --collect exclude each other: each is all that is done",
+            "--task and --collect exclude each other: each of these replaces the run; give only one",
         ),
-        (("ball.xml", "--csv", "--json"), "--json and --csv exclude each other: both want standard output"),
+        (("ball.xml", "--csv", "--json"), "--json and --csv exclude each other: both print to standard output"),
     ],
 )
 def test_what_does_not_go_together_is_told(

@@ -2,8 +2,8 @@
 
 import pytest
 
-from mjrun.options.kinds import ExpectedError
-from mjrun.options.variations import DISTRIBUTIONS, Variations, with_paths
+from mjrun.options.schema import ExpectedError
+from mjrun.options.setting_kinds import DISTRIBUTIONS, Variations, with_paths
 from mjrun.physics.distribution import parse_distribution
 
 
