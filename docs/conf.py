@@ -1,0 +1,20 @@
+"""Settings of Sphinx for the site; scripts/make_docs.py writes the pages that it builds."""
+
+from mjrun.version import __version__
+
+project = "mjrun"
+author = "the mjrun developers"
+copyright = f"2026, {author}"  # noqa: A001 - Sphinx's name
+release = __version__
+
+extensions = ["myst_parser", "sphinx_copybutton", "sphinx_design"]
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+html_theme = "furo"
+html_title = "mjrun"
+html_static_path = ["_static"]
+html_copy_source = False
+html_show_sourcelink = False
+html_css_files = ["site.css"]
+html_theme_options = {"top_of_page_buttons": []}
