@@ -4,7 +4,7 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check bench score clean
+.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check bench score docs clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s  %s\n", $$1, $$2}' Makefile
@@ -64,6 +64,9 @@ bench: setup ## time videos and traces against their baselines, and views
 
 score: setup ## measure faults, hostile input and determinism, and write SCORE.md
 	.venv/bin/python -m tests.scoreboard $(ARGS)
+
+docs: setup ## build the site of the documentation: out/site/index.html
+	.venv/bin/python scripts/make_docs.py
 
 clean: ## remove outputs, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis

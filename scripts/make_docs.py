@@ -1,8 +1,8 @@
 """Builds the site of the documentation: out/site. `make docs` runs it.
 
-The source of the site is a copy of docs/ in which links to files outside of it lead to pages, together with pages that
-follow from the code: a page per command, per kind of document and per rule of `mjrun check`, the columns of traces, exit
-codes, and the gallery. Sphinx turns every warning, such as a link that leads nowhere, into an error.
+The source of the site is a copy of docs/ whose links to other files of the repository lead to pages of the site, and
+pages that follow from the code: one per command, kind of document and rule of `mjrun check`, the columns of traces, the
+exit codes, and the gallery. Sphinx turns every warning, such as a link that leads nowhere, into an error.
 """
 
 import inspect
@@ -71,16 +71,30 @@ TOPICS = {
 def main() -> None:
     """Writes the source of the site and builds it."""
     shutil.rmtree(SOURCE, ignore_errors=True)
-    for name, text in pages().items():
-        target = SOURCE / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(text, "utf-8")
-    copy_files()
-    shutil.copy(DOCS / "conf.py", SOURCE / "conf.py")
-    build = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--nitpicky", "--quiet"]
-    subprocess.run([*build, "-b", "html", str(SOURCE), str(SITE)], check=True)
+    write_source(SOURCE)
+    build(SOURCE, SITE)
     for path in (SOURCE / "llms.txt", *SOURCE.rglob("*.md")):
         shutil.copy(path, SITE / path.relative_to(SOURCE))
+    print(f"The site is {SITE / 'index.html'}")
+
+
+def write_source(source: Path) -> None:
+    """Writes all pages, and the files that they show or offer, to a folder."""
+    for name, text in pages().items():
+        target = source / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text, "utf-8")
+    copy_files(source)
+
+
+def build(source: Path, site: Path, builder: str = "html") -> None:
+    """Runs Sphinx; a warning is an error.
+
+    Raises:
+      subprocess.CalledProcessError: the site has a broken link or another mistake, which Sphinx has printed.
+    """
+    strict = ("--fail-on-warning", "--keep-going", "--nitpicky", "--quiet")
+    subprocess.run([sys.executable, "-m", "sphinx", *strict, "-b", builder, str(source), str(site)], check=True)
 
 
 def pages() -> dict[str, str]:
@@ -116,17 +130,18 @@ def with_site_links(text: str, folder: Path, page: str) -> str:
     return re.sub(r"\]\((?!https?:)([^)#]+)(#[^)]*)?\)", replaced, text)
 
 
-def copy_files() -> None:
+def copy_files(source: Path) -> None:
     """Copies the files that pages show or offer: images, scenes and the videos that `make gallery` has made."""
-    shutil.copytree(ROOT / "scenes", SOURCE / "files/scenes", ignore=shutil.ignore_patterns("__pycache__", "*.md"))
+    shutil.copytree(ROOT / "scenes", source / "files/scenes", ignore=shutil.ignore_patterns("__pycache__", "*.md"))
     for name in ("LICENSE", "constraints.txt"):
-        shutil.copy(ROOT / name, SOURCE / "files" / name)
+        shutil.copy(ROOT / name, source / "files" / name)
     for path in sorted((ROOT / "out").glob("*/*.mp4")):
-        target = SOURCE / "_static/gallery" / path.name
+        target = source / "_static/gallery" / path.name
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, target)
-    (SOURCE / "_static").mkdir(exist_ok=True)
-    shutil.copy(DOCS / "site.css", SOURCE / "_static/site.css")
+    (source / "_static").mkdir(exist_ok=True)
+    shutil.copy(DOCS / "site.css", source / "_static/site.css")
+    shutil.copy(DOCS / "conf.py", source / "conf.py")
 
 
 def gallery() -> str:
@@ -145,8 +160,8 @@ def _card(body: str) -> Iterator[str]:
     text = body.replace(image[0], "").strip() if image else body
     video = ROOT / "out" / image[3] / f"{image[3]}.mp4" if image else None
     if image and video and video.is_file():
-        yield f'<video controls loop muted playsinline src="_static/gallery/{video.name}" poster="_images/{image[3]}.jpg">'
-        yield "</video>\n"
+        settings = f'src="_static/gallery/{video.name}" poster="_images/{image[3]}.jpg"'
+        yield f"<video controls loop muted playsinline {settings}></video>\n"
     if image:
         yield f"![{image[1]}](files/scenes/{image[2]})\n"
     yield with_site_links(text, ROOT / "scenes", "gallery.md")
@@ -161,7 +176,9 @@ def command_pages() -> dict[str, str]:
     from mjrun.cli.main import COMMANDS, load_command
 
     written = {f"reference/commands/{name}.md": _command_page(name, load_command(name)) for name in COMMANDS}
-    table = "\n".join(f"| [`mjrun {name}`](commands/{name}.md) | {text.rstrip('.')} |" for name, text in COMMANDS.items())
+    table = "\n".join(
+        f"| [`mjrun {name}`](commands/{name}.md) | {text.rstrip('.')} |" for name, text in COMMANDS.items()
+    )
     toctree = _toctree("Commands", [f"commands/{name}" for name in COMMANDS])
     heading = "# Commands\n\n| command | purpose |\n|---|---|"
     written["reference/index.md"] = f"{heading}\n{table}\n\n{toctree}\n"
@@ -210,7 +227,12 @@ def document_pages() -> dict[str, str]:
 
     names = list(DOCUMENTS)
     written = {f"reference/documents/{name}.md": _document_page(name, json_schema(name)) for name in names}
-    lines = ["# Documents", "", "The keys of every kind of document. `mjrun schema KIND` prints the same as JSON Schema.", ""]
+    lines = [
+        "# Documents",
+        "",
+        "The keys of every kind of document. `mjrun schema KIND` prints the same as JSON Schema.",
+        "",
+    ]
     lines += [f"- [{name}]({name}.md)" for name in names]
     written["reference/documents/index.md"] = "\n".join([*lines, "", _toctree("Documents", names)])
     return written
@@ -269,7 +291,11 @@ def columns_page() -> str:
             entry = groups.setdefault(group, {"units": {}, "meaning": column.meaning, "of": {}, "example": column.name})
             entry["units"][column.unit or "–"] = None
             entry["of"][column.kind or "–"] = None
-    lines = ["# Columns", "", "Everything that `--probe` can measure, by group. A model offers the groups for which it has objects;"]
+    lines = [
+        "# Columns",
+        "",
+        "Everything that `--probe` can measure, by group. A model offers the groups for which it has objects;",
+    ]
     lines += ["`mjrun trace MODEL --list` lists its columns, with the unit of each.", ""]
     lines += ["| group | of | unit | example | meaning |", "|---|---|---|---|---|"]
     for group, entry in groups.items():
@@ -286,7 +312,12 @@ def exit_codes_page() -> str:
     for _, cls in inspect.getmembers(errors, inspect.isclass):
         if issubclass(cls, errors.MjrunError) and "exit_code" in vars(cls) and isinstance(cls.exit_code, int):
             codes.setdefault(cls.exit_code, []).append(inspect.cleandoc(cls.__doc__ or "").split("\n\n")[0])
-    lines = ["# Exit codes", "", "0 means that everything was done. `--json` prints an object `error` with the kind of the error.", ""]
+    lines = [
+        "# Exit codes",
+        "",
+        "0 means that everything was done. `--json` prints an object `error` with the kind of the error.",
+        "",
+    ]
     lines += ["| code | when |", "|---|---|"]
     lines += [f"| {code} | {_prose(' '.join(texts))} |" for code, texts in sorted(codes.items())]
     return "\n".join([*lines, ""])
@@ -301,7 +332,12 @@ def rule_pages() -> dict[str, str]:
 
     rules = [RULES[code] for code in sorted(RULES)]
     explanations = rule_explanations()
-    lines = ["# Rules of mjrun check", "", "`mjrun check --select MJ3` applies some of them, `--ignore MJ301` leaves one out.", ""]
+    lines = [
+        "# Rules of mjrun check",
+        "",
+        "`mjrun check --select MJ3` applies some of them, `--ignore MJ301` leaves one out.",
+        "",
+    ]
     for digit, topic in TOPICS.items():
         lines += [f"## {topic}", "", "| rule | severity | finds |", "|---|---|---|"]
         lines += [f"| [{r.code}]({r.code}.md) | {r.severity} | {r.title} |" for r in rules if r.code[2] == digit]
@@ -323,8 +359,16 @@ def rule_explanations() -> dict[str, str]:
 
 def llms(written: Mapping[str, str]) -> str:
     """Returns an index of the pages for language models: title, address and first sentence of each."""
-    lines = ["# mjrun", "", "> MuJoCo models to videos, images, tables and timing reports, with one headless command.", ""]
-    lines += ["`mjrun skill` prints instructions for agents. `mjrun COMMAND --help` lists the options of a command.", ""]
+    lines = [
+        "# mjrun",
+        "",
+        "> MuJoCo models to videos, images, tables and timing reports, with one headless command.",
+        "",
+    ]
+    lines += [
+        "`mjrun skill` prints instructions for agents. `mjrun COMMAND --help` lists the options of a command.",
+        "",
+    ]
     for caption, names in CONTENTS.items():
         lines += [f"## {caption}", ""]
         for name in names:

@@ -1,0 +1,75 @@
+"""The site: every page is reachable, every link leads somewhere, and every rule is explained."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mjrun.check.rule_table import RULES
+from mjrun.cli.main import COMMANDS
+from tests.documentation import ROOT
+
+sys.path.append(str(ROOT))
+
+from scripts import make_docs
+
+LINK = re.compile(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)")
+
+
+@pytest.fixture(scope="module")
+def pages() -> dict[str, str]:
+    return {name: text for name, text in make_docs.pages().items() if name.endswith(".md")}
+
+
+def prose(text: str) -> str:
+    return re.sub(r"^```.*?^```|`[^`\n]*`", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def test_every_link_leads_to_a_page_or_a_file(pages: dict[str, str]) -> None:
+    for name, text in pages.items():
+        for target, _ in LINK.findall(prose(text)):
+            place = os.path.normpath(Path(name).parent / target) if target else name
+            file = ROOT / place.removeprefix("files/")
+            assert place in pages or (place.startswith("files/") and file.is_file()), f"{name}: {target}"
+
+
+def test_every_page_is_in_the_contents_once(pages: dict[str, str]) -> None:
+    listed = [f"{name}.md" for names in make_docs.CONTENTS.values() for name in names]
+    for name, text in pages.items():
+        if name != "index.md":
+            trees = re.findall(r"```\{toctree\}.*?```", text, re.DOTALL)
+            entries = "\n".join(trees).splitlines()
+            listed += [f"{Path(name).parent / entry}.md" for entry in entries if re.fullmatch(r"[\w/-]+", entry)]
+
+    assert sorted(listed) == sorted(pages.keys() - {"index.md"})
+
+
+def test_every_command_and_every_rule_has_a_page(pages: dict[str, str]) -> None:
+    assert {f"reference/commands/{name}.md" for name in COMMANDS} <= pages.keys()
+
+    explanations = make_docs.rule_explanations()
+    assert explanations.keys() == RULES.keys()
+    assert all(len(text.split()) >= 8 for text in explanations.values())
+
+
+def test_a_command_page_has_each_option_of_its_help(pages: dict[str, str], tmp_path: Path) -> None:
+    help_text = subprocess.run(
+        [sys.executable, "-m", "mjrun", "video", "--help"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    options = set(re.findall(r"^  (?:-\w, )?(--[a-z-]+)", help_text, re.MULTILINE)) - {"--help"}
+
+    assert len(options) > 60
+    assert all(
+        f"{option}`" in text or f"{option} " in text
+        for text in [pages["reference/commands/video.md"]]
+        for option in options
+    )
+
+
+@pytest.mark.slow
+def test_sphinx_builds_the_site_without_a_warning(tmp_path: Path) -> None:
+    make_docs.write_source(tmp_path / "source")
+    make_docs.build(tmp_path / "source", tmp_path / "site", builder="dummy")
