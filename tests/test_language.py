@@ -71,9 +71,10 @@ def _modules(room: str) -> list[Path]:
     return sorted((ROOT / room).glob("*.py") if room == "." else (ROOT / room).rglob("*.py"))
 
 
-def _is_property(node: ast.AST) -> bool:
-    names = [ast.unparse(each) for each in getattr(node, "decorator_list", [])]
-    return any(name.split(".")[-1] in ("property", "cached_property", "setter") for name in names)
+def _is_property_or_command(node: ast.AST) -> bool:
+    """Tells whether a docstring is a noun, as of properties, or the help of a command, which is an imperative."""
+    names = [ast.unparse(each).partition("(")[0] for each in getattr(node, "decorator_list", [])]
+    return any(name.split(".")[-1] in ("property", "cached_property", "setter", "command") for name in names)
 
 
 def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.AST, int, str]]:
@@ -120,7 +121,7 @@ def openings_without_verb(room: str) -> list[str]:
         for path in _modules(room)
         for node, line, text in _docstrings(_tree(path))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and not _is_property(node)
+        and not _is_property_or_command(node)
         and not VERB.match(text)
         and not HEADLESS.match(text)
     ]
