@@ -28,7 +28,7 @@ from mjrun.errors import (
     spelled,
 )
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
-from mjrun.formats.tables import formats
+from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
 from mjrun.options import evaluation, fit, sweep, task
@@ -139,7 +139,7 @@ def _wrong_version(group: str, name: str, status: str, error: WrongVersionError)
 def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     """The extras of mjrun: the libraries that each installs, and the features that need them."""
     extras: dict[str, tuple[Sequence[str], list[str]]] = {}
-    for table in formats().values():
+    for table in FORMATS.values():
         if table.extra:
             extras.setdefault(table.extra, ([table.library], []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = ([figure_writer.LIBRARY], ["plots"])

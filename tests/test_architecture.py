@@ -43,7 +43,7 @@ LIBRARIES = {
     "PIL": (
         "rendering.text",
         "rendering.graph",
-        "formats.image_format",
+        "formats.image_encoding",
         "formats.image_reader",
         "formats.video_reader",
     ),

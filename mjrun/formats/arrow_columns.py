@@ -1,73 +1,52 @@
 """Columns as Apache Arrow holds them, for the formats that pyarrow writes and reads: Parquet and Feather.
 
-A text column is a dictionary of strings, null for no text; one of integers has 64 bits, null for NaN. The metadata of a
-field has `unit`, `meaning`, `kind` and `id`; that of the schema has the manifest under `mjrun`. pyarrow is imported
-inside functions: it is an extra.
+A text column is a dictionary of strings, null for no text; a column of integers has 64 bits, null for NaN. The metadata
+of a field has `unit`, `meaning`, `kind` and `id`; the metadata of the schema has the manifest under `mjrun`.
 """
-
-from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet
+from pyarrow import types
 
 from mjrun.errors import FileError, clean
 from mjrun.expansion import require_expandable
+from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import cut
-from mjrun.formats.table_format import (
-    PIECE,
-    Cells,
-    ColumnFilter,
-    number_cells,
-    select,
-    shown,
-    side_by_side,
-    text_cells,
-)
+from mjrun.formats.table_contents import Cells
 from mjrun.formats.text_columns import exact_cells
 from mjrun.model.column import Column
-
-if TYPE_CHECKING:
-    from decimal import Decimal
-
-    import pyarrow
-    import pyarrow.parquet
 
 MANIFEST = "mjrun"  # the key of the manifest
 
 
 def schema_of(columns: Sequence[Column]) -> pyarrow.Schema:
-    """The Arrow schema of `columns`."""
-    import pyarrow
-
-    number, integer = pyarrow.float64(), pyarrow.int64()
+    """Returns the Arrow schema of `columns`."""
     text = pyarrow.dictionary(pyarrow.int32(), pyarrow.string())
-    kinds = [text if c.labels else integer if c.integer else number for c in columns]
     fields: list[pyarrow.Field] = []
-    for column, kind in zip(columns, kinds, strict=True):
+    for column in columns:
+        kind = text if column.labels else pyarrow.int64() if column.integer else pyarrow.float64()
         metadata = {"unit": column.unit, "meaning": column.meaning, "kind": column.kind, "id": str(column.id)}
         fields.append(pyarrow.field(column.name, kind, metadata=metadata))
     return pyarrow.schema(fields)
 
 
 def record_batch(group: np.ndarray, columns: Sequence[Column], schema: pyarrow.Schema) -> pyarrow.RecordBatch:
-    """The rows in `group` `(columns, rows)`."""
-    import pyarrow
-
+    """Returns the rows in `group` `(columns, rows)`."""
     return pyarrow.record_batch([_array(*pair) for pair in zip(group, columns, strict=True)], schema=schema)
 
 
-def select_columns(path: Path, schema: pyarrow.Schema, wanted: ColumnFilter, cells: Cells) -> dict[str, int]:
-    """The columns that the filter accepts, each with its index.
+def select_columns(path: Path, schema: pyarrow.Schema, wanted: tables.ColumnFilter, cells: Cells) -> dict[str, int]:
+    """Returns the columns that the filter accepts, each with its index.
 
     Raises:
-      FileError: two of them have one name, or one holds something else than numbers, or texts where they may.
+      FileError: two of them have one name, or one holds something other than the accepted cells.
     """
-    from pyarrow import types
-
-    indices = select(path, schema.names, wanted)
+    indices = tables.select(path, schema.names, wanted)
     for name, index in indices.items():
         kind = schema.field(index).type
         inner = kind.value_type if types.is_dictionary(kind) else kind
@@ -75,22 +54,22 @@ def select_columns(path: Path, schema: pyarrow.Schema, wanted: ColumnFilter, cel
         if cells is Cells.ANY:
             kinds += [_is_text, types.is_null]
         if not any(is_kind(inner) for is_kind in kinds):
-            raise FileError(path, f"column {shown(name)} holds {clean(cut(str(inner)))}, not numbers")
+            raise tables.not_numbers(path, name, clean(cut(str(inner))))
     return indices
 
 
 def block_rows(columns: int) -> int:
-    """How many rows of so many columns make a block."""
-    return max(1, PIECE // max(1, columns))
+    """Returns the number of rows in a block of `columns` columns."""
+    return max(1, tables.PIECE // max(1, columns))
 
 
 def blocks(
     path: Path, names: Sequence[str], batches: Iterable[pyarrow.RecordBatch], cells: Cells
 ) -> Iterator[np.ndarray]:
-    """The rows of `batches`, which hold the columns `names` and nothing else, in blocks `(n, columns)`.
+    """Yields the rows of `batches`, which hold the columns `names` and nothing else, in blocks `(n, columns)`.
 
     Raises:
-      FileError: a value is null, unless there may be gaps; the message says in which row.
+      FileError: a value is null, and gaps are not accepted; the message names the row.
     """
     before = 0
     for batch in batches:
@@ -99,11 +78,11 @@ def blocks(
             pairs = zip(names, piece.columns, strict=True)
             columns = [_cells(path, name, array, before, cells) for name, array in pairs]
             before += piece.num_rows
-            yield side_by_side(columns, piece.num_rows)
+            yield tables.side_by_side(columns, piece.num_rows)
 
 
 def row_group_sizes(metadata: pyarrow.parquet.FileMetaData, names: Collection[str]) -> list[int]:
-    """Returns how many bytes the pages of columns take in each row group, decompressed, according to a Parquet file."""
+    """Returns the decompressed bytes of the pages of columns in each row group, as a Parquet file states them."""
     groups = [metadata.row_group(index) for index in range(metadata.num_row_groups)]
     chunks = [[group.column(index) for index in range(group.num_columns)] for group in groups]
     return [sum(each.total_uncompressed_size for each in row if each.path_in_schema in names) for row in chunks]
@@ -114,14 +93,12 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
 
     Args:
       path: of the file, for messages.
-      repeated: columns of texts of which equal ones are in memory once: dictionaries.
+      repeated: text columns to read as dictionaries, which have equal texts in memory once.
 
     Raises:
       FileError: it would fill the memory.
     """
-    from pyarrow import parquet
-
-    content = parquet.ParquetFile(file, read_dictionary=[*repeated])
+    content = pyarrow.parquet.ParquetFile(file, read_dictionary=[*repeated])
     numbers = 8 * content.metadata.num_rows * content.metadata.num_columns  # bytes
     names = content.schema_arrow.names
     require_expandable(path, numbers + sum(row_group_sizes(content.metadata, names)))
@@ -129,18 +106,16 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
 
 
 def units(schema: pyarrow.Schema, indices: dict[str, int]) -> dict[str, str]:
-    """The units of the selected columns, as far as mjrun wrote them."""
+    """Returns the units of the selected columns, as far as mjrun wrote them."""
     metadata = {name: schema.field(index).metadata or {} for name, index in indices.items()}
-    return {name: found.get(b"unit", b"").decode("utf-8", "replace") for name, found in metadata.items()}
+    return {name: values.get(b"unit", b"").decode("utf-8", "replace") for name, values in metadata.items()}
 
 
 def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> pyarrow.Array:
-    """An Arrow array of `values` `(n,)`; those that are not `valid` are null.
+    """Returns an Arrow array of `values` `(n,)`; those that are not `valid` are null.
 
-    `pyarrow.array` does the same, and imports pandas where it is installed, to see whether it is given any of that.
+    `pyarrow.array` does the same, but imports pandas where it is installed, to recognize its types.
     """
-    import pyarrow
-
     mask = None
     if valid is not None and not valid.all():
         mask = pyarrow.py_buffer(np.packbits(valid, bitorder="little"))
@@ -149,9 +124,7 @@ def number_array(values: np.ndarray, valid: np.ndarray | None = None) -> pyarrow
 
 
 def text_array(texts: Sequence[str]) -> pyarrow.Array:
-    """An Arrow array of texts."""
-    import pyarrow
-
+    """Returns an Arrow array of texts."""
     encoded = [text.encode() for text in texts]
     offsets = np.zeros(len(encoded) + 1, np.int32)
     np.cumsum([len(text) for text in encoded], out=offsets[1:])
@@ -161,8 +134,6 @@ def text_array(texts: Sequence[str]) -> pyarrow.Array:
 
 
 def _array(values: np.ndarray, column: Column) -> pyarrow.Array:
-    import pyarrow
-
     if column.integer:
         gaps = np.isnan(values)
         return number_array(np.where(gaps, 0, values).astype(np.int64), ~gaps)
@@ -173,34 +144,30 @@ def _array(values: np.ndarray, column: Column) -> pyarrow.Array:
 
 
 def _cells(path: Path, name: str, array: pyarrow.Array, before: int, cells: Cells) -> np.ndarray:
-    from pyarrow import types
-
     if types.is_dictionary(array.type) and _is_text(array.type.value_type):
-        texts = array.dictionary.to_pylist()  # each of which is in memory once, however often it occurs
-        return text_cells([None if index is None else texts[index] for index in array.indices.to_pylist()])
+        texts = array.dictionary.to_pylist()  # each is in memory once, however often it occurs
+        return tables.text_cells([None if index is None else texts[index] for index in array.indices.to_pylist()])
     plain = array.dictionary_decode() if types.is_dictionary(array.type) else array
     if _is_text(plain.type):
-        return text_cells(plain.to_pylist())
+        return tables.text_cells(plain.to_pylist())
     if types.is_decimal(plain.type) and cells is Cells.ANY:
-        return exact_cells(plain.to_pylist(), _decimal_floats)
+        return exact_cells(plain.to_pylist(), _floats)
     if not plain.null_count:
-        return number_cells(plain.to_numpy(zero_copy_only=False), cells)
+        return tables.number_cells(plain.to_numpy(zero_copy_only=False), cells)
 
     null = plain.is_null().to_numpy(zero_copy_only=False)
     if cells < Cells.GAPS:
         row = before + int(null.argmax())
-        raise FileError(path, f"row {row}: column {shown(name)}: null is not a number")
-    numbers = number_cells(plain.drop_null().to_numpy(zero_copy_only=False), cells)
+        raise FileError(path, f"row {row}: column {tables.shown(name)}: null is not a number")
+    numbers = tables.number_cells(plain.drop_null().to_numpy(zero_copy_only=False), cells)
     values = np.full(len(null), np.nan, numbers.dtype)
     values[~null] = numbers
     return values
 
 
 def _is_text(kind: pyarrow.DataType) -> bool:
-    from pyarrow import types
-
     return types.is_string(kind) or types.is_large_string(kind)
 
 
-def _decimal_floats(values: list[Decimal | None]) -> np.ndarray:
+def _floats(values: list[Any]) -> np.ndarray:
     return np.array([np.nan if value is None else float(value) for value in values])

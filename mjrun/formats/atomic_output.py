@@ -1,12 +1,12 @@
-"""Outputs that appear whole or not at all.
+"""Outputs that appear whole, or not.
 
-After any failure, kill or full disk there is the old output or the new one, never a mixture.
+After any failure, kill or full disk the target is the old output or the new one, never a mixture.
 """
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 from mjrun.closable import Closable
 from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError
@@ -15,14 +15,16 @@ from mjrun.formats.temporary_output import one_at_a_time
 from mjrun.interruption import uninterrupted
 from mjrun.shared_status import completing
 
+T = TypeVar("T", bound=Any)
+
 
 class OutputWriter(Closable):
     """Base of all writers: a context manager that leaves nothing behind unless the output was published.
 
-    Creating the destination proves that the output can be written.
+    Creating the destination checks that the output can be written.
 
     Attributes:
-      resources: closed when the writer is, last opened first; the destination is discarded last.
+      resources: open files and processes, closed with the writer, last opened first; the destination is discarded last.
     """
 
     def __init__(self, destination: Destination) -> None:
@@ -39,7 +41,7 @@ class OutputWriter(Closable):
         Raises:
           FileError: the output cannot be written.
           EncoderError: the encoder failed, or frames are missing.
-          ClosedPipeError: nobody reads standard output any more.
+          ClosedPipeError: the reader of standard output closed the pipe.
         """
         if not self._is_finished:
             self.complete()
@@ -62,12 +64,12 @@ class OutputWriter(Closable):
         return [self]
 
     def close(self) -> None:
-        """Closes what is open, and removes what was not published."""
+        """Closes open resources, and removes output that was not published."""
         self.resources.close()
 
     @contextlib.contextmanager
     def opening(self) -> Iterator[None]:
-        """Wraps the rest of a constructor: if it fails, everything is closed and removed."""
+        """Wraps the rest of a constructor: a failure closes and removes everything."""
         try:
             with self.writing():
                 yield
@@ -77,7 +79,7 @@ class OutputWriter(Closable):
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
-        """Turns what the operating system raises into the errors of mjrun."""
+        """Turns errors of the operating system into those of mjrun."""
         try:
             yield
         except BrokenPipeError:
@@ -86,20 +88,20 @@ class OutputWriter(Closable):
             raise unwritable(self.destination.shown, error) from None
 
     def open_file(self) -> BinaryIO:
-        """The file to write to, closed with the writer."""
+        """Opens the file to write to, which is closed with the writer."""
         stdout = self.destination.stdout
         file = open(self.destination.path if stdout is None else stdout, "wb", closefd=stdout is None)  # noqa: SIM115
-        self.resources.callback(_close_quietly, file)
+        self.resources.enter_context(closing_quietly(file))
         return file
 
     def write_file(self, content: bytes) -> None:
-        """Writes all of the output at once."""
+        """Writes the whole output at once."""
         with self.writing(), self.open_file() as file:
             file.write(content)
 
 
 def written_file(path: Path, content: bytes) -> OutputWriter:
-    """A file with its content, still to be published.
+    """Writes a file that is still to be published.
 
     Raises:
       FileError: it cannot be written.
@@ -113,17 +115,17 @@ def written_file(path: Path, content: bytes) -> OutputWriter:
 def publish_together(
     writers: Sequence[OutputWriter], last: Callable[[Sequence[Path]], OutputWriter] | None = None
 ) -> list[Path]:
-    """Publishes outputs that belong together, and returns their files.
+    """Publishes outputs together, and returns their files.
 
-    All are finished and on the disk before the first is moved to its place. If one of them cannot be moved, those that
-    were moved are taken back.
+    All are finished and synced to the disk before the first is moved to its place. If one cannot be moved, those that
+    were moved are restored.
 
     Args:
-      last: writes what tells of these files, once they are in their places, and returns its writer, to be published
+      last: writes a file about these files, once they are in their places, and returns its writer, which is published
         with them. Its own file is not among those returned.
 
     Raises:
-      PartlyDoneError: an output cannot be moved, and another could not be taken back.
+      PartlyDoneError: an output cannot be moved, and another could not be restored.
       MjrunError: as `OutputWriter.finish`, or an output cannot be moved.
     """
     writers = [part for writer in writers for part in writer.together]
@@ -139,7 +141,7 @@ def publish_together(
 
 @contextlib.contextmanager
 def nobody_else_publishes(writers: Sequence[OutputWriter]) -> Iterator[None]:
-    """Within the `with` block, no other process publishes in the folders of these outputs."""
+    """Keeps other processes from publishing in the folders of these outputs during the `with` block."""
     folders = {part.destination.folder for writer in writers for part in writer.together}
     with contextlib.ExitStack() as locks:
         for folder in sorted(filter(None, folders)):  # in one order, for all processes
@@ -148,8 +150,9 @@ def nobody_else_publishes(writers: Sequence[OutputWriter]) -> Iterator[None]:
 
 
 def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], OutputWriter] | None") -> list[Path]:
-    """Moves what is finished to its place, all of it or nothing."""
-    files, published = list[Path](), list[Destination]()
+    """Moves finished outputs to their places, all of them or none."""
+    files: list[Path] = []
+    published: list[Destination] = []
     failed = destinations[0].shown if destinations else Path()
     try:
         for destination in destinations:
@@ -169,7 +172,7 @@ def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], Out
             raise PartlyDoneError(remaining, [(str(failed), error)]) from None
         raise
     for destination in published:
-        destination.discard()  # what was there before
+        destination.discard()  # the older output
     return files
 
 
@@ -188,7 +191,11 @@ def _is_taken_back(destination: Destination) -> bool:
     return True
 
 
-def _close_quietly(file: BinaryIO) -> None:
-    """Closes `file`, whether or not what is still buffered can be written."""
-    with contextlib.suppress(OSError):
-        file.close()
+@contextlib.contextmanager
+def closing_quietly(file: T) -> Iterator[T]:
+    """Closes a file at the end, even if the rest of its buffer cannot be written."""
+    try:
+        yield file
+    finally:
+        with contextlib.suppress(OSError, ValueError):
+            file.close()

@@ -1,4 +1,4 @@
-"""Where outputs are written, and how they get to their places: files, folders and patterns of frames, standard output.
+"""Destinations of outputs: files, folders and patterns of frames, standard output.
 
 An output is written next to its final place under a temporary name, and renamed when it is complete.
 """
@@ -32,17 +32,17 @@ from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_
 from mjrun.shared_status import note_folder
 
 FRAME_NAME = "%06d.png"
-NAME_MAX = 255  # bytes of the name of a file
+NAME_MAX = 255  # bytes in the name of a file
 
 
 class Destination:
-    """Where an output is written, and how it gets to its final place.
+    """A place where an output is written, and from which it moves to its final place.
 
     Attributes:
-      path: where to write.
-      shown: what it is called in messages.
-      folder: where its final place is, if that is a file or a folder.
-      stdout: the file descriptor to write to if this is standard output.
+      path: path to write to.
+      shown: path in messages.
+      folder: folder of its final place, if that is a file or a folder.
+      stdout: file descriptor to write to, if this is standard output.
     """
 
     path: str
@@ -51,10 +51,10 @@ class Destination:
     stdout: int | None = None
 
     def sync(self) -> None:
-        """Sees to it that what was written is on the disk."""
+        """Syncs the output to the disk."""
 
     def publish(self) -> list[Path]:
-        """Moves the output to its final place and returns its files. What was there is kept until `discard`."""
+        """Moves the output to its final place and returns its files. The older output is kept until `discard`."""
         return []
 
     def take_back(self) -> None:
@@ -66,14 +66,11 @@ class Destination:
         raise NotImplementedError
 
     def discard(self) -> None:
-        """Removes all but what is published."""
+        """Removes everything that is not published."""
 
 
 class _Staged(Destination):
-    """An output that is written beside its place: a file, or a folder of frames.
-
-    What must be so before it is written, `prepare` checks or brings about.
-    """
+    """An output that is written beside its place: a file, or a folder of frames."""
 
     def __init__(self, shown: Path, target: Path, *, is_folder: bool) -> None:
         self.shown, self.folder = shown, target.parent
@@ -84,14 +81,20 @@ class _Staged(Destination):
             except OSError as error:
                 raise unwritable(shown, error) from None
             self._temporary = _temporary(target, shown, self._parents, folder=is_folder)
-        self.path = _pattern_in(self._temporary.path / NEW) if is_folder else str(self._temporary.path)
+        self.path = str(self._temporary.path)
+        if is_folder:
+            self.path = f"{self.path.replace('%', '%%')}/{NEW}/{FRAME_NAME}"
 
     def prepare(self) -> None:
-        """Checks that the output can be there; raises FileError or OSError if not."""
+        """Checks that the output can be placed there, and finishes what a killed process left unfinished.
+
+        Raises:
+          FileError: the output cannot be placed there; may be an OSError too.
+        """
         raise NotImplementedError
 
     def is_between(self) -> bool:
-        """Whether only a part of it is in its place, so that the next run with this name has to finish."""
+        """Returns whether only a part of it is in its place, so that the next run with this name has to finish."""
         return False
 
     def discard(self) -> None:
@@ -111,7 +114,7 @@ class StagedFile(_Staged):
 
     def __init__(self, target: Path) -> None:
         super().__init__(target, Path(os.path.realpath(target)), is_folder=False)  # a link stays a link
-        self._older: Path | None = None  # what was in its place
+        self._older: Path | None = None  # the file that was in its place
 
     def prepare(self) -> None:
         try:
@@ -152,8 +155,8 @@ class StagedFile(_Staged):
 class StagedFolder(_Staged):
     """A folder of numbered frames, which replaces one that holds nothing else.
 
-    If a killed process has left the older folder under another name, it gets its own back first. Frames are not synced:
-    a video of ten thousand would wait for the disk as often.
+    If a killed process has left the older folder under another name, it is first restored. Frames are not synced: a
+    video of ten thousand would wait for the disk ten thousand times.
 
     Raises:
       FileError: the folder cannot be made, or holds files that are not frames.
@@ -175,7 +178,7 @@ class StagedFolder(_Staged):
             replace_folder(self._temporary.path, self._target)
             return sorted(self.shown.iterdir(), key=frame_number)
         except OSError as error:
-            hint = "its frames are in a hidden folder beside it; the next run with this name puts them back"
+            hint = "its frames are in a hidden folder beside it; the next run with this name restores them"
             raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
     def take_back(self) -> None:
@@ -186,12 +189,12 @@ class StagedFolder(_Staged):
 
 
 class StagedFrames(_Staged):
-    """Frames named by a pattern such as `frame_%04d.png`. Other files whose names match are left alone.
+    """Frames named by a pattern such as `frame_%04d.png`. Other files with matching names are left alone.
 
-    If a process was killed while it gave its frames their names, the rest get theirs first.
+    If a process was killed while it renamed its frames, the rest are renamed first.
 
     Attributes:
-      others: names of matching files numbered beyond the last frame, known once the frames are published.
+      others: names of matching files with numbers after the last frame, known once the frames are published.
 
     Raises:
       FileError: the folder cannot be made or written.
@@ -237,13 +240,16 @@ class StagedFrames(_Staged):
 
 
 class StandardOutput(Destination):
-    """The process's standard output, which cannot be taken back."""
+    """The standard output of the process, which cannot be undone.
+
+    Args:
+      terminal: whether it may be a terminal, as for text.
+    """
 
     path = "pipe:1"
     shown = Path("-")
 
     def __init__(self, *, terminal: bool = False) -> None:
-        """`terminal`: whether it may be a terminal, as for text."""
         if sys.stdout.isatty() and not terminal:
             raise FileError("-", "standard output is a terminal", "send it to a file or a pipe")
         sys.stdout.flush()
@@ -253,11 +259,11 @@ class StandardOutput(Destination):
             raise FileError("-", "standard output is closed", "send it to a file or a pipe")
 
     def reader_is_gone(self) -> bool:
-        """Whether the other end of the pipe is closed."""
+        """Returns whether the other end of the pipe is closed."""
         return bool(self._events(0) & (select.POLLERR | select.POLLHUP))
 
     def is_full(self) -> bool:
-        """Whether the other end of the pipe must be read before more can be written."""
+        """Returns whether the other end of the pipe must be read before more can be written."""
         return not self._events(select.POLLOUT)
 
     def _events(self, which: int) -> int:
@@ -270,35 +276,35 @@ class StandardOutput(Destination):
 
 
 def remove_left_behind(folder: Path) -> None:
-    """Removes what processes that are gone have left in a folder.
+    """Removes files and folders that ended processes have left in a folder.
 
     Raises:
       OSError: the folder cannot be read.
     """
     with left_behind(folder) as leftovers:
         for path in leftovers:
-            if not (path / OLD).exists():  # which the next output to that target puts back
+            if not (path / OLD).exists():  # which the next output to that target restores
                 remove(path)
 
 
 def no_space(text: str) -> bool:
-    """Whether the log of an encoder says that the disk is full."""
+    """Returns whether the log of an encoder reports a full disk."""
     return os.strerror(errno.ENOSPC) in text or os.strerror(errno.EDQUOT) in text
 
 
 def _parents(shown: Path, target: Path) -> ParentFolders:
-    """Returns the folders of an output, once nothing else keeps it from being written."""
+    """Returns the folders of an output, after checking its name and the confinement."""
     if len(os.fsencode(shown.name)) > NAME_MAX:
         raise FileError(shown, f"cannot be written: its name is longer than {NAME_MAX} bytes")
     if not is_writable(target):
-        raise FileError(shown, f"lies outside the folders of the outputs, where alone {option('untrusted')} writes")
+        raise FileError(shown, f"is outside the folders of the outputs, and {option('untrusted')} writes nowhere else")
     return ParentFolders(shown, target.parent)
 
 
 def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: bool) -> TemporaryOutput:
-    """Where an output is written until it is complete; frames in the folder `new` of a folder."""
-    attempt, temporary = 0, None
-    while True:
+    """Creates the file or folder in which an output is written; frames are in the folder `new` of a folder."""
+    temporary = None
+    for attempt in range(1, TRIES + 1):
         try:
             remove_left_behind(target.parent)
             note_folder(target.parent)
@@ -309,14 +315,10 @@ def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: boo
         except OSError as error:
             if temporary:
                 temporary.remove()
-            attempt += 1
             if not isinstance(error, FileNotFoundError) or attempt == TRIES:
                 raise unwritable(shown, error) from None
-        parents.make()  # another process has removed what it had made
-
-
-def _pattern_in(folder: Path) -> str:
-    return f"{str(folder).replace('%', '%%')}/{FRAME_NAME}"
+        parents.make()  # another process has removed the folder that it had made
+    raise AssertionError
 
 
 def _check_only_frames(shown: Path, folder: Path) -> None:
@@ -327,10 +329,10 @@ def _check_only_frames(shown: Path, folder: Path) -> None:
         raise FileError(
             shown,
             f"the folder holds other files ({sorted(others)[0]!r}), and would be replaced as a whole",
-            "give a new folder, or a pattern such as frame_%04d.png",
+            "specify a new folder, or a pattern such as frame_%04d.png",
         )
 
 
 def unwritable(shown: Path, error: OSError, hint: str = "") -> FileError:
-    """The error that tells what the operating system refused."""
+    """Returns the error that states why the operating system refused an output."""
     return FileError(shown, f"cannot be written: {error.strerror or error}", hint)

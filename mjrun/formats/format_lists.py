@@ -1,4 +1,4 @@
-"""The lists of formats in help texts, made from the formats that there are."""
+"""The lists of formats in help texts, made from the declarations of the formats."""
 
 from collections.abc import Callable, Iterable
 
@@ -7,7 +7,7 @@ from mjrun.options.output import CODECS, DEPTH_IMAGES, PLOTS, RGB_IMAGES, SEGMEN
 
 
 def with_formats(text: str) -> str:
-    """`text` with the names of formats where it has a placeholder for them, such as `{table formats}`."""
+    """Replaces placeholders in `text`, such as `{table formats}`, by the names of formats."""
     for placeholder, names in LISTS.items():
         if placeholder in text:
             text = text.replace(placeholder, ", ".join(names()))
@@ -15,16 +15,16 @@ def with_formats(text: str) -> str:
 
 
 def _tables() -> Iterable[str]:
-    return (_name(known.suffixes) for known in tables.formats().values())
+    return (_name(known.suffixes) for known in tables.FORMATS.values())
 
 
 def _videos() -> Iterable[str]:
-    """Containers; frames in files of their own and raw pixels are described beside them."""
+    """Returns the containers, except separate image files and raw pixels, which help describes separately."""
     return [name for name, known in codecs.CONTAINERS.items() if known.muxer not in ("image2", "rawvideo")]
 
 
 def _codecs() -> Iterable[str]:
-    """Those among which a container leaves a choice."""
+    """Returns the codecs of containers that offer several."""
     held = [codecs.CONTAINERS[name].codecs for name in _videos()]
     return dict.fromkeys(codec for choice in held if len(choice) > 1 for codec in choice)
 
@@ -34,7 +34,7 @@ def _images(view: str) -> Iterable[str]:
 
 
 def _name(suffixes: Iterable[str]) -> str:
-    """The usual suffix of a format, which comes first."""
+    """Returns the usual suffix of a format, which is its first."""
     return next(iter(suffixes)).removeprefix(".")
 
 

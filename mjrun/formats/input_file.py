@@ -13,28 +13,28 @@ from typing import Any, BinaryIO, TypeVar
 from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.errors import FileError, MjrunError, clean, suggestion
 
-SHOWN = 80  # characters of a text from a file that a message shows
+SHOWN = 80  # longest text from a file that a message shows [characters]
 
 T = TypeVar("T")
 
 
 def cut(text: str) -> str:
-    """`text`, shortened for a message."""
+    """Returns `text`, shortened for a message."""
     return text if len(text) <= SHOWN else text[: SHOWN - 1] + "…"
 
 
 def is_file(path: str | Path) -> bool:
-    """Whether there is such a file. Unlike `Path.is_file`, this takes any name, of whatever length."""
+    """Returns whether `path` is a file. Unlike `Path.is_file`, this accepts names of any length."""
     return os.path.isfile(path)  # noqa: PTH113
 
 
 def is_folder(path: str | Path) -> bool:
-    """Whether there is such a folder, of whatever name."""
+    """Returns whether `path` is a folder; accepts names of any length."""
     return os.path.isdir(path)  # noqa: PTH112
 
 
 def exists(path: str | Path) -> bool:
-    """Whether there is anything at `path`, of whatever name."""
+    """Returns whether `path` exists; accepts names of any length."""
     return os.path.exists(path)  # noqa: PTH110
 
 
@@ -42,9 +42,9 @@ def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "
     """Checks that `path` is a regular file.
 
     Args:
-      what: the kind of file, as in `table`.
-      suffixes: of files to suggest if there is no such file.
-      hint: what else the user can do then.
+      what: kind of file in messages, as in `table`.
+      suffixes: suffixes of files to suggest if the file is missing.
+      hint: further advice for that case.
 
     Raises:
       FileError: it is not.
@@ -55,7 +55,7 @@ def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "
 
 @contextlib.contextmanager
 def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> Iterator[BinaryIO]:
-    """Opens the regular file at `path` to read. It is checked once it is open, so that nobody can change it in between.
+    """Opens the regular file at `path` for reading. It is checked once it is open, so that it cannot be exchanged.
 
     Raises:
       FileError: as `require_file`.
@@ -73,7 +73,7 @@ def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> 
 
 @contextlib.contextmanager
 def _readable(path: Path, suffixes: Collection[str], hint: str) -> Iterator[None]:
-    """Turns what the operating system raises into a FileError."""
+    """Turns errors of the operating system into a FileError."""
     if not is_readable(path):
         raise FileError(path, OUTSIDE, advice())
     try:
@@ -92,11 +92,11 @@ def _check(path: Path, mode: int, what: str, hint: str) -> None:
 
 @contextlib.contextmanager
 def decoding(path: Path, fault: str = "", hint: str = "") -> Iterator[None]:
-    """Turns whatever a library raises on a file that it cannot decode, which is documented nowhere, into a FileError.
+    """Turns the exceptions of a library on a file that it cannot decode, which are undocumented, into a FileError.
 
     Args:
-      fault: what is wrong with such a file; `cannot be read as .npz` by default, with its suffix.
-      hint: what the user can do then.
+      fault: description of such a file; `cannot be read as .npz` by default, with its suffix.
+      hint: advice for the user.
 
     Raises:
       FileError: it cannot be decoded.
@@ -118,7 +118,7 @@ def decoding(path: Path, fault: str = "", hint: str = "") -> Iterator[None]:
 
 
 def decoded(path: Path, items: Iterator[T]) -> Iterator[T]:
-    """The items that a library decodes one after another, each within `decoding`."""
+    """Yields the items that a library decodes one after another, each within `decoding`."""
     end = object()
     while True:
         with decoding(path):
@@ -129,7 +129,7 @@ def decoded(path: Path, items: Iterator[T]) -> Iterator[T]:
 
 
 def parse_manifest(text: str | bytes | None) -> dict[str, Any] | None:
-    """The manifest in a file, or None if there is none; the file is not trusted, and may say anything."""
+    """Returns the manifest in a file; None if `text` is anything else, as the file is untrusted."""
     try:
         manifest = json.loads(text or "null")
     except (ValueError, RecursionError):

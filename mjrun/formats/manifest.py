@@ -1,4 +1,4 @@
-"""What made an output: a JSON document beside it, with a fingerprint of every file."""
+"""Manifests: JSON documents that state how outputs were made, with a fingerprint of every file."""
 
 import hashlib
 import json
@@ -15,7 +15,7 @@ MOST = 2**24  # bytes of a sidecar that are read, at most
 
 
 class ManifestWriter(OutputWriter):
-    """Writes one manifest. Opening it proves that the output can be written.
+    """Writes one manifest. Opening it checks that the output can be written.
 
     Raises:
       FileError: the output cannot be written.
@@ -35,7 +35,7 @@ class ManifestWriter(OutputWriter):
         self.write_document(document)
 
     def write_document(self, manifest: Mapping[str, Any]) -> None:
-        """Writes a manifest that has its fingerprints already.
+        """Writes a manifest that already has its fingerprints.
 
         Raises:
           FileError: it cannot be written.
@@ -44,25 +44,25 @@ class ManifestWriter(OutputWriter):
 
 
 def with_fingerprints(facts: Mapping[str, Any], files: Iterable[Path]) -> dict[str, Any]:
-    """`facts`, and the fingerprints of `files` under `outputs`."""
+    """Returns `facts`, and the fingerprints of `files` under `outputs`."""
     return {**facts, "outputs": [fingerprint(file) for file in files]}
 
 
 def fingerprint(path: Path) -> dict[str, object]:
-    """Path, size [bytes] and SHA-256 of a file."""
+    """Returns path, size [bytes] and SHA-256 of a file."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256")
         return {"path": str(path), "bytes": file.tell(), "sha256": digest.hexdigest()}
 
 
 def sidecar_path(table: Path) -> Path | None:
-    """Where the manifest of a table is; None if its format holds the manifest itself."""
+    """Returns the path of the manifest of a table; None if the table itself holds it."""
     known = format_of_suffix(table.suffix)
-    return None if known is None or known.holds_manifest else table.with_name(f"{table.name}.json")
+    return table.with_name(f"{table.name}.json") if known and known.is_text else None
 
 
 def read_sidecar(table: Path) -> dict[str, Any] | None:
-    """The manifest beside a table; None if there is none, or if the table is not the one that it was written for."""
+    """Returns the manifest beside a table; None if it is missing, or was written for another table."""
     path = sidecar_path(table)
     try:
         if path is None or path.stat().st_size > MOST:
@@ -76,7 +76,7 @@ def read_sidecar(table: Path) -> dict[str, Any] | None:
 
 
 def _describes(outputs: object, table: Path) -> bool:
-    """Whether one of the outputs that a manifest lists is `table`, as it is now."""
+    """Returns whether one of the outputs that a manifest lists is `table` in its present state."""
     if not isinstance(outputs, list):
         return False
     size = table.stat().st_size

@@ -1,4 +1,4 @@
-"""NumPy's .npy, read without unpickling anything: the header of an array, and arrays in an archive by their names."""
+"""NumPy's .npy, read without unpickling: the header of an array, and arrays in an archive by their names."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from mjrun.expansion import require_expandable
 if TYPE_CHECKING:
     import numpy as np
 
-NUMERIC = "biuf"  # the kinds of types that hold numbers: booleans, integers, floats
+NUMERIC = "biuf"  # kinds of types that hold numbers: booleans, integers, floats
 _CONTENTS = {"U": "text", "S": "text", "O": "objects", "c": "complex values"}
-_LENGTHS = {(1, 0): 2, (2, 0): 4}  # bytes that hold the length of a header
-_LONGEST = 2**16  # bytes of a header that are read; NumPy would first read as many as the file says, up to 4 GiB
+_LENGTHS = {(1, 0): 2, (2, 0): 4}  # bytes of the length of a header, by version
+_LONGEST = 2**16  # bytes of a header that are read; NumPy would read as many as the file states, up to 4 GiB
 
 
 def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """The shape of an array, whether it is in Fortran order, and its type; `file` is then at its first value.
+    """Reads the shape of an array, whether it is in Fortran order, and its type; stops at its first value.
 
     Raises:
-      ValueError: this is no array, or of a version that mjrun does not know.
+      ValueError: the file is not an array, or has an unknown version.
     """
     import numpy as np
 
     npy = np.lib.format
     version = npy.read_magic(file)
     if version not in _LENGTHS:
-        raise ValueError(f"an array is of the unknown version {version}")
+        raise ValueError(f"an array has the unknown version {version}")
     length = file.read(_LENGTHS[version])
     header = file.read(min(int.from_bytes(length, "little"), _LONGEST))
     read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
@@ -39,14 +39,14 @@ def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
 
 
 def read_arrays(path: Path, file: BinaryIO, names: Collection[str]) -> dict[str, np.ndarray]:
-    """The arrays of numbers with these names in the archive `file`, as far as it has them.
+    """Reads the arrays of numbers with these names in the archive `file`; missing ones are left out.
 
     Args:
-      path: of the archive, for messages.
+      path: path of the archive, for messages.
 
     Raises:
       FileError: together they would fill the memory.
-      ValueError: one holds no numbers, or is damaged.
+      ValueError: an array is damaged, or holds something other than numbers.
     """
     import numpy as np
 
@@ -65,5 +65,5 @@ def read_arrays(path: Path, file: BinaryIO, names: Collection[str]) -> dict[str,
 
 
 def content_name(dtype: np.dtype) -> str:
-    """What an array of this type holds, in words."""
+    """Returns the kind of content of an array of this type, in words."""
     return _CONTENTS.get(dtype.kind, dtype.name if dtype.isnative else dtype.str)

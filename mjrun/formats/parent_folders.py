@@ -1,7 +1,7 @@
-"""The folders that outputs are written in: missing ones are made, and removed again if nothing is published in them.
+"""Folders of outputs: missing ones are created, and removed again if nothing is published in them.
 
-All outputs of a process share the folders that it has made. The last output that is discarded removes those that are
-empty; where the process is killed, the one that watches it does.
+All outputs of a process share the folders that it has created. The last output that is discarded removes the empty
+ones; if the process is killed, the process that monitors it removes them.
 """
 
 import os
@@ -14,30 +14,31 @@ from mjrun.errors import FileError, clean
 from mjrun.interruption import uninterrupted
 from mjrun.shared_status import note_made_folder
 
-TRIES = 100  # while other processes remove what they had made
+TRIES = 100  # attempts while other processes remove folders that they had created
 
 _lock = threading.RLock()
-_users: dict[Path, int] = {}  # how many outputs use each folder that this process has made
+_users: dict[Path, int] = {}  # number of outputs that use each folder that this process has created
 
 
 class ParentFolders:
     """The folder of an output and those above it, which exist until `release`.
 
     Args:
-      shown: the output in messages, as the user names it.
-      folder: the folder, with its links resolved.
+      shown: path of the output in messages, as the user specified it.
+      folder: folder of the output, with its links resolved.
 
     Raises:
-      FileError: the folder is missing and cannot be made, is not a folder, or cannot be written to.
+      FileError: the folder is missing and cannot be created, is not a folder, or is not writable.
     """
 
     def __init__(self, shown: Path, folder: Path) -> None:
-        self._shown, self._folder = shown, folder
+        self._shown = shown
+        self._folder = folder
         self._used: list[Path] = []
         self.make()
 
     def make(self) -> None:
-        """Makes the folders that are missing, again if another process has removed them.
+        """Creates the missing folders, again if another process has removed them.
 
         Raises:
           FileError: as the constructor.
@@ -58,7 +59,7 @@ class ParentFolders:
 
     @contextmanager
     def opening(self) -> Iterator[None]:
-        """Wraps the rest of an output's constructor: if it fails, the folders are released."""
+        """Wraps the rest of an output's constructor: a failure releases the folders."""
         try:
             yield
         except BaseException:
@@ -66,7 +67,7 @@ class ParentFolders:
             raise
 
     def release(self) -> None:
-        """Removes the folders that this process has made, if they are empty and no other output uses them."""
+        """Removes the folders that this process has created, if they are empty and no other output uses them."""
         with _lock, uninterrupted():
             for folder in self._used:
                 _users[folder] -= 1
@@ -84,7 +85,7 @@ class ParentFolders:
     def _require_no_dangling_link(self) -> None:
         for path in (self._shown, *self._shown.parents):
             if os.path.islink(path) and not _exists(path):  # noqa: PTH114 – also of names that are too long
-                reason = f"there is no folder {clean(str(self._folder))}, where the link {clean(str(path))} leads"
+                reason = f"the link {clean(str(path))} leads to a missing folder, {clean(str(self._folder))}"
                 raise FileError(self._shown, reason)
 
     def _make_missing(self) -> None:
@@ -100,7 +101,7 @@ class ParentFolders:
             except OSError as error:
                 is_removed = isinstance(error, FileNotFoundError)  # the folder above it, by another process
                 if not is_removed or attempt == TRIES - 1:
-                    reason = f"the folder {clean(str(folder))} cannot be made: {error.strerror}"
+                    reason = f"the folder {clean(str(folder))} cannot be created: {error.strerror}"
                     raise FileError(self._shown, reason) from None
 
     def _require_writable(self) -> None:
@@ -108,7 +109,7 @@ class ParentFolders:
         if not self._folder.is_dir():
             fault = f"{clean(str(self._folder))} is not a folder"
         elif not os.access(self._folder, os.W_OK | os.X_OK):
-            fault = f"the folder {clean(str(self._folder))} cannot be written to"
+            fault = f"the folder {clean(str(self._folder))} is not writable"
         if fault and _exists(self._folder):  # another process may just have removed it
             raise FileError(self._shown, fault)
 

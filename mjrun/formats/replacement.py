@@ -1,8 +1,8 @@
-"""Files and folders that take the place of older ones, whatever fails and whenever the process is killed.
+"""Replacement of files and folders, safe against failures and kills.
 
 Frames wait in the folder `new` of a temporary folder. A folder of frames is exchanged for the older one in one step, or
-in two that can be undone. Frames with names of their own need a rename each: the folder is `moving` meanwhile, and
-whoever finds it so finishes. What was there before is kept, until all that belongs together is done.
+in two that can be undone. Frames with individual names need a rename each: the folder is called `moving` meanwhile, and
+the next process that sees it finishes. Older files are kept until all outputs of the pass are published.
 """
 
 import contextlib
@@ -16,16 +16,16 @@ from pathlib import Path
 from mjrun.formats.temporary_output import remove, unused_name
 
 NEW, OLD, MOVING = "new", "old", "moving"
-AT_FDCWD, RENAME_EXCHANGE = -100, 2  # of Linux: paths relative to the working folder; swap both names
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # constants of Linux: paths relative to the working folder; swap both names
 
-Place = Callable[[int], Path]  # of a frame, by its number
+Place = Callable[[int], Path]  # returns the path of a frame, given its number
 
 
 def replace_file(new: Path, target: Path) -> Path | None:
-    """Puts a file in the place of `target`, and returns where the older file is, if there is one and it can be kept.
+    """Replaces `target` by a file, and returns the path of the older file; None if it is missing or cannot be kept.
 
     Raises:
-      OSError: it cannot be done, and `target` is as it was.
+      OSError: it cannot be done, and `target` is unchanged.
     """
     if not os.path.lexists(target):
         new.rename(target)
@@ -48,12 +48,12 @@ def replace_file(new: Path, target: Path) -> Path | None:
 
 
 def _require_replaceable(target: Path) -> None:
-    """Checks that a file may be replaced: in a sticky folder, such as /tmp, that of another user may not.
+    """Checks that a file may be replaced: in a sticky folder, such as /tmp, a file of another user may not.
 
-    A second name of it, by which it is kept, could not be removed either.
+    A second link to it, which keeps it, could not be removed either.
 
     Raises:
-      PermissionError: it may not.
+      PermissionError: it may not be replaced.
     """
     folder, user = target.parent.stat(), os.geteuid()
     is_sticky = bool(folder.st_mode & stat.S_ISVTX)
@@ -62,10 +62,10 @@ def _require_replaceable(target: Path) -> None:
 
 
 def replace_folder(temporary: Path, target: Path) -> None:
-    """Puts the frames in the place of the folder `target`, whose own are in the temporary folder then.
+    """Replaces the folder `target` by the new frames, and moves its older frames to the temporary folder.
 
     Raises:
-      OSError: it cannot be done, and `target` is as it was.
+      OSError: it cannot be done, and `target` is unchanged.
     """
     new, old = temporary / NEW, temporary / OLD
     if not target.exists():
@@ -80,7 +80,7 @@ def replace_folder(temporary: Path, target: Path) -> None:
 
 
 def restore_folder(temporary: Path, target: Path) -> None:
-    """Puts the older frames back if `target` is missing: the process was stopped between two renames."""
+    """Restores the older frames if `target` is missing: the process was stopped between two renames."""
     if (temporary / OLD).exists() and not target.exists():
         (temporary / OLD).rename(target)
 
@@ -100,7 +100,7 @@ def take_back_folder(temporary: Path, target: Path) -> None:
 
 
 def exchange(one: Path, other: Path) -> bool:
-    """Exchanges two names in one step, as only Linux and some of its file systems can; False elsewhere."""
+    """Exchanges two names in one step, and returns whether that worked: only some file systems of Linux support it."""
     try:
         renameat2 = ctypes.CDLL(None).renameat2
     except AttributeError:
@@ -112,7 +112,7 @@ def move_frames(temporary: Path, place: Place) -> None:
     """Moves every frame to its place.
 
     Raises:
-      OSError: it cannot be done. All is as it was, or the folder `moving` still exists, if that fails as well.
+      OSError: it cannot be done. Everything is unchanged, or the folder `moving` still exists, if undoing failed too.
     """
     new, moving = temporary / NEW, temporary / MOVING
     names = [frame.name for frame in new.iterdir()]
@@ -127,7 +127,7 @@ def move_frames(temporary: Path, place: Place) -> None:
 
 
 def finish_frames(temporary: Path, place: Place) -> None:
-    """Moves what is still to be moved.
+    """Moves the frames that are not yet in their places.
 
     Raises:
       OSError: it cannot be done.
@@ -136,13 +136,18 @@ def finish_frames(temporary: Path, place: Place) -> None:
     for frame in sorted(moving.iterdir(), key=frame_number):
         target, older = place(frame_number(frame)), old / frame.name
         if os.path.lexists(target) and not os.path.lexists(older):
-            _keep(target, older)
+            if target.is_dir() and not target.is_symlink():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+            try:
+                os.link(target, older, follow_symlinks=False)
+            except OSError:  # a file system without links
+                target.rename(older)
         frame.rename(target)
     moving.rmdir()
 
 
 def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> None:
-    """Undoes `move_frames` of frames with these `names`. At every step, it could still be finished instead.
+    """Undoes `move_frames` of frames with these `names`; after every step, it could still be finished instead.
 
     Raises:
       OSError: it cannot be done.
@@ -160,15 +165,5 @@ def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> Non
 
 
 def frame_number(path: Path) -> int:
-    """The number of a frame that is named by it alone."""
+    """Returns the number of a frame, which is the stem of its name."""
     return int(path.stem)
-
-
-def _keep(target: Path, kept: Path) -> None:
-    """Gives a file that is about to be replaced a second name, or where it can have one only, another."""
-    if target.is_dir() and not target.is_symlink():
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
-    try:
-        os.link(target, kept, follow_symlinks=False)
-    except OSError:
-        target.rename(kept)

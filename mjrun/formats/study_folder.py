@@ -9,30 +9,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.arrow_columns import read_whole_parquet
 from mjrun.formats.input_file import decoding, opened
 from mjrun.suffixes import MODELS
 
 if TYPE_CHECKING:
     import pyarrow
 
-RESULTS, TRACE = "results.parquet", "trace.parquet"  # of the study, and of a point
-FIRST, STATUS = "point", "status"  # the columns around what varies and the metrics
+RESULTS, TRACE = "results.parquet", "trace.parquet"  # files of a study, and of a point
+FIRST, STATUS = "point", "status"  # columns around the parameters and the metrics
+NAME = "point.json"  # the manifest of a point
 _HINT = "a study is a folder that mjrun sweep has written"
-NAME = "point.json"
 
 
 @dataclass(frozen=True)
 class StudyResults:
-    """What is known of the points of a study.
+    """The results of the points of a study.
 
     Attributes:
-      folder: of the study.
-      parameters: what varies.
-      metrics: their names.
-      metric_columns: the columns of traces that they read.
-      numbers: the columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where there is none.
-      texts: the columns of texts, by name: `status`, `message`, and parameters such as models.
+      folder: folder of the study.
+      parameters: names of the varied parameters.
+      metrics: names of the metrics.
+      numbers: columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where a number is missing.
+      texts: columns of texts, by name: `status`, `message`, and parameters such as models.
+      metric_columns: columns of traces that the metrics read.
     """
 
     folder: Path
@@ -44,12 +43,12 @@ class StudyResults:
 
     @property
     def status(self) -> np.ndarray:
-        """How each point ended `(n,)`: `ok`, `unstable`, …"""
+        """The outcome of each point `(n,)`: `ok`, `unstable`, …"""
         return np.array(self.texts[STATUS])
 
     @property
     def traces(self) -> Mapping[int, Path]:
-        """The traces that are kept, by the number of their point."""
+        """The stored traces, by the number of their point."""
         folders = sorted(self.folder.glob("points/*"))
         traces = {int(folder.name): folder / TRACE for folder in folders if folder.name.isdecimal()}
         return {point: path for point, path in traces.items() if path.is_file() and point < len(self)}
@@ -59,23 +58,25 @@ class StudyResults:
 
 
 def read_study(folder: str | Path) -> StudyResults:
-    """The results in the folder of a study.
+    """Reads the results in the folder of a study.
 
     Raises:
-      FileError: there are none, or they cannot be read.
+      FileError: the folder has no results, or they cannot be read.
       MissingExtraError: pyarrow is not installed.
     """
     from mjrun.formats.tables import input_format
 
     folder = Path(folder)
     path = folder / RESULTS
-    input_format(path)  # its library is installed
+    input_format(path)  # which checks that its library is installed
     if not path.is_file():
         is_begun = (folder / "parts").is_dir()
         collect = f"mjrun sweep {clean(str(folder))} --collect"
-        unfinished = f"the study is not finished: `{collect}` makes a table of what there is"
+        unfinished = f"the study is not finished: `{collect}` makes a table of the finished points"
         raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
     from pyarrow import parquet
+
+    from mjrun.formats.arrow_columns import read_whole_parquet
 
     with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
         text_columns = [field.name for field in parquet.read_schema(stream) if _is_text(field.type)]
@@ -101,7 +102,7 @@ def read_study(folder: str | Path) -> StudyResults:
 
 
 def _texts(column: "pyarrow.DictionaryArray") -> Iterator[str]:
-    """The texts of a column, of which equal ones are in memory once."""
+    """Yields the texts of a column; equal texts are in memory once."""
     words = [word or "" for word in column.dictionary.to_pylist()]
     for index in column.indices.to_pylist():
         yield "" if index is None else words[index]
@@ -114,7 +115,7 @@ def _is_text(kind: "pyarrow.DataType") -> bool:
 
 
 def read_point(folder: Path) -> Mapping[str, object]:
-    """What the manifest in a folder says; nothing if there is none that can be read."""
+    """Returns the manifest in the folder of a point; empty if it is missing or cannot be read."""
     try:
         document = json.loads((folder / NAME).read_bytes())
     except (OSError, ValueError):
@@ -123,13 +124,13 @@ def read_point(folder: Path) -> Mapping[str, object]:
 
 
 def point_values(folder: Path) -> Mapping[str, str]:
-    """The values of what varies, by name; none if no manifest tells."""
+    """Returns the values of the parameters of a point, by name; none without a manifest."""
     values = read_point(folder).get("values")
     return {str(name): str(text) for name, text in values.items()} if isinstance(values, dict) else {}
 
 
 def values_in_words(values: Mapping[str, str]) -> list[str]:
-    """`timestep 0.01`, `floor.friction[0] 0.5`: each value with the shortest end of its name that only it has."""
+    """Returns `timestep 0.01`, `floor.friction[0] 0.5`: each value after the shortest unique end of its name."""
     names = list(values)
     return [f"{_short(name, names)} {_rounded(text)}" for name, text in values.items()]
 

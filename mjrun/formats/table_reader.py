@@ -1,12 +1,9 @@
 """Reads tables in any format, whatever program wrote them, whole or in blocks.
 
-What mjrun wrote reads back as the same bits, except that .csv holds cleaned names, and .jsonl null for what is not
-finite. Files are read in blocks of bounded size, except .mat. Besides its columns, a table that is read whole has at
-most one of them in memory once more.
-A table is not trusted: nothing in it is run, and what messages quote from it is cleaned.
+Tables that mjrun wrote read back as the same bits, except that .csv holds cleaned names, and .jsonl null for numbers
+that are not finite. Files are read in blocks of bounded size, except .mat. A table that is read whole needs the memory
+of its columns and of one more. A table is untrusted: nothing in it is executed, and messages clean what they quote.
 """
-
-from __future__ import annotations
 
 import contextlib
 import io
@@ -15,16 +12,15 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
+from typing import Any, BinaryIO, Literal, Self
+
+import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.expansion import require_expandable
 from mjrun.formats.input_file import require_file
-from mjrun.formats.table_format import Cells, ColumnFilter, TableFormat
-from mjrun.formats.tables import formats, input_format, suffixes
-
-if TYPE_CHECKING:
-    import numpy as np
+from mjrun.formats.table_contents import Cells, ColumnFilter
+from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
 
 STDIN = "-"
 STDIN_LABEL = Path("<stdin>")
@@ -32,13 +28,13 @@ Missing = Literal["error", "nan"]
 
 
 class TableReader:
-    """A table that is open: `with open_table(path) as table`. Leaving it closes the file.
+    """An open table: `with open_table(path) as table`. Leaving the block closes the file.
 
     Attributes:
-      path: what the table is called in messages.
-      names: of its columns, in the order of the file.
-      units: by name; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
-      manifest: what mjrun wrote into the file about how it was made; None in .csv, .jsonl and in files of others.
+      path: path of the table in messages.
+      names: names of its columns, in the order of the file.
+      units: units by name; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
+      manifest: how mjrun made the file; None in .csv, .jsonl and in files of other programs.
     """
 
     def __init__(
@@ -49,33 +45,37 @@ class TableReader:
         columns: Collection[str] | ColumnFilter | None,
         cells: Cells,
     ) -> None:
-        self.path, self._file = path, file
+        self.path = path
+        self._file = file
         self._all_names: dict[str, None] = {}
-        accept = _filter(columns)
+        named = [columns] if isinstance(columns, str) else [] if columns is None or callable(columns) else [*columns]
 
         def wanted(name: str) -> bool:
             self._all_names[name] = None
-            return accept(name)
+            return columns is None or (columns(name) if callable(columns) else name in named)
 
         with self._failing():
-            contents = form.reader(path, file, wanted, cells)
+            contents = form.module.read(path, file, wanted, cells)
         self.names = tuple(contents.names)
         self.units = {name: contents.units.get(name, "") for name in self.names}
         self.manifest: dict[str, Any] | None = contents.manifest
-        self._blocks, self._lines = contents.blocks, contents.lines
+        self._blocks: Iterator[np.ndarray] = contents.blocks
+        self._lines = contents.lines
         self._has_begun = False
-        self._require(columns)
+        for name in named:
+            if name not in self.names:
+                raise UnknownNameError("column", name, list(self._all_names), where=str(path))
 
     def blocks(self) -> Iterator[np.ndarray]:
-        """The rows, once, in the order of the file.
+        """Yields the rows, once, in the order of the file.
 
         Returns:
-          Blocks `(n, len(names))`, n ≥ 1, of float64; or of objects, where a cell is a text or an integer that float64
-          does not hold, and may be. Each may be changed, and lasts.
+          Blocks `(n, len(names))`, n ≥ 1, of float64; or of objects, if the table was opened as exact and a cell is a
+          text or an integer beyond those of float64. The caller may keep and change them.
 
         Raises:
-          FileError: the file is not complete, columns differ in length, or a cell is not a number; the message says
-            at which line, counted from 1, or row, counted from 0.
+          FileError: the file is incomplete, columns differ in length, or a cell is not a number; the message names
+            the line, counted from 1, or the row, counted from 0.
         """
         while True:
             with self._failing():
@@ -85,13 +85,13 @@ class TableReader:
             self._has_begun = True
             yield block
 
-    def skip_equal_rows(self, other: TableReader) -> int:
-        """Passes over rows whose lines have the same bytes in both files, from where either is, without parsing them.
+    def skip_equal_rows(self, other: "TableReader") -> int:
+        """Skips rows whose lines have the same bytes in both files, without parsing them.
 
-        The first block of both is to be read before.
+        Starts at the current row of each, after the first block of both was read.
 
         Returns:
-          How many rows: 0 unless both are CSV with the same columns in the same order, and may be read again.
+          The number of rows; 0 unless both are CSV with the same columns in the same order, and seekable.
         """
         if self._lines is None or other._lines is None or not (self._has_begun and other._has_begun):
             return 0
@@ -119,13 +119,6 @@ class TableReader:
         except MemoryError:
             raise FileError(self.path, "its columns do not fit in memory") from None
 
-    def _require(self, columns: Collection[str] | ColumnFilter | None) -> None:
-        """Raises UnknownNameError if a column that is named is missing."""
-        if isinstance(columns, Collection):
-            for name in [columns] if isinstance(columns, str) else columns:
-                if name not in self.names:
-                    raise UnknownNameError("column", name, list(self._all_names), where=str(self.path))
-
 
 def open_table(
     path: str | Path,
@@ -137,25 +130,27 @@ def open_table(
     """Opens a table to read its columns of numbers in blocks, in memory that does not grow with its length.
 
     Integers and booleans are numbers, and so are `nan` and `inf` in text; a number in quotes in JSON is not. Columns
-    that are not asked for may hold anything. Rows are read as they are asked for: a fault in one shows then.
+    that are not selected may hold anything. Rows are read on demand, and faults in them are reported then.
 
     Args:
       path: a .csv, .jsonl, .parquet, .feather, .arrow, .npz, .mat or .h5 file, or `-` for CSV or JSON Lines on standard
-        input, which are told apart by their first character.
-      columns: the name of one or of several columns, or a function that accepts a name or not; all by default.
-      missing: what an empty cell, a null, and a key that is missing in JSON is: an error, or NaN.
-      exact: whether a cell may also be a text, or an integer of any size; what is missing is NaN then.
+        input, which are distinguished by their first character.
+      columns: name of one or of several columns, or a function that accepts or rejects a name; all by default.
+      missing: meaning of an empty cell, a null, and a missing key in JSON: an error, or NaN.
+      exact: whether cells may also be texts, and integers of any size; missing cells are NaN then.
 
     Raises:
-      FileError: there is no such file, it cannot be decoded, or two of the columns have the same name.
-      UnknownNameError: no format has this suffix, or a column that is named is missing.
+      FileError: the file does not exist, cannot be decoded, or two of the columns have the same name.
+      UnknownNameError: no format has this suffix, or a named column is missing.
       UsageError: standard input is a terminal.
       MissingExtraError: the library of the format is not installed.
     """
     cells = Cells.ANY if exact else Cells.GAPS if missing == "nan" else Cells.NUMBERS
     if str(path) == STDIN:
         file = _standard_input()
-        return TableReader(STDIN_LABEL, _text_format(file), file, columns, cells)
+        begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()  # consumes nothing; JSON begins with a bracket
+        form = FORMATS["jsonl" if begin.startswith((b"{", b"[")) else "csv"]
+        return TableReader(STDIN_LABEL, form, file, columns, cells)
 
     path = Path(path)
     require_file(path, "table", suffixes())
@@ -173,7 +168,7 @@ def open_table(
 
 def read_table(
     path: str | Path, columns: Collection[str] | ColumnFilter | None = None, *, missing: Missing = "error"
-) -> Table:
+) -> "Table":
     """Reads columns of numbers from a table.
 
     Args:
@@ -183,13 +178,11 @@ def read_table(
       The columns as float64 `(n,)`, in the order of the file, with their units where the format holds them.
 
     Raises:
-      FileError: there is no such file, it is not complete, two of the columns have the same name or differ in
-        length, or a cell is not a number; the message says at which line, counted from 1, or row, counted from 0.
-      UnknownNameError: no format has this suffix, or a column that is named is missing.
+      FileError: the file does not exist or is incomplete, two of the columns have the same name or differ in length,
+        or a cell is not a number; the message names the line, counted from 1, or the row, counted from 0.
+      UnknownNameError: no format has this suffix, or a named column is missing.
       MissingExtraError: the library of the format is not installed.
     """
-    import numpy as np
-
     with open_table(path, columns, missing=missing) as table:
         try:
             parts, size = {name: [np.empty(0)] for name in table.names}, 0
@@ -204,16 +197,8 @@ def read_table(
             raise FileError(table.path, "its columns do not fit in memory") from None
 
 
-def _filter(columns: Collection[str] | ColumnFilter | None) -> ColumnFilter:
-    if columns is None:
-        return lambda name: True
-    if isinstance(columns, str):
-        return columns.__eq__
-    return columns.__contains__ if isinstance(columns, Collection) else columns
-
-
 def _standard_input() -> io.BufferedReader:
-    """Standard input, which stays open when this is closed.
+    """Returns standard input; closing what is returned leaves it open.
 
     Raises:
       UsageError: it is a terminal, or closed.
@@ -240,12 +225,6 @@ class _Unclosed(io.RawIOBase):
         return len(content)
 
 
-def _text_format(file: io.BufferedReader) -> TableFormat:
-    """The format of the text in `file`, of which nothing is taken: JSON begins with a bracket."""
-    begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()
-    return formats()["jsonl" if begin.startswith((b"{", b"[")) else "csv"]
-
-
 @dataclass(frozen=True, eq=False)
 class Table:
     """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
@@ -253,8 +232,8 @@ class Table:
     Iterating yields the names of the columns, in the order of the file.
 
     Attributes:
-      columns: float64 `(n,)` by name.
-      units: by name, as in `m/s`; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
+      columns: columns float64 `(n,)`, by name.
+      units: units by name, as in `m/s`; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
     """
 
     columns: dict[str, np.ndarray]
@@ -269,10 +248,10 @@ class Table:
         return list(self.columns)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The column `name`.
+        """Returns the column `name`.
 
         Raises:
-          UnknownNameError: there is none; the message lists those there are.
+          UnknownNameError: it is missing; the message lists the columns.
         """
         if name not in self.columns:
             raise UnknownNameError("column", name, self.names)
@@ -285,5 +264,5 @@ class Table:
         return iter(self.columns)
 
     def __len__(self) -> int:
-        """The number of columns."""
+        """Returns the number of columns."""
         return len(self.columns)

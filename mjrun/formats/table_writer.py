@@ -10,22 +10,23 @@ import numpy as np
 from mjrun.formats import tables
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
+from mjrun.formats.row_writer import RowWriter
 from mjrun.model.column import Column
 
 
 class TableWriter(OutputWriter):
     """Streams rows to a table; nothing is published until `publish`, except on standard output.
 
-    Opening it proves that the output can be written.
+    Opening it checks that the output can be written.
 
     Args:
       output: a file, or None for standard output, which for a table may be a terminal.
-      format: the name of one of `tables.formats()`.
+      format: a name in `tables.FORMATS`.
       columns: one for each number of a row; no two have the same name.
-      manifest: what made the table, embedded where the format can hold it; plain values, for JSON.
+      manifest: how the table was made; plain values, for JSON. Embedded where the format can hold it.
 
     Attributes:
-      rows: written so far.
+      rows: number of rows written so far.
 
     Raises:
       FileError: the output cannot be written.
@@ -40,11 +41,13 @@ class TableWriter(OutputWriter):
     ) -> None:
         assert len({column.name for column in columns}) == len(columns) > 0
         super().__init__(StandardOutput(terminal=True) if output is None else StagedFile(Path(output)))
-        self.rows, self._width = 0, len(columns)
+        self.rows = 0
+        self._width = len(columns)
         self._manifest = _json(manifest)
         with self.opening():
             self._file = self.open_file()
-            self._rows = tables.formats()[format].writer(self._file, columns, self._manifest)
+            known = tables.FORMATS[format]
+            self._rows: RowWriter = getattr(known.module, known.writer)(self._file, columns, self._manifest)
             self.resources.callback(self._rows.close)
 
     def write(self, block: np.ndarray) -> None:
@@ -52,7 +55,7 @@ class TableWriter(OutputWriter):
 
         Raises:
           FileError: the disk is full, or the format cannot hold more.
-          ClosedPipeError: nobody reads standard output any more.
+          ClosedPipeError: the reader of standard output closed the pipe.
         """
         if block.ndim != 2 or block.shape[1] != self._width or block.dtype != np.float64:
             raise ValueError(f"rows must be float64 (n, {self._width}), not {block.dtype} {block.shape}")
@@ -73,11 +76,11 @@ class TableWriter(OutputWriter):
         """Finishes the table, moves it to its final place, and returns its files.
 
         Args:
-          manifest: replaces that given at opening, in every format but feather, if the table is not finished yet.
+          manifest: replaces the one given at opening, except in feather, if the table is not finished yet.
 
         Raises:
           FileError: the output cannot be written.
-          ClosedPipeError: nobody reads standard output any more.
+          ClosedPipeError: the reader of standard output closed the pipe.
         """
         if manifest is not None:
             self._manifest = _json(manifest)

@@ -1,6 +1,6 @@
 """Hidden files and folders in which outputs are written, each locked by the process that writes it.
 
-The system ends the lock with the process, however that ends: what is not locked was left behind.
+The system releases the lock when the process ends: files and folders without a lock were left behind.
 """
 
 import contextlib
@@ -20,29 +20,22 @@ from pathlib import Path
 from mjrun.errors import FileError
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
-NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of a file system
-LONGEST = 200  # bytes of a name that others can be added to
+NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # a file system without locks
+LONGEST = 200  # bytes of a name that can still be extended
 WEEK = 7 * 24 * 3600  # [s]
 
 
-class _Entered(threading.local):
-    """The folders whose blocks `one_at_a_time` this thread is in."""
-
-    def __init__(self) -> None:
-        self.folders = set[str]()
-
-
-_entered = _Entered()
+_thread = threading.local()  # `folders`: those whose blocks `one_at_a_time` the thread has entered
 
 
 class TemporaryOutput:
-    """A hidden file or folder beside `target`, of this process until it is removed.
+    """A hidden file or folder beside `target`, locked by this process until it is removed.
 
     Args:
-      suffix: of its name, for what is read by its suffix.
+      suffix: suffix of its name, for files that are read by their suffix.
 
     Raises:
-      OSError: it cannot be made.
+      OSError: it cannot be created.
     """
 
     def __init__(self, target: Path, *, folder: bool = False, suffix: str = "") -> None:
@@ -56,7 +49,7 @@ class TemporaryOutput:
             try:
                 self._lock = _locked(self.path)
             except OSError as error:
-                if error.errno in NO_LOCKS:  # then nothing is ever taken for left behind
+                if error.errno in NO_LOCKS:  # then nothing counts as left behind
                     return
                 remove(self.path)
                 raise
@@ -64,20 +57,20 @@ class TemporaryOutput:
                 return
 
     def release(self) -> None:
-        """Gives up the lock; what is still there may be taken for left behind."""
+        """Releases the lock; the file or folder then counts as left behind."""
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
     def remove(self) -> None:
-        """Removes what is there."""
+        """Removes the file or folder, and releases the lock."""
         remove(self.path)
         self.release()
 
 
 @contextlib.contextmanager
 def temporary_file(target: Path, content: bytes, suffix: str) -> Iterator[Path]:
-    """A hidden file beside `target`, for as long as the `with` block lasts.
+    """Creates a hidden file beside `target` for the duration of the `with` block.
 
     Raises:
       OSError: it cannot be written.
@@ -92,12 +85,12 @@ def temporary_file(target: Path, content: bytes, suffix: str) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """A folder for files that nobody else needs, where the system has such, for as long as the `with` block lasts.
+    """Creates a folder for temporary files for the duration of the `with` block.
 
-    That of a process that was killed is removed by the next that makes one.
+    A folder that a killed process left behind is removed by the next process that creates one.
 
     Raises:
-      FileError: it cannot be made.
+      FileError: it cannot be created.
     """
     try:
         home = _temporary_home()
@@ -106,9 +99,9 @@ def scratch_folder() -> Iterator[Path]:
     except OSError as error:
         where = tempfile.tempdir or "no folder"
         reason = f"cannot hold temporary files: {error.strerror or error}"
-        raise FileError(where, reason, "TMPDIR names another folder for them") from None
+        raise FileError(where, reason, "set TMPDIR to another folder") from None
     try:
-        inner = temporary.path / "files"  # as the outer one is locked, where outputs would wait to be published
+        inner = temporary.path / "files"  # outputs in the outer one, which is locked, could not be published
         inner.mkdir()
         yield inner
     finally:
@@ -116,9 +109,9 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def _temporary_home() -> Path:
-    """Where the system has temporary files.
+    """Returns the folder of the system for temporary files.
 
-    TMPDIR is taken as it is, if it can be written to: Python proves that by a file, which a kill would leave there.
+    TMPDIR is used unchanged if it is writable: Python would test it with a file, which a kill would leave there.
     """
     named = os.environ.get("TMPDIR", "")
     if tempfile.tempdir is None and os.path.isdir(named) and os.access(named, os.W_OK | os.X_OK):  # noqa: PTH112
@@ -127,12 +120,12 @@ def _temporary_home() -> Path:
 
 
 def unused_name(target: Path, suffix: str = "") -> Path:
-    """A name beside `target` for what is soon removed."""
+    """Returns an unused name beside `target` for a temporary file."""
     return target.parent / f"{_prefix(target)}{_machine()}{os.urandom(4).hex()}.part{suffix}"
 
 
 def remove_left_behind(folder: Path) -> None:
-    """Removes what processes that are gone have left in a folder."""
+    """Removes files and folders that ended processes have left in a folder."""
     with left_behind(folder) as leftovers:
         for path in leftovers:
             remove(path)
@@ -140,15 +133,16 @@ def remove_left_behind(folder: Path) -> None:
 
 @contextlib.contextmanager
 def left_behind(folder: Path, target: Path | None = None) -> Iterator[list[Path]]:
-    """What processes that are gone have left in a folder, of outputs to `target` alone if that is given.
+    """Lists the files and folders that ended processes have left in a folder; for outputs to `target` if it is given.
 
-    It is locked within the `with` block. Not every file system tells of the locks of other machines: in general, what
-    they have left counts after a week.
+    They are locked during the `with` block. Not every file system reports the locks of other machines: without a
+    target, what these have left counts only after a week.
     """
     prefix = "." if target is None else _prefix(target)
     with contextlib.ExitStack() as stack:
-        matches, leftovers = list[re.Match[str]](), list[Path]()
-        with contextlib.suppress(OSError):  # it may be written to, but not listed
+        matches: list[re.Match[str]] = []
+        leftovers: list[Path] = []
+        with contextlib.suppress(OSError):  # it may be writable, but not readable
             matches = [match for path in folder.iterdir() if (match := NAME.fullmatch(path.name))]
         for match in matches:
             path = folder / match[0]
@@ -161,7 +155,7 @@ def left_behind(folder: Path, target: Path | None = None) -> Iterator[list[Path]
 
 
 def remove(path: Path) -> None:
-    """Removes a file or a folder, as far as it can be."""
+    """Removes a file or a folder, as far as possible."""
     with contextlib.suppress(OSError):
         if stat.S_ISDIR(path.lstat().st_mode):
             shutil.rmtree(path, ignore_errors=True)
@@ -171,22 +165,23 @@ def remove(path: Path) -> None:
 
 @contextlib.contextmanager
 def one_at_a_time(folder: Path) -> Iterator[None]:
-    """Waits until nobody else is in such a block of the same folder, where its file system has locks.
+    """Runs one `with` block of a folder at a time, among all processes, if its file system has locks.
 
-    A block within a block of the same thread waits for nothing.
+    A block within a block of the same thread does not wait.
     """
     place = os.path.realpath(folder)
-    if place in _entered.folders:
+    entered: set[str] = _thread.__dict__.setdefault("folders", set())
+    if place in entered:
         yield
         return
     lock: int | None = None
     with contextlib.suppress(OSError):
         lock = _locked(folder)
-    _entered.folders.add(place)
+    entered.add(place)
     try:
         yield
     finally:
-        _entered.folders.remove(place)
+        entered.remove(place)
         if lock is not None:
             os.close(lock)
 
@@ -201,10 +196,10 @@ def _machine() -> str:
 
 
 def _locked(path: Path, *, wait: bool = True) -> int | None:
-    """A descriptor that holds the lock of a file or folder; None if somebody has removed it meanwhile.
+    """Returns a descriptor that holds the lock of a file or folder; None if another process has removed it.
 
     Raises:
-      OSError: another process holds the lock and is not to be waited for, or there are no locks.
+      OSError: another process holds the lock and `wait` is False, or the file system has no locks.
     """
     is_folder = path.is_dir()
     try:

@@ -1,67 +1,60 @@
-"""Numbers as text, for the formats with a row on each line.
-
-numpy and orjson are imported inside functions, as help, which lists the formats, loads neither.
-"""
-
-from __future__ import annotations
+"""Numbers as text, for the formats with a row on each line."""
 
 import itertools
 import math
 import re
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
+import orjson
 
 from mjrun.errors import CellError, FileError
-from mjrun.formats.table_format import EXACT, shown, side_by_side
+from mjrun.formats.table_contents import EXACT, shown, side_by_side
 from mjrun.model.column import Column
 
-if TYPE_CHECKING:
-    import numpy as np
-
 PIECE = 2**16  # values turned into text at a time
-ROWS = 2**9  # rows turned into numbers at a time, while they are in the processor's cache
+ROWS = 2**9  # rows turned into numbers at a time, which fit in the processor's cache
 BYTES = 2**16  # of text read at a time
 NEWLINE = ord("\n")
-COMPARED = 2**20  # bytes of two files compared at a time
-PATIENCE = 63  # pieces that are parsed, at most, before equal lines are looked for again
-WHOLE = re.compile(r"[+-]?[0-9]{1,4000}")  # as many digits as Python's int takes, or a few less
+COMPARED = 2**20  # bytes of two files that are compared at a time
+PATIENCE = 63  # largest number of pieces that are parsed before equal lines are searched again
+WHOLE = re.compile(r"[+-]?[0-9]{1,4000}")  # Python's int accepts a few digits more
 LINE = 2**24  # bytes in a line of text, at most
 
 
 def pieces(block: np.ndarray) -> Iterator[np.ndarray]:
-    """The rows of `block` `(n, columns)`, a few at a time, contiguous in memory."""
-    import numpy as np
-
+    """Yields the rows of `block` `(n, columns)`, a few at a time, contiguous in memory."""
     rows = max(1, PIECE // block.shape[1])
     for start in range(0, len(block), rows):
         yield np.ascontiguousarray(block[start : start + rows])
 
 
 def number_text(piece: np.ndarray) -> bytes:
-    """`a,b],[c,d` for the rows `(a, b), (c, d)`, each number the shortest text that reads back; not finite: `null`."""
-    import orjson
-
+    """Returns `a,b],[c,d` for the rows `(a, b), (c, d)`, in shortest text that reads back; `null` if not finite."""
     return orjson.dumps(piece, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
 
 
 def label_text(columns: Sequence[Column], encode: Callable[[str], bytes], empty: bytes) -> dict[int, np.ndarray]:
-    """The encoded labels of each text column, by its index; `empty` comes last, for −1."""
-    import numpy as np
-
-    return {i: np.array([*map(encode, c.labels), empty], object) for i, c in enumerate(columns) if c.labels}
+    """Returns the encoded labels of each text column, by its index; `empty` comes last, for −1."""
+    return {
+        index: np.array([*map(encode, column.labels), empty], object)
+        for index, column in enumerate(columns)
+        if column.labels
+    }
 
 
 def integer_text(values: np.ndarray, nan: bytes) -> list[bytes]:
-    """Whole numbers `(n,)` without a decimal point; `nan` where there is none."""
+    """Returns whole numbers `(n,)` without a decimal point; `nan` for NaN."""
     return [nan if math.isnan(value) else b"%d" % value for value in values.tolist()]
 
 
 def lines(path: Path, file: BinaryIO, before: int = 0) -> Iterator[bytes]:
-    """The lines of `file`, of which `before` were read already.
+    """Yields the lines of `file` that follow the first `before` lines.
 
     Raises:
-      FileError: one has more than `LINE` bytes.
+      FileError: a line has more than `LINE` bytes.
     """
     for number in itertools.count(before + 1):
         line = file.readline(LINE)
@@ -72,26 +65,28 @@ def lines(path: Path, file: BinaryIO, before: int = 0) -> Iterator[bytes]:
 
 
 class LinePieces:
-    """Pieces of a file that end where a line does, each with the number of lines before it.
+    """Pieces of a file that end with a line, each with the number of lines before it.
 
     Args:
-      before: lines that were read already.
-      layout: the cells of a line, and those that are read; lines of the same bytes are the same rows if it is, too.
+      before: number of lines that were already read.
+      layout: number of cells of a line, and indices of those that are read. If it is the same in two files, lines with
+        the same bytes are the same rows.
 
     Raises:
       FileError: a line has too many bytes.
     """
 
     def __init__(self, path: Path, file: BinaryIO, before: int, layout: tuple[int, tuple[int, ...]]) -> None:
-        self._path, self._file, self._before, self._layout = path, file, before, layout
-        self._attempt, self._wait = 0, 0  # to pass over equal lines
+        self._path = path
+        self._file = file
+        self._before = before
+        self._layout = layout
+        self._attempt = self._wait = 0  # attempts to skip equal lines, and how many to leave out
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         return self
 
     def __next__(self) -> tuple[int, bytes]:
-        import numpy as np
-
         piece = self._file.read(BYTES)
         if not piece:
             raise StopIteration
@@ -104,11 +99,11 @@ class LinePieces:
         self._before += int(np.count_nonzero(np.frombuffer(piece, np.uint8) == NEWLINE))  # faster than bytes count
         return before, piece
 
-    def skip_equal(self, other: LinePieces) -> int:
-        """Passes over lines that have the same bytes in both, without parsing them, and returns how many.
+    def skip_equal(self, other: "LinePieces") -> int:
+        """Skips lines that have the same bytes in both files, without parsing them, and returns their number.
 
-        It passes over whole lines with the right number of cells, none of them in quotes, and only now and then tries
-        where files differ everywhere.
+        Skips only lines with the right number of cells, none of them in quotes. Where files differ everywhere, most
+        calls return 0 without comparing.
         """
         self._attempt += 1
         if self._layout != other._layout or self._attempt <= self._wait:
@@ -120,7 +115,7 @@ class LinePieces:
         self._wait = 0 if skipped else min(2 * self._wait + 1, PATIENCE)
         return skipped
 
-    def _skip_piece(self, other: LinePieces) -> int:
+    def _skip_piece(self, other: "LinePieces") -> int:
         files = self._file, other._file
         if not all(file.seekable() for file in files):
             return 0
@@ -137,9 +132,7 @@ class LinePieces:
 
 
 def _plain_lines(piece: bytes, end: int, width: int) -> int:
-    """How many lines end before `end`; 0 unless all have so many cells, more than one, and none is in quotes."""
-    import numpy as np
-
+    """Returns the number of lines that end before `end`; 0 unless all have `width` > 1 cells, none in quotes."""
     if width < 2 or piece.find(b'"', 0, end) >= 0:
         return 0
     characters = np.frombuffer(piece, np.uint8, end)  # which numpy counts faster than bytes do, where there are many
@@ -148,9 +141,7 @@ def _plain_lines(piece: bytes, end: int, width: int) -> int:
 
 
 def _common(a: bytes, b: bytes) -> int:
-    """How many bytes are the same at the beginning."""
-    import numpy as np
-
+    """Returns the number of equal bytes at the beginning."""
     length = min(len(a), len(b))
     differ = np.frombuffer(a, np.uint8, length) != np.frombuffer(b, np.uint8, length)
     return int(differ.argmax()) if differ.any() else length
@@ -167,15 +158,15 @@ def number_blocks(
     keys: Mapping[str, Hashable],
     convert: Callable[[list[Any]], np.ndarray],
 ) -> Iterator[np.ndarray]:
-    """Blocks `(n, columns)` from rows of cells.
+    """Yields blocks `(n, columns)` from rows of cells.
 
     Args:
-      rows: each with its line number.
-      keys: what each column is called in a row, by name.
+      rows: rows with their line numbers.
+      keys: key of each column in a row, by name.
       convert: turns cells into float64 or objects, or raises ValueError.
 
     Raises:
-      CellError: a cell is not a number; the message says on which line.
+      CellError: a cell is not a number; the message names the line.
     """
     while chunk := list(itertools.islice(rows, ROWS)):
         try:
@@ -188,13 +179,11 @@ def number_blocks(
 
 
 def exact_cells(cells: Sequence[Any], convert: Callable[[list[Any]], np.ndarray]) -> np.ndarray:
-    """Cells as float64, or as objects where there is an integer that float64 does not hold, or a text.
+    """Returns cells as float64; as objects if texts, or integers beyond those of float64, are among them.
 
     Args:
       convert: turns numbers and gaps into float64, or raises ValueError.
     """
-    import numpy as np
-
     try:
         numbers = convert([*cells])
         if not (np.abs(numbers) >= EXACT).any():
@@ -219,7 +208,7 @@ def _exact_cell(cell: Any, convert: Callable[[list[Any]], np.ndarray]) -> float 
 
 
 def is_number(cell: Any, convert: Callable[[list[Any]], np.ndarray]) -> bool:
-    """Whether `convert` takes `cell`."""
+    """Returns whether `convert` accepts `cell`."""
     try:
         convert([cell])
     except ValueError:

@@ -15,8 +15,8 @@ from mjrun.camera.script import CameraScript
 from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding
+from mjrun.formats.image_encoding import UINT16_MAX
 from mjrun.formats.segmentation import LabelsWriter
-from mjrun.formats.uint16_pixels import UINT16_MAX
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options

@@ -9,7 +9,8 @@ from pathlib import Path
 from mjrun.errors import BadValueError, clean, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
-from mjrun.formats.image_format import DRAWINGS, FORMATS, ImageData
+from mjrun.formats.image_encoding import ImageData
+from mjrun.formats.image_format import DRAWINGS, FORMATS
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.panel_grid import PanelGrid
@@ -82,9 +83,7 @@ def encoded(
         else:
             paint_study(drawing, grid, canvas)
         if format not in DRAWINGS:
-            encode = FORMATS["rgb"][format].encode
-            assert encode  # all of colours have one
-            return encode(ImageData(canvas.pixels(), 0, None, tags))
+            return FORMATS["rgb"][format].encode(ImageData(canvas.pixels(), 0, None, tags))
         file = io.BytesIO()
         canvas.figure.savefig(file, format=format, facecolor="auto", metadata=_metadata(format, tags))
         return file.getvalue() if format == "pdf" else _svg(file.getvalue().decode()).encode()

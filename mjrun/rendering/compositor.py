@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.formats.uint16_pixels import depth_millimetres, segment_numbers
+from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
 from mjrun.model.rendered_view import RenderedView
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer

@@ -16,7 +16,6 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError, MjrunError
-from mjrun.formats.arrow_columns import number_array, read_whole_parquet, text_array
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import is_folder
@@ -143,6 +142,8 @@ class ChunkFiles:
         """
         import pyarrow
 
+        from mjrun.formats.arrow_columns import read_whole_parquet
+
         self.damaged = []
         results: dict[str, PointResult] = {}
         for path in self._paths():
@@ -219,6 +220,8 @@ def part_bytes(metrics: Sequence[str], count: int) -> int:
 def _part(keys: Sequence[str], results: Sequence[PointResult], host: str, metrics: Sequence[str]) -> "pyarrow.Table":
     """The table of a part."""
     import pyarrow
+
+    from mjrun.formats.arrow_columns import number_array, text_array
 
     columns = {
         "key": text_array(keys),

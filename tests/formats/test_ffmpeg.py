@@ -10,7 +10,7 @@ import mjrun
 from mjrun.errors import EncoderError, FileError
 from mjrun.formats.codecs import CODECS
 from mjrun.formats.ffmpeg import DEMUXERS, command, encoder_version, run, working_codecs
-from mjrun.formats.image_format import encode_exr
+from mjrun.formats.image_encoding import encode_exr
 from mjrun.formats.image_reader import read_image
 from mjrun.formats.video_reader import ANIMATIONS, read_video
 from mjrun.formats.video_writer import write_video

@@ -14,9 +14,9 @@ from mjrun.options.output import CODECS, DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_
 
 
 def test_a_new_table_format_is_listed_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    dummy = replace(tables.formats()["csv"], name="dummy", suffixes=(".dmy",))
+    dummy = replace(tables.FORMATS["csv"], name="dummy", suffixes=(".dmy",))
     assert "dmy" not in with_formats(TABLES)
-    monkeypatch.setitem(tables.formats(), "dummy", dummy)
+    monkeypatch.setitem(tables.FORMATS, "dummy", dummy)
     assert with_formats(TABLES).split(", ")[-1] == "dmy"
 
 
@@ -37,7 +37,7 @@ def test_what_is_listed_can_be_written() -> None:
 
 
 def test_every_table_format_is_listed_once() -> None:
-    assert len(with_formats(TABLES).split(", ")) == len(tables.formats())
+    assert len(with_formats(TABLES).split(", ")) == len(tables.FORMATS)
 
 
 def test_other_text_and_other_braces_stay() -> None:

@@ -9,7 +9,7 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import FileError, UnknownNameError
-from mjrun.formats.image_format import encode_exr
+from mjrun.formats.image_encoding import encode_exr
 from mjrun.formats.image_reader import SUFFIXES, read_image, read_palette
 from mjrun.formats.video_reader import ANIMATIONS, read_video
 

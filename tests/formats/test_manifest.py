@@ -12,7 +12,7 @@ from mjrun.formats.destinations import StagedFile
 from mjrun.formats.manifest import ManifestWriter, SidecarWriter, fingerprint, read_sidecar, sidecar_path
 from mjrun.formats.table_reader import open_table
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import formats
+from mjrun.formats.tables import FORMATS
 from mjrun.model.column import Column
 
 
@@ -29,7 +29,7 @@ def test_a_manifest_holds_facts_and_the_hash_of_every_file(tmp_path: Path) -> No
 
 
 def test_formats_that_hold_no_manifest_have_a_sidecar(tmp_path: Path) -> None:
-    for name, known in formats().items():
+    for name, known in FORMATS.items():
         path = tmp_path / f"table{known.suffixes[0]}"
         with TableWriter(str(path), name, [Column("time", "s")], {"mjrun": "1"}) as writer:
             writer.write(np.zeros((1, 1)))

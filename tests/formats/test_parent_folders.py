@@ -101,13 +101,13 @@ def test_where_a_folder_cannot_be_made_none_is_left(tmp_path: Path) -> None:
     (tmp_path / "circle").symlink_to("circle")
     before, long = names(tmp_path), "x" * 300
     for path, message in (
-        (f"new/{long}/a", f"the folder {tmp_path}/new/{long} cannot be made: File name too long"),
+        (f"new/{long}/a", f"the folder {tmp_path}/new/{long} cannot be created: File name too long"),
         ("file/new/film", f"{tmp_path}/file is not a folder"),
         ("file/film", f"{tmp_path}/file is not a folder"),
-        ("gone/film", f"there is no folder {tmp_path}/nowhere, where the link {tmp_path}/gone leads"),
-        ("gone/new/film", f"there is no folder {tmp_path}/nowhere/new, where the link {tmp_path}/gone leads"),
-        ("film", f"there is no folder {tmp_path}/nowhere, where the link {tmp_path}/film leads"),
-        ("circle/film", f"there is no folder {tmp_path}/circle, where the link {tmp_path}/circle leads"),
+        ("gone/film", f"the link {tmp_path}/gone leads to a missing folder, {tmp_path}/nowhere"),
+        ("gone/new/film", f"the link {tmp_path}/gone leads to a missing folder, {tmp_path}/nowhere/new"),
+        ("film", f"the link {tmp_path}/film leads to a missing folder, {tmp_path}/nowhere"),
+        ("circle/film", f"the link {tmp_path}/circle leads to a missing folder, {tmp_path}/circle"),
     ):
         with pytest.raises(FileError) as caught:
             StagedFile(tmp_path / path)
@@ -118,7 +118,7 @@ def test_where_a_folder_cannot_be_made_none_is_left(tmp_path: Path) -> None:
 @needs_permissions
 def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
     tmp_path.chmod(0o555)
-    with pytest.raises(FileError, match=f"the folder {tmp_path}/new cannot be made: Permission denied"):
+    with pytest.raises(FileError, match=f"the folder {tmp_path}/new cannot be created: Permission denied"):
         StagedFile(tmp_path / "new/film")
     tmp_path.chmod(0o755)
 

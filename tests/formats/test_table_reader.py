@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 
 import mjrun
 from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, UsageError, clean
-from mjrun.formats import table_format, text_columns
+from mjrun.formats import table_contents, text_columns
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format, suffixes
@@ -70,7 +70,7 @@ def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece, so that small tables have many."""
     monkeypatch.setattr(text_columns, "ROWS", 3)
-    monkeypatch.setattr(table_format, "PIECE", 5)
+    monkeypatch.setattr(table_contents, "PIECE", 5)
 
 
 floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])

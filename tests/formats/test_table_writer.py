@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import row_groups, text_columns
+from mjrun.formats import row_writer, text_columns
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 from tests.formats.table_files import BROKEN, COLUMNS, MANIFEST, ODD, bits, columns, names, read_csv, write
@@ -90,7 +90,7 @@ def assert_equal(found: dict[str, Any], names: list[str], data: np.ndarray) -> N
 def small_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece of text and to a group of columns, so that small tables have many."""
     monkeypatch.setattr(text_columns, "PIECE", 10)
-    monkeypatch.setattr(row_groups, "GROUP", 12)
+    monkeypatch.setattr(row_writer, "GROUP", 12)
 
 
 floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
@@ -505,11 +505,11 @@ def test_nothing_is_printed_before_the_first_row(capfd: pytest.CaptureFixture[st
 MEMORY = """
 import gc, sys, tracemalloc
 import numpy as np
-from mjrun.formats import row_groups
+from mjrun.formats import row_writer
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 
-row_groups.GROUP = 2**14
+row_writer.GROUP = 2**14
 path, form, *labels = sys.argv[1:]
 block = np.random.default_rng(2).standard_normal((500, 20))
 block[:, 1:3] = 1

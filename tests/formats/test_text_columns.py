@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import table_format, text_columns
+from mjrun.formats import table_contents, text_columns
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.text_columns import LinePieces
 
@@ -30,7 +30,7 @@ def everything(name: str) -> bool:
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece, so that small tables have many."""
     monkeypatch.setattr(text_columns, "ROWS", 3)
-    monkeypatch.setattr(table_format, "PIECE", 5)
+    monkeypatch.setattr(table_contents, "PIECE", 5)
 
 
 @pytest.mark.parametrize("row", [0, 1, 2, 3, 6, 10])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import row_groups
+from mjrun.formats import row_writer
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.calibration_writer import FORMATS as CALIBRATIONS
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
@@ -21,7 +21,7 @@ from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.formats.recording import RecordingWriter
 from mjrun.formats.segmentation import LabelsWriter
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import formats
+from mjrun.formats.tables import FORMATS
 from mjrun.model.rendered_view import CameraCalibration, RenderedView, Segment
 from tests.formats.table_files import COLUMNS, names
 
@@ -103,7 +103,7 @@ def write_manifest(writer: ManifestWriter, length: int) -> None:
 
 
 CASES = {
-    **{f"table {form}": table(form) for form in formats()},
+    **{f"table {form}": table(form) for form in FORMATS},
     **{f"{view} {form}": image(view, form) for view, known in IMAGES.items() for form in known},
     "recording, while states come": recording(1000, 100),
     "recording, with the last state": recording(2**13 - 1, 1),
@@ -132,7 +132,7 @@ LARGE = [(name, amount) for name, case in CASES.items() for amount in case.large
 @pytest.fixture
 def small_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No file can grow beyond `DISK`: the operating system refuses as it does on a full disk."""
-    monkeypatch.setattr(row_groups, "GROUP", 12_000)
+    monkeypatch.setattr(row_writer, "GROUP", 12_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (DISK, hard))
     yield

@@ -12,7 +12,7 @@ import pytest
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
-from mjrun.formats.uint16_pixels import depth_millimetres
+from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors

@@ -1,72 +1,125 @@
-"""The table formats: one module each, and nothing else in this package.
+"""The table formats: a declaration of each, and a module with its writer and its reader.
 
-A module defines `FORMAT`, a `TableFormat`, and is found because it is here. Modules import numpy and the libraries
-of their formats inside functions, so that listing suffixes, as help does, loads none of them.
+| format  | names            | text columns   | missing integers | units, manifest | memory while writing |
+|---------|------------------|----------------|------------------|-----------------|----------------------|
+| csv     | cleaned          | cleaned, empty | `nan`            | no              | flat                 |
+| feather | exact            | exact, null    | null             | as at opening   | flat                 |
+| hdf5    | cleaned          | exact, `''`    | float64 column   | yes             | flat, disk twice     |
+| jsonl   | exact            | exact, null    | null             | no              | flat                 |
+| mat     | exact, in a cell | exact, `''`    | float64 column   | yes             | one column           |
+| npz     | exact            | exact, `''`    | float64 column   | yes             | flat, disk twice     |
+| parquet | exact            | exact, null    | null             | yes             | flat                 |
 
-| format  | suffix             | names            | text columns   | units, manifest | memory while writing |
-|---------|--------------------|------------------|----------------|-----------------|----------------------|
-| csv     | `.csv`             | cleaned          | cleaned, empty | no              | flat                 |
-| jsonl   | `.jsonl`           | exact            | exact, null    | no              | flat                 |
-| parquet | `.parquet`         | exact            | exact, null    | yes             | flat                 |
-| feather | `.feather .arrow`  | exact            | exact, null    | as at opening   | flat                 |
-| hdf5    | `.h5 .hdf5`        | cleaned          | exact, `''`    | yes             | flat, disk twice     |
-| npz     | `.npz`             | exact            | exact, `''`    | yes             | flat, disk twice     |
-| mat     | `.mat`             | exact, in a cell | exact, `''`    | yes             | one column           |
-
-Every number is the float64 that was measured: text is the shortest that reads back as the same bits.
-A text column has labels, and its rows arrive as indices into them; the last entry above is for −1, no text.
+Every number is the measured float64: text is the shortest that reads back as the same bits. A text column has labels,
+and its rows arrive as indices into them; for the index −1, no text, a format writes the second entry of its column.
 """
 
-import functools
 import importlib
-import pkgutil
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 from mjrun.errors import UnknownNameError, UsageError, clean, option
-from mjrun.formats.table_format import TableFormat
+from mjrun.packages import require
 
 
-@functools.cache
-def formats() -> dict[str, TableFormat]:
-    """All table formats by name."""
-    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
-    return {module.FORMAT.name: module.FORMAT for module in modules}
+@dataclass(frozen=True)
+class TableFormat:
+    """A table format.
+
+    The module of its name in this package has the writer and the function `read`. It is imported on first use: help
+    lists the suffixes, and loads neither numpy nor the libraries of the formats.
+
+    Attributes:
+      name: value of the option format.
+      suffixes: suffixes of its files, the usual one first.
+      writer: name of the class in its module, a `RowWriter`.
+      is_text: whether its files are lines of text, which can be piped, and hold neither units nor a manifest.
+      library, extra: library that it needs, and the extra of mjrun that installs it.
+      reads_alone: whether only writing needs the library.
+    """
+
+    name: str
+    suffixes: Sequence[str]
+    writer: str
+    is_text: bool = False
+    library: str = ""
+    extra: str = ""
+    reads_alone: bool = False
+
+    @property
+    def module(self) -> ModuleType:
+        """The module of the format."""
+        return importlib.import_module(f"{__name__}.{self.name}")
+
+    def require_library(self, purpose: str) -> None:
+        """Raises MissingExtraError or WrongVersionError if its library is unusable; `purpose`: `writing .parquet`."""
+        if self.library:
+            require(purpose, self.extra, self.library)
+
+
+FORMATS = {
+    known.name: known
+    for known in (
+        TableFormat("csv", (".csv",), "CsvWriter", is_text=True),
+        TableFormat("feather", (".feather", ".arrow"), "FeatherWriter", library="pyarrow", extra="parquet"),
+        TableFormat("hdf5", (".h5", ".hdf5"), "Hdf5Writer", library="h5py", extra="hdf5"),
+        TableFormat("jsonl", (".jsonl",), "JsonlWriter", is_text=True),
+        TableFormat("mat", (".mat",), "MatWriter", library="scipy", extra="mat", reads_alone=True),
+        TableFormat("npz", (".npz",), "NpzWriter"),
+        TableFormat("parquet", (".parquet",), "ParquetWriter", library="pyarrow", extra="parquet"),
+    )
+}
 
 
 def suffixes() -> list[str]:
-    """The suffixes of tables."""
-    return [suffix for known in formats().values() for suffix in known.suffixes]
+    """Returns the suffixes of tables."""
+    return [suffix for known in FORMATS.values() for suffix in known.suffixes]
 
 
 def format_of_suffix(suffix: str) -> TableFormat | None:
-    """The format of files that end in `suffix`, in any case; None if there is none."""
-    return next((known for known in formats().values() if suffix.lower() in known.suffixes), None)
+    """Returns the format of files that end in `suffix`, in upper or lower case; None if no format has it."""
+    return next((known for known in FORMATS.values() if suffix.lower() in known.suffixes), None)
 
 
 def output_format(output: str | None, format: str | None = None) -> TableFormat:  # noqa: A002  (the option's name)
-    """The format of a table to write, from the suffix of `output` or from the option `format`.
+    """Returns the format of a table to write, from the suffix of `output` or from the option format.
 
     Args:
-      output: a file, or None for standard output, which is csv by default.
+      output: a file, or None for standard output, which is CSV by default.
 
     Raises:
-      UnknownNameError: there is no such format or suffix; the message lists those there are.
-      UsageError: the two disagree, or the format cannot be written to standard output.
+      UnknownNameError: no format has this name or suffix; the message lists the valid ones.
+      UsageError: the name and the suffix disagree, or the format cannot be written to standard output.
       MissingExtraError: the library of the format is not installed.
     """
-    chosen = _chosen(output, format)
-    if output is None and not chosen.pipe:
-        able = " and ".join(name for name, known in formats().items() if known.pipe)
-        raise UsageError(f"{option('format')} {chosen.name} cannot be written to standard output\n{able} can")
+    if format is not None and format not in FORMATS:
+        raise UnknownNameError("format", format, list(FORMATS))
+    chosen = FORMATS[format or "csv"]
+    if output is None:
+        if not chosen.is_text:
+            able = " and ".join(name for name, known in FORMATS.items() if known.is_text)
+            raise UsageError(f"{option('format')} {chosen.name} cannot be written to standard output\n{able} can")
+        return chosen
+
+    suffix = Path(output).suffix.lower()
+    by_suffix = format_of_suffix(suffix)
+    if format and by_suffix and chosen != by_suffix:
+        raise UsageError(f"{option('format')} {format} and the suffix of {clean(output)} disagree")
+    if format is None:
+        if by_suffix is None:
+            raise UnknownNameError("table format", suffix, suffixes(), where=output)
+        chosen = by_suffix
     chosen.require_library(f"writing {chosen.suffixes[0]}")
     return chosen
 
 
 def input_format(path: Path) -> TableFormat:
-    """The format of a table to read, from its suffix.
+    """Returns the format of a table to read, from its suffix.
 
     Raises:
-      UnknownNameError: no format has this suffix; the message lists those there are.
+      UnknownNameError: no format has this suffix; the message lists the valid ones.
       MissingExtraError: the library of the format is not installed.
     """
     suffix = path.suffix.lower()
@@ -76,18 +129,3 @@ def input_format(path: Path) -> TableFormat:
     if not known.reads_alone:
         known.require_library(f"reading {suffix}")
     return known
-
-
-def _chosen(output: str | None, name: str | None) -> TableFormat:
-    if name is not None and name not in formats():
-        raise UnknownNameError("format", name, list(formats()))
-    named = formats()[name] if name is not None else None
-    if output is None:
-        return named or formats()["csv"]
-    suffix = Path(output).suffix.lower()
-    meant = format_of_suffix(suffix)
-    if named and meant and named != meant:
-        raise UsageError(f"{option('format')} {name} and the suffix of {clean(output)} disagree")
-    if chosen := named or meant:
-        return chosen
-    raise UnknownNameError("table format", suffix, suffixes(), where=output)

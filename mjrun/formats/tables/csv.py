@@ -1,17 +1,15 @@
 """CSV: RFC 4180 in UTF-8, a header with the names of the columns, then rows of numbers and `nan`, `inf`, `-inf`.
 
-Written names are cleaned of control characters and quoted where they need it. A name that a spreadsheet would take
-for a formula is quoted too, but not changed: in mjrun's own columns a group such as `qpos/` comes before every name
-from a model, so none can be one.
+Written names are cleaned of control characters, and quoted where necessary. A name that a spreadsheet would read as a
+formula is quoted too, but not changed: in mjrun's own columns a group such as `qpos/` precedes every name from a model,
+so that none of them is a formula.
 
-A label may be any name from a model. It is cleaned and quoted in the same way; where a spreadsheet would take it for
-a formula, quoted or not, an apostrophe goes before it, as is the custom: `=1+1` is `'=1+1`. No text is an empty
-cell, an empty label `""`.
+A label may be any name from a model. It is cleaned and quoted in the same way; if a spreadsheet would read it as a
+formula, even in quotes, it gets the customary apostrophe: `=1+1` becomes `'=1+1`. A missing text is an empty cell, an
+empty label `""`.
 
-When reading, names lose the spaces around them, and an empty cell is not a number.
+Reading removes spaces around names, and rejects empty cells unless gaps are accepted.
 """
-
-from __future__ import annotations
 
 import codecs
 import csv
@@ -20,48 +18,42 @@ import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
+
+import numpy as np
+import orjson
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import EXACT, Cells, ColumnFilter, RowWriter, TableContents, TableFormat, select, shown
-from mjrun.formats.text_columns import (
-    LinePieces,
-    exact_cells,
-    integer_text,
-    is_number,
-    label_text,
-    number_blocks,
-    number_text,
-    pieces,
-)
-from mjrun.formats.text_columns import lines as lines_of
+from mjrun.formats import text_columns
+from mjrun.formats.row_writer import RowWriter
+from mjrun.formats.table_contents import EXACT, Cells, ColumnFilter, TableContents, select, shown
+from mjrun.formats.text_columns import LinePieces
 from mjrun.model.column import Column
 
-if TYPE_CHECKING:
-    import numpy as np
-
-FORMULA = ("=", "+", "-", "@")  # a cell that starts so is a formula to a spreadsheet
+FORMULA = ("=", "+", "-", "@")  # first characters of a cell that a spreadsheet reads as a formula
 # The same in full width, as in Japan, and after a semicolon, which separates cells where a comma is decimal.
 LABEL_FORMULA = re.compile(r"(^|;)(?=\s*[=+\-@＝＋－＠])")
 
-# Lines of numbers have none of these; JSON would take them for texts, lists, objects, true, false and null.
+# Absent from lines of numbers; JSON would read them as texts, lists, objects, true, false and null.
 NOT_NUMBERS = tuple(bytes([byte]) for byte in b'"[{tfn')
 NEGATIVE_ZERO = re.compile(rb"-0\s*(,|\n|\Z)")
 LONE_RETURN = re.compile(rb"\r(?!\n)")
 
 
 class CsvWriter(RowWriter):
-    """Writes the header with the first row, so that a failure before it prints nothing."""
+    """Writes the header with the first row, so that an earlier failure prints nothing."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         self._file = file
         self._header = b",".join(_cell(column.name) for column in columns) + b"\n"
-        self._labels = label_text(columns, _label_cell, b"")
+        self._labels = text_columns.label_text(
+            columns, lambda label: _cell(LABEL_FORMULA.sub(r"\1'", clean(label))), b""
+        )
         self._integers = {i for i, column in enumerate(columns) if column.integer}
 
     def write(self, block: np.ndarray) -> None:
         self._write_header()
-        for piece in pieces(block):
+        for piece in text_columns.pieces(block):
             mixed = self._labels or self._integers
             self._file.write(_mixed_lines(piece, self._labels, self._integers) if mixed else _lines(piece))
 
@@ -80,14 +72,8 @@ def _cell(name: str) -> bytes:
     return cell.encode()
 
 
-def _label_cell(label: str) -> bytes:
-    return _cell(LABEL_FORMULA.sub(r"\1'", clean(label)))
-
-
 def _lines(piece: np.ndarray) -> bytes:
-    import numpy as np
-
-    text = number_text(piece).replace(b"],[", b"\n") + b"\n"
+    text = text_columns.number_text(piece).replace(b"],[", b"\n") + b"\n"
     not_finite = piece[~np.isfinite(piece)]
     if not not_finite.size:
         return text
@@ -100,9 +86,7 @@ def _lines(piece: np.ndarray) -> bytes:
 
 
 def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: Set[int]) -> bytes:
-    """The lines of a piece with texts and integers: the numbers between those are printed together."""
-    import numpy as np
-
+    """Returns the lines of a piece with texts and integers; the numbers between those are printed together."""
     cells: list[list[bytes]] = []
     alone = {*labels, *integers}
     for index, run in itertools.groupby(range(piece.shape[1]), key=lambda i: i if i in alone else -1):
@@ -110,14 +94,14 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: 
         if index in labels:
             cells.append(labels[index][values[:, 0].astype(int)].tolist())
         elif index in integers:
-            cells.append(integer_text(values[:, 0], b"nan"))
+            cells.append(text_columns.integer_text(values[:, 0], b"nan"))
         else:
             cells.append(_lines(values).splitlines())
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
-    """The columns that the filter accepts."""
+    """Reads the accepted columns."""
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
     names = [name.strip(" \t") for name in header]
@@ -132,12 +116,13 @@ class _Lines:
     """The lines of a file as text.
 
     Attributes:
-      count: how many there were so far.
-      buffered: whether some wait here, read from the file already: a carriage return alone ends a line too.
+      count: number of lines so far.
+      buffered: whether lines that were read from the file are still waiting: a carriage return alone ends a line too.
     """
 
     def __init__(self, path: Path, file: BinaryIO, before: int = 0) -> None:
-        self.count, self.buffered = before, False
+        self.count = before
+        self.buffered = False
         self._texts = self._split(path, file)
 
     def __iter__(self) -> Iterator[str]:
@@ -149,26 +134,24 @@ class _Lines:
         return text
 
     def _split(self, path: Path, file: BinaryIO) -> Iterator[str]:
-        for line in lines_of(path, file, self.count):
+        for line in text_columns.lines(path, file, self.count):
             self.buffered = b"\r" in line[:-2]
             yield from _texts(line if self.count else line.removeprefix(codecs.BOM_UTF8))
 
 
 def _texts(lines: bytes) -> io.StringIO:
-    # Columns that are not wanted may hold bytes that are not UTF-8: an older spreadsheet writes its own code page.
+    # Columns that are not read may hold bytes that are not UTF-8: an older spreadsheet writes its own code page.
     return io.StringIO(lines.decode("utf-8", "surrogateescape"), newline="")
 
 
 def _blocks(
     path: Path, file: BinaryIO, header: _Lines, pieces: LinePieces, keys: Mapping[str, int], width: int, cells: Cells
 ) -> Iterator[np.ndarray]:
-    """The rows after the header: plain numbers are parsed by the piece, all else cell by cell."""
-    import numpy as np
-
+    """Yields the rows after the header: plain numbers are parsed piece by piece, anything else cell by cell."""
     convert = (_floats, _floats_or_nan, _exact)[cells]
 
     def parse(lines: Iterable[str], before: int) -> Iterator[np.ndarray]:
-        return number_blocks(path, _rows(path, lines, before, width), keys, convert)
+        return text_columns.number_blocks(path, _rows(path, lines, before, width), keys, convert)
 
     if header.buffered:
         yield from parse(header, header.count)
@@ -176,20 +159,17 @@ def _blocks(
         block = _plain_block(piece, list(keys.values()), width)
         if block is not None and not (cells is Cells.ANY and (np.abs(block) >= EXACT).any()):
             yield block
-        elif b'"' in piece:  # a cell may end in another piece, and so for all that follow
+        elif b'"' in piece:  # a cell may end in a later piece, so that the rest is read line by line
             yield from parse(itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n"))), before)
         else:
             yield from parse(_texts(piece), before)
 
 
 def _plain_block(piece: bytes, indices: list[int], width: int) -> np.ndarray | None:
-    """The columns with these indices of lines that are numbers as JSON has them, of which orjson makes the same bits.
+    """Returns the columns with these indices of lines of JSON numbers, which orjson turns into the same bits.
 
-    None if the lines hold anything else, or are not of this width.
+    None if the lines hold anything else, or have another width.
     """
-    import numpy as np
-    import orjson
-
     if any(mark in piece for mark in NOT_NUMBERS):
         return None
     lines = piece.replace(b"\r\n", b"\n") if b"\r" in piece else piece
@@ -201,17 +181,17 @@ def _plain_block(piece: bytes, indices: list[int], width: int) -> np.ndarray | N
         return None
 
     block = np.array([[row[i] for i in indices] for row in rows] if len(indices) < width else rows, np.float64)
-    # A carriage return alone, which ends a line, is a space in JSON, and the integer -0 loses its sign.
+    # A carriage return alone, which ends a line, is a space in JSON; and the integer -0 loses its sign there.
     differs = (b"\r" in piece and LONE_RETURN.search(piece)) or ((block == 0).any() and NEGATIVE_ZERO.search(piece))
     return None if differs else block
 
 
 def _rows(path: Path, lines: Iterable[str], before: int = 0, width: int = -1) -> Iterator[tuple[int, list[str]]]:
-    """The header and every row of its length, each with the line on which it begins; blank lines are skipped.
+    """Yields the header and every row of its length, each with its first line; blank lines are skipped.
 
     Args:
-      before: how many lines come before these.
-      width: of the header, if that is not among them.
+      before: number of lines before these.
+      width: width of the header, if that is not among them.
     """
     reader = csv.reader(lines, skipinitialspace=True, strict=True)
     while True:
@@ -241,15 +221,13 @@ def _require_header(path: Path, line: int, names: Sequence[str]) -> None:
         raise FileError(place, "is not text in UTF-8")
     if len(names) == 1 and any(separator in names[0] for separator in ";\t"):
         raise FileError(place, f"{shown(names[0])} is one column: columns are separated by commas")
-    if all(is_number(name, _floats) for name in names):
+    if all(text_columns.is_number(name, _floats) for name in names):
         raise FileError(place, "holds numbers: a table begins with the names of its columns")
 
 
 def _floats(cells: list[str]) -> np.ndarray:
-    import numpy as np
-
     text = "".join(cells)
-    if "_" in text or not text.isascii():  # Python's float takes 1_000 and the digits of any script
+    if "_" in text or not text.isascii():  # Python's float accepts 1_000 and the digits of any script
         raise ValueError
     return np.array(list(map(float, cells)))
 
@@ -259,7 +237,4 @@ def _floats_or_nan(cells: list[str]) -> np.ndarray:
 
 
 def _exact(cells: list[str]) -> np.ndarray:
-    return exact_cells(cells, _floats_or_nan)
-
-
-FORMAT = TableFormat("csv", (".csv",), CsvWriter, read, pipe=True, holds_manifest=False)
+    return text_columns.exact_cells(cells, _floats_or_nan)

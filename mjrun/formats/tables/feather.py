@@ -3,55 +3,44 @@
 The schema comes first in the file, and the manifest with it.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow
+from pyarrow import ipc
 
 from mjrun.expansion import require_expandable
+from mjrun.formats import arrow_columns as arrow
+from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
-from mjrun.formats.row_groups import GroupWriter
-from mjrun.formats.table_format import Cells, ColumnFilter, TableContents, TableFormat
+from mjrun.formats.row_writer import GroupWriter
 from mjrun.model.column import Column
 
-if TYPE_CHECKING:
-    import numpy as np
-    import pyarrow
-
 MAGIC = b"ARROW1"
-MARK = 0xFFFFFFFF  # before the length of metadata, since version 0.15
+MARK = 0xFFFFFFFF  # precedes the length of metadata, since version 0.15
 DICTIONARY_BATCH = 2  # type of a message
-LENGTH = 8  # bytes before a compressed buffer, which hold its size; -1 if it is not compressed after all
+LENGTH = 8  # bytes before a compressed buffer with its size; -1 if the buffer is stored uncompressed
 
 
 class FeatherWriter(GroupWriter):
     """Writes record batches of bounded size."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        import pyarrow
-
-        from mjrun.formats import arrow_columns as arrow
-
         super().__init__(columns)
         self._schema = arrow.schema_of(columns).with_metadata({arrow.MANIFEST: manifest})
-        options = pyarrow.ipc.IpcWriteOptions(compression="lz4")
-        self.writer = pyarrow.ipc.new_file(file, self._schema, options=options)
+        options = ipc.IpcWriteOptions(compression="lz4")
+        self.writer = ipc.new_file(file, self._schema, options=options)
 
     def write_group(self, group: np.ndarray) -> None:
-        from mjrun.formats.arrow_columns import record_batch
-
-        self.writer.write_batch(record_batch(group, self.columns, self._schema))
+        self.writer.write_batch(arrow.record_batch(group, self.columns, self._schema))
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
-    """The columns that the filter accepts."""
-    from pyarrow import ipc
-
-    from mjrun.formats import arrow_columns as arrow
-
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.Cells) -> tables.TableContents:
+    """Reads the accepted columns."""
     with decoding(path):
         require_expandable(path, max(batch_sizes(file)))  # dictionaries, or a batch, are whole in memory
         file.seek(0)
@@ -59,24 +48,22 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
     indices = arrow.select_columns(path, schema, wanted, cells)
     rows = decoded(path, arrow.blocks(path, list(indices), _batches(file, list(indices.values())), cells))
     manifest = parse_manifest((schema.metadata or {}).get(arrow.MANIFEST.encode()))
-    return TableContents(list(indices), rows, arrow.units(schema, indices), manifest)
+    return tables.TableContents(list(indices), rows, arrow.units(schema, indices), manifest)
 
 
 def _batches(file: BinaryIO, fields: list[int]) -> Iterator[pyarrow.RecordBatch]:
-    """The batches of the fields, whose offsets and indices come from the file and are checked first."""
-    from pyarrow import ipc
-
+    """Yields the batches of the fields; their offsets and indices come from the file, and are checked first."""
     if not fields:  # no field included would mean all
         return
-    arrow = ipc.open_file(file, options=ipc.IpcReadOptions(included_fields=fields))
-    for index in range(arrow.num_record_batches):
-        batch = arrow.get_batch(index)
+    reader = ipc.open_file(file, options=ipc.IpcReadOptions(included_fields=fields))
+    for index in range(reader.num_record_batches):
+        batch = reader.get_batch(index)
         batch.validate(full=True)
         yield batch
 
 
 def batch_sizes(file: BinaryIO) -> list[int]:
-    """Returns the bytes that the dictionaries of a file take together, and those of each batch, decompressed.
+    """Returns the decompressed bytes of all dictionaries of a file, and of each batch.
 
     Raises:
       ValueError: the file is damaged.
@@ -95,25 +82,25 @@ class _Table:
         self.content, self.at = content, at
 
     @classmethod
-    def root(cls, content: bytes) -> _Table:
+    def root(cls, content: bytes) -> "_Table":
         table = cls(content, 0)
         return cls(content, table.number("<I", 0))
 
     def field(self, number: int) -> int | None:
-        """The position of a field; None if it has its default."""
+        """Returns the position of a field; None if it has its default."""
         fields = self.at - self.number("<i", self.at)
         if 4 + 2 * number >= self.number("<H", fields):
             return None
         offset = self.number("<H", fields + 4 + 2 * number)
         return self.at + offset if offset else None
 
-    def table(self, number: int) -> _Table | None:
-        """The table that a field refers to."""
+    def table(self, number: int) -> "_Table | None":
+        """Returns the table that a field refers to."""
         at = self.field(number)
         return None if at is None else _Table(self.content, at + self.number("<I", at))
 
     def structures(self, number: int, layout: str) -> Iterator[tuple[int, ...]]:
-        """The structures in the vector that a field refers to."""
+        """Yields the structures in the vector that a field refers to."""
         if (vector := self.table(number)) is None:
             return
         count = self.number("<I", vector.at)
@@ -130,12 +117,12 @@ class _Table:
 
 
 def _blocks(footer: _Table, field: int) -> Iterator[tuple[int, int]]:
-    """Offset of each message, and bytes of its metadata."""
+    """Yields the offset of each message, and the bytes of its metadata."""
     yield from ((offset, length) for offset, length, _ in footer.structures(field, "<qi4xq"))
 
 
 def _size(file: BinaryIO, offset: int, length: int) -> int:
-    """The bytes that the buffers of the message at `offset` take, decompressed."""
+    """Returns the decompressed bytes of the buffers of the message at `offset`."""
     content = _bytes(file, offset, length)
     is_marked = content[:4] == struct.pack("<I", MARK)
     message = _Table.root(content[8 if is_marked else 4 :])
@@ -150,20 +137,17 @@ def _size(file: BinaryIO, offset: int, length: int) -> int:
         return sum(size for _, size in places)
     sizes = [struct.unpack("<q", _bytes(file, at, LENGTH))[0] if size else 0 for at, size in places]
     if min(sizes, default=0) < -1:
-        raise ValueError("a buffer has less than no bytes")
+        raise ValueError("a buffer has a negative size")
     return sum(size if unpacked == -1 else unpacked for unpacked, (_, size) in zip(sizes, places, strict=True))
 
 
 def _bytes(file: BinaryIO, at: int, count: int) -> bytes:
-    """The bytes at a place of the file.
+    """Returns the bytes at a place of the file.
 
     Raises:
-      ValueError: it has not so many there.
+      ValueError: the file ends before.
     """
     if at < 0 or count < 0 or at + count > os.fstat(file.fileno()).st_size:
         raise ValueError("its metadata lead outside of the file")
     file.seek(at)
     return file.read(count)
-
-
-FORMAT = TableFormat("feather", (".feather", ".arrow"), FeatherWriter, read, library="pyarrow", extra="parquet")

@@ -1,108 +1,83 @@
 """HDF5: one dataset for each column, in groups by its name, as in `f["qpos/knee"]`; float64 `(rows,)`.
 
-A column of integers is int64, unless a number is missing.
+A column of integers is int64, unless a number is missing; text columns are UTF-8 strings, empty for no text.
 
-Datasets have the attributes `unit` and `index`, their place in the table; text columns are UTF-8 strings, empty for no
-text. The file has the attribute `manifest`, which is JSON; of one that is too long for HDF5, `manifest_1` … are the
-rest. A name that HDF5 cannot have as a path, or that is the group of another, stands in the attribute `name`.
+Datasets have the attributes `unit` and `index`, their place in the table. The file has the attribute `manifest`, which
+is JSON; if it is too long for one attribute, `manifest_1` … hold the rest. A name that HDF5 does not accept as a path,
+or that is the group of another, is stored in the attribute `name`.
 
-Texts in attributes are UTF-8 of fixed length. Those of variable length are in a heap, on which HDF5's own library hangs
-if a file is broken, and are not read.
+HDF5's own library hangs on broken files when it reads texts of variable length from their heap. Attributes of variable
+length are therefore ignored, and columns of variable length are read by the parser here, unless they are compressed.
 
-When reading a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`,
-if it has two dimensions. Links to other files are not followed.
+In a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`, if it has
+two dimensions. Links to other files are not followed.
 
-Columns are written whole, so rows wait in an unnamed file beside the table until the last one is there.
+Columns are written whole, so rows wait in an unnamed file beside the table until the last one has arrived.
 """
 
-from __future__ import annotations
-
 import math
+import struct
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
+
+import h5py
+import numpy as np
 
 from mjrun.errors import FileError, clean
 from mjrun.expansion import require_expandable
-from mjrun.formats.input_file import decoded, decoding, parse_manifest
+from mjrun.formats import table_contents as tables
+from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_header import NUMERIC, content_name
-from mjrun.formats.row_groups import ColumnWriter
-from mjrun.formats.table_format import (
-    Cells,
-    ColumnFilter,
-    TableContents,
-    TableFormat,
-    number_cells,
-    require_equal_lengths,
-    require_plausible_size,
-    require_vector,
-    row_blocks,
-    select_parts,
-    shown,
-)
-from mjrun.model.column import Column
+from mjrun.formats.row_writer import ColumnWriter
 
-if TYPE_CHECKING:
-    import h5py
-    import numpy as np
-
-LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 takes 64 KiB
-DEEPEST = 32  # groups within each other that are looked into
+LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 holds 64 KiB
+DEEPEST = 32  # groups within each other that are searched
+REFERENCE = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])  # of a text of variable length
+HEAP = struct.Struct("<4sB3xQ")  # begin of a heap: signature, version, size
+HEAP_OBJECT = struct.Struct("<HHIQ")  # begin of a text in it: index, uses, nothing, size
 
 
 class Hdf5Writer(ColumnWriter):
-    """Writes the datasets once all rows are there."""
-
-    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        import h5py  # noqa: F401  (a broken installation shows before the first step)
-
-        super().__init__(file, columns, manifest)
+    """Writes the datasets once all rows are stored."""
 
     def save(self, manifest: str) -> None:
-        import h5py
-
         names = [column.name for column in self.columns]
         with Path(self.file.name).open("r+b") as file, h5py.File(file, "w") as archive:
             for index, (path, column) in enumerate(zip(paths(names), self.columns, strict=True)):
                 dataset = self._create(archive, path, index)
                 dataset.attrs["index"] = index
-                texts = {"unit": column.unit, "name": column.name if path != column.name else ""}
-                for key, text in texts.items():
-                    _write_text(dataset, key, text)
+                _write_text(dataset, "unit", column.unit)
+                _write_text(dataset, "name", column.name if path != column.name else "")
             for start in range(0, len(manifest), LONGEST):
-                _write_text(archive, _part(start // LONGEST), manifest[start : start + LONGEST])
+                _write_text(archive, _manifest_part(start // LONGEST), manifest[start : start + LONGEST])
 
     def _create(self, archive: h5py.File, path: str, index: int) -> h5py.Dataset:
-        """Makes the dataset of a column."""
-        import h5py
-        import numpy as np
-
-        labels = self.columns[index].labels
-        texts = np.array([*labels, ""], object)  # the last is for −1
-        kind = h5py.string_dtype() if labels else "<i8" if self.is_whole(index) else "<f8"
-        dataset, start = archive.create_dataset(path, (self.rows,), kind), 0
-        for piece in self.values(index):
-            dataset[start : start + len(piece)] = texts[piece.astype(int)] if labels else piece
+        """Creates the dataset of a column."""
+        kind, pieces = self.cells(index)
+        is_text = kind.kind == "U"
+        dataset = archive.create_dataset(path, (self.rows,), h5py.string_dtype() if is_text else kind)
+        start = 0
+        for piece in pieces:
+            dataset[start : start + len(piece)] = piece.astype(object) if is_text else piece
             start += len(piece)
         return dataset
 
 
 def _write_text(item: h5py.File | h5py.Dataset, key: str, text: str) -> None:
-    """An attribute that is a text; none if it is empty, which HDF5 does not have."""
-    import numpy as np
-
+    """Writes an attribute that is a text of fixed length, unless it is empty, which HDF5 does not support."""
     if text:
         item.attrs[key] = np.bytes_(text.encode())
 
 
-def _part(number: int) -> str:
-    """The attribute with this part of the manifest."""
+def _manifest_part(number: int) -> str:
+    """Returns the attribute with this part of the manifest."""
     return f"manifest_{number}" if number else "manifest"
 
 
 def paths(names: Sequence[str]) -> list[str]:
-    """Where each column stands: under its name, or else a number."""
+    """Returns the path of each column: its name, or else a number."""
     groups = {"/".join(parts[:end]) for parts in (name.split("/") for name in names) for end in range(1, len(parts))}
     taken = set(names)
     places: list[str] = []
@@ -117,45 +92,130 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
-    """The columns that the filter accepts."""
-    import h5py
-
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.Cells) -> tables.TableContents:
+    """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")
         datasets = dict(sorted(_datasets(archive), key=lambda item: _index(item[1])))
         arrays = [(name, dataset.shape or (), dataset) for name, dataset in datasets.items()]
         manifest = parse_manifest("".join(_manifest(archive)))
-    columns = select_parts(path, arrays, wanted)
-
+    columns = tables.select_parts(path, arrays, wanted)
     with decoding(path):
         units = {column: _text(dataset, "unit") for column, (dataset, _) in columns.items()}
-        for column, (dataset, _) in columns.items():
-            _require_numbers(path, column, dataset)
-            if dataset.chunks:  # whole in memory, though one row of it is asked for
-                require_expandable(path, math.prod(dataset.chunks) * dataset.dtype.itemsize)
-    lengths = {column: len(dataset) for column, (dataset, _) in columns.items()}
-    require_equal_lengths(path, lengths)
-    rows = next(iter(lengths.values()), 0)
-    require_plausible_size(path, rows, len(columns))
+    rows = max(((dataset.shape or (0,))[0] for dataset, _ in columns.values()), default=0)
+    tables.require_plausible_size(path, rows, len(columns))
 
-    def read_rows(start: int, count: int) -> list[np.ndarray]:
-        values: list[np.ndarray] = []
-        for dataset, group in groupby(columns.values(), key=lambda column: column[0]):
-            part = dataset[start : start + count].reshape(count, -1)
-            values += [number_cells(part[:, column], cells) for _, column in group]
-        return values
+    def opened(name: str, dataset: h5py.Dataset) -> tables.ArrayReader:
+        content = content_name(dataset.dtype)
+        text = h5py.check_string_dtype(dataset.dtype)
+        if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.Cells.ANY):
+            raise tables.not_numbers(path, name, "text" if text else content)
+        tables.require_vector(path, name, dataset.shape or ())
+        if dataset.is_virtual or dataset.external:
+            raise FileError(path, f"column {tables.shown(name)} is in another file, which is not read")
+        # A chunk is whole in memory, even if one row of it is read; and so is a text of fixed length.
+        require_expandable(path, math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize)
+        return _TextReader(file, dataset) if text and text.length is None else _DatasetReader(dataset)
 
-    width = sum(math.prod(dataset.shape[1:]) for dataset in {dataset for dataset, _ in columns.values()})
-    return TableContents(list(columns), decoded(path, row_blocks(rows, width, read_rows)), units, manifest)
+    return tables.array_contents(path, columns, cells, opened, units, manifest)
+
+
+class _DatasetReader:
+    """A dataset of numbers, or of texts of fixed length."""
+
+    def __init__(self, dataset: h5py.Dataset) -> None:
+        self._dataset = dataset
+        self.rows = len(dataset)
+        self.width = math.prod(dataset.shape[1:]) * max(1, dataset.dtype.itemsize // 8)
+
+    def read(self, start: int, count: int) -> np.ndarray:
+        values = np.asarray(self._dataset[start : start + count]).reshape(count, -1)
+        return np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
+
+
+class _TextReader:
+    """A dataset of texts of variable length, read from the file without HDF5's own library.
+
+    The file has a reference to each text: its length, the address of a heap, and its index there. See "Global Heap" in
+    the HDF5 File Format Specification.
+
+    Raises:
+      ValueError: the dataset is compressed or damaged.
+    """
+
+    width = REFERENCE.itemsize // 8
+
+    def __init__(self, file: BinaryIO, dataset: h5py.Dataset) -> None:
+        archive = dataset.file
+        if archive.id.get_create_plist().get_sizes() != (8, 8) or math.prod(dataset.shape) != len(dataset):
+            raise ValueError("texts of variable length are stored in an unknown way")
+        if dataset.id.get_create_plist().get_nfilters():
+            raise ValueError("texts of variable length are compressed, and not read")
+        self._file = file
+        self._base = archive.userblock_size
+        self.rows = len(dataset)
+        self._places: dict[int, int] = {}  # where references are in the file, by the first row of a chunk
+        if dataset.chunks:
+            chunks = (dataset.id.get_chunk_info(index) for index in range(dataset.id.get_num_chunks()))
+            self._places = {chunk.chunk_offset[0]: chunk.byte_offset for chunk in chunks}
+        elif dataset.id.get_storage_size():
+            self._places = {0: dataset.id.get_offset()}
+        self._chunk = dataset.chunks[0] if dataset.chunks else max(1, self.rows)
+        self._heap = lru_cache(maxsize=2)(self._read_heap)
+
+    def read(self, start: int, count: int) -> np.ndarray:
+        texts = np.full((count, 1), "", object)
+        row = start
+        while row < start + count:
+            first = row - row % self._chunk
+            end = min(first + self._chunk, start + count)
+            if (place := self._places.get(first)) is not None:  # otherwise nothing was written there
+                size = (end - row) * REFERENCE.itemsize
+                content = self._content(place + (row - first) * REFERENCE.itemsize, size)
+                for index, reference in enumerate(np.frombuffer(content, REFERENCE), row - start):
+                    texts[index, 0] = self._text(*reference.item())
+            row = end
+        return texts
+
+    def _text(self, length: int, address: int, index: int) -> str:
+        if not length:
+            return ""
+        content = self._heap(address).get(index, b"")
+        if len(content) < length:
+            raise ValueError("a text is missing from its heap")
+        return content[:length].decode("utf-8", "replace")
+
+    def _read_heap(self, address: int) -> dict[int, bytes]:
+        """Returns the texts in the heap at an address, encoded, by their index."""
+        signature, version, size = HEAP.unpack(self._content(self._base + address, HEAP.size))
+        if signature != b"GCOL" or version != 1:
+            raise ValueError("a heap of texts is damaged")
+        self._file.seek(self._base + address)
+        heap = self._file.read(size)  # the file may end within what is free
+        texts: dict[int, bytes] = {}
+        at = HEAP.size
+        while at + HEAP_OBJECT.size <= len(heap):
+            index, _, _, length = HEAP_OBJECT.unpack_from(heap, at)
+            at += HEAP_OBJECT.size
+            if not index:  # what follows is free
+                break
+            if at + length > len(heap):
+                raise ValueError("a heap of texts is damaged")
+            texts[index] = heap[at : at + length]
+            at += length + -length % 8
+        return texts
+
+    def _content(self, at: int, count: int) -> bytes:
+        if at + count > self._file.seek(0, 2):
+            raise ValueError("it ends early")
+        self._file.seek(at)
+        return self._file.read(count)
 
 
 def _datasets(
     group: h5py.Group, prefix: str = "", within: tuple[h5py.Group, ...] = ()
 ) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Every dataset below a group with its name, but for those in other files, and groups within themselves."""
-    import h5py
-
+    """Yields every dataset below a group with its name, except those in other files, and groups within themselves."""
     if group in within or len(within) == DEEPEST:
         return
     for key in group:
@@ -169,7 +229,7 @@ def _datasets(
 
 
 def _index(dataset: h5py.Dataset) -> int:
-    """The place of a column in the table, if mjrun wrote it."""
+    """Returns the place of a column in the table; 0 if mjrun did not write it."""
     if "index" not in dataset.attrs:
         return 0
     attribute = dataset.attrs.get_id("index")
@@ -179,22 +239,13 @@ def _index(dataset: h5py.Dataset) -> int:
 
 def _manifest(archive: h5py.File) -> Iterator[str]:
     number = 0
-    while part := _text(archive, _part(number)):
+    while part := _text(archive, _manifest_part(number)):
         yield part
         number += 1
 
 
-def _require_numbers(path: Path, name: str, dataset: h5py.Dataset) -> None:
-    if dataset.dtype.kind not in NUMERIC:
-        content = "text" if dataset.dtype.kind == "O" else content_name(dataset.dtype)
-        raise FileError(path, f"column {shown(name)} holds {content}, not numbers")
-    require_vector(path, name, dataset.shape or ())
-    if dataset.is_virtual or dataset.external:
-        raise FileError(path, f"column {shown(name)} is in another file, which is not read")
-
-
 def _text(item: h5py.File | h5py.Dataset, key: str) -> str:
-    """An attribute that is a text of fixed length; empty for anything else."""
+    """Returns an attribute that is a text of fixed length; empty for any other."""
     if key not in item.attrs:
         return ""
     attribute = item.attrs.get_id(key)
@@ -202,6 +253,3 @@ def _text(item: h5py.File | h5py.Dataset, key: str) -> str:
         return ""
     text: Any = item.attrs[key]
     return text.decode("utf-8", "replace")
-
-
-FORMAT = TableFormat("hdf5", (".h5", ".hdf5"), Hdf5Writer, read, library="h5py", extra="hdf5")

@@ -1,10 +1,8 @@
-"""JSON Lines: one object for each row, `{"time":0.0,"qpos/knee":0.5}`; not finite, and no text, is null.
+"""JSON Lines: one object for each row, `{"time":0.0,"qpos/knee":0.5}`.
 
-A name or label with control characters is escaped, so that it reads back exactly and cannot steer a terminal.
-When reading, the keys of the first row are the columns, and null is not a number.
+Numbers that are not finite, and missing texts, are null. A name or label with control characters is escaped, so that it
+reads back exactly and cannot control a terminal. In a table that is read, the keys of the first row are the columns.
 """
-
-from __future__ import annotations
 
 import codecs
 import contextlib
@@ -15,23 +13,16 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, KeysView, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
+
+import numpy as np
+import orjson
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.table_format import Cells, ColumnFilter, RowWriter, TableContents, TableFormat, select, shown
-from mjrun.formats.text_columns import (
-    exact_cells,
-    integer_text,
-    label_text,
-    lines,
-    number_blocks,
-    number_text,
-    pieces,
-)
+from mjrun.formats import text_columns
+from mjrun.formats.row_writer import RowWriter
+from mjrun.formats.table_contents import Cells, ColumnFilter, TableContents, select, shown
 from mjrun.model.column import Column
-
-if TYPE_CHECKING:
-    import numpy as np
 
 LONG_INTEGER = re.compile(rb"\d{19}")
 
@@ -43,18 +34,18 @@ class JsonlWriter(RowWriter):
         self._file = file
         first, *others = (_string(column.name) + b":" for column in columns)
         self._before = [b"}\n{" + first, *(b"," + key for key in others)]
-        self._labels = label_text(columns, _string, b"null")
+        self._labels = text_columns.label_text(columns, _string, b"null")
         self._integers = [i for i, column in enumerate(columns) if column.integer]
 
     def write(self, block: np.ndarray) -> None:
-        for piece in pieces(block):
+        for piece in text_columns.pieces(block):
             parts = [b""] * (2 * piece.size)
             parts[::2] = self._before * len(piece)
-            parts[1::2] = number_text(piece).replace(b"],[", b",").split(b",")
+            parts[1::2] = text_columns.number_text(piece).replace(b"],[", b",").split(b",")
             for index, labels in self._labels.items():
                 parts[2 * index + 1 :: 2 * piece.shape[1]] = labels[piece[:, index].astype(int)].tolist()
             for index in self._integers:
-                parts[2 * index + 1 :: 2 * piece.shape[1]] = integer_text(piece[:, index], b"null")
+                parts[2 * index + 1 :: 2 * piece.shape[1]] = text_columns.integer_text(piece[:, index], b"null")
             parts[0] = parts[0].removeprefix(b"}\n")
             self._file.write(b"".join(parts) + b"}\n")
 
@@ -64,7 +55,7 @@ def _string(text: str) -> bytes:
 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
-    """The columns that the filter accepts. Where there may be gaps, a key may be missing too."""
+    """Reads the accepted columns. If gaps are accepted, a key may be missing too."""
     rows = _rows(path, file, cells)
     first = next(rows, None)
     if first is None:
@@ -73,15 +64,13 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
     keys = {name: name for name in select(path, list(names), wanted)}
     alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= Cells.GAPS))
     convert = (_floats, _floats_or_nan, _exact)[cells]
-    return TableContents(list(keys), number_blocks(path, alike, keys, convert))
+    return TableContents(list(keys), text_columns.number_blocks(path, alike, keys, convert))
 
 
 def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Every object, with its line; blank lines are skipped, and the keys of the first row are unique."""
-    import orjson
-
+    """Yields every object with its line; skips blank lines, and checks that the keys of the first row are unique."""
     first = True
-    for number, text in enumerate(lines(path, file), 1):
+    for number, text in enumerate(text_columns.lines(path, file), 1):
         line = text.removeprefix(codecs.BOM_UTF8) if number == 1 else text
         if not line.strip():
             continue
@@ -90,7 +79,7 @@ def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[
             row = orjson.loads(line)
         except orjson.JSONDecodeError as error:
             raise FileError(place, f"cannot be read as JSON: {clean(error.msg)}, character {error.pos + 1}") from None
-        if cells is Cells.ANY and LONG_INTEGER.search(line):  # of which orjson makes a float
+        if cells is Cells.ANY and LONG_INTEGER.search(line):  # which orjson reads as a float
             with contextlib.suppress(ValueError, RecursionError):
                 row = json.loads(line)
         if not isinstance(row, dict):
@@ -102,8 +91,8 @@ def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[
 
 
 def _require_unique_keys(place: str, line: bytes) -> None:
-    """Raises FileError if two keys of the object in `line` are alike, of which orjson would keep the last."""
-    with contextlib.suppress(RecursionError):  # orjson goes deeper
+    """Raises FileError if two keys of the object in `line` are alike; orjson would keep the last of them."""
+    with contextlib.suppress(RecursionError):  # orjson accepts deeper nesting
         names = Counter(name for name, _ in json.loads(line, object_pairs_hook=list, parse_int=float))
         name, count = names.most_common(1)[0] if names else ("", 0)
         if count > 1:
@@ -113,7 +102,7 @@ def _require_unique_keys(place: str, line: bytes) -> None:
 def _with_keys(
     path: Path, rows: Iterable[tuple[int, dict[str, Any]]], names: KeysView[str], wanted: ColumnFilter, gaps: bool
 ) -> Iterator[tuple[int, dict[str, Any]]]:
-    """`rows`, whose wanted keys are checked to be those in `names`; what is missing is None where there may be gaps."""
+    """Yields `rows`, checking that their wanted keys are `names`; if gaps are accepted, missing ones become None."""
     for line, row in rows:
         if row.keys() != names:
             for name in (*names, *row):
@@ -125,8 +114,6 @@ def _with_keys(
 
 
 def _floats(cells: list[Any]) -> np.ndarray:
-    import numpy as np
-
     if not {int, float, bool}.issuperset(map(type, cells)):
         raise ValueError
     return np.array(cells, np.float64)
@@ -137,7 +124,4 @@ def _floats_or_nan(cells: list[Any]) -> np.ndarray:
 
 
 def _exact(cells: list[Any]) -> np.ndarray:
-    return exact_cells(cells, _floats_or_nan)
-
-
-FORMAT = TableFormat("jsonl", (".jsonl",), JsonlWriter, read, pipe=True, holds_manifest=False)
+    return text_columns.exact_cells(cells, _floats_or_nan)

@@ -1,17 +1,15 @@
 """MATLAB 5: one column vector `(rows, 1)` for each column; text columns are cells of texts.
 
-Columns are double, those of integers int64 unless a number is missing.
+Columns are double; columns of integers are int64, unless a number is missing.
 
 Variables are named as MATLAB allows: `qpos/knee` is `qpos_knee`. The cells `columns`, `variables` and `units` hold
 the exact names, the variables and the units in order; the text `manifest` is JSON. The format holds 2 GiB for each
 variable; more rows are refused as they arrive, counting every text as the longest label.
 
-When reading a file that mjrun did not write, every variable is a column. scipy writes; it does not read, as it follows
-types and sizes in the file unchecked, and one flipped byte can crash the process. The parser here checks every size.
+In a file that mjrun did not write, every variable is a column. scipy writes the files. It does not read them, as it
+follows types and sizes in the file unchecked, and one flipped byte can crash the process; the parser here checks them.
 The format is described in MathWorks' "MAT-File Format".
 """
-
-from __future__ import annotations
 
 import errno
 import math
@@ -22,34 +20,19 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
-from mjrun.errors import FileError
+import numpy as np
+
 from mjrun.expansion import largest_expansion, require_expandable
+from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
-from mjrun.formats.row_groups import ColumnWriter
-from mjrun.formats.table_format import (
-    Cells,
-    ColumnFilter,
-    TableContents,
-    TableFormat,
-    number_cells,
-    require_equal_lengths,
-    require_vector,
-    row_blocks,
-    select_parts,
-    shown,
-    text_cells,
-)
+from mjrun.formats.row_writer import ColumnWriter
 from mjrun.model.column import Column
 
-if TYPE_CHECKING:
-    import numpy as np
-
 LIMIT = 2**31  # bytes in one variable
-CELL = 64  # bytes that a text in a cell takes besides its characters, of which each takes at most 4
+CELL = 64  # bytes of a text in a cell beyond its characters, each of which takes at most 4
 LONGEST_NAME = 63  # characters in the name of a variable
 RESERVED = ("columns", "variables", "units", "manifest")
 HEADER = 116  # bytes of text at the start of the file
@@ -65,13 +48,14 @@ IMAGINARY = 0x800
 
 
 class MatWriter(ColumnWriter):
-    """Writes the variables once all rows are there."""
+    """Writes the variables once all rows are stored."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        import scipy.io  # noqa: F401  (a broken installation shows before the first step)
+        import scipy.io  # which reading does without; a broken installation is reported before the first step
 
         super().__init__(file, columns, manifest)
         self._widest = max([8, *(CELL + 4 * len(label) for column in columns for label in column.labels)])
+        self._savemat = scipy.io.savemat
 
     def write(self, block: np.ndarray) -> None:
         if self._widest * (self.rows + len(block)) >= LIMIT:
@@ -79,14 +63,11 @@ class MatWriter(ColumnWriter):
         super().write(block)
 
     def save(self, manifest: str) -> None:
-        import numpy as np
-
         variables = identifiers([column.name for column in self.columns])
-        for index, (variable, column) in enumerate(zip(variables, self.columns, strict=True)):
-            values = np.concatenate([np.empty(0), *self.values(index)])[:, None]
-            if column.labels:
-                values = np.array([*column.labels, ""], object)[values.astype(int)]
-            self._save(variable, values.astype(np.int64) if self.is_whole(index) else values)
+        for index, variable in enumerate(variables):
+            kind, pieces = self.cells(index)
+            values = np.concatenate([np.empty(0, kind), *pieces])[:, None]
+            self._save(variable, values.astype(object) if kind.kind == "U" else values)
         self._save("columns", np.array([column.name for column in self.columns], object))
         self._save("variables", np.array(variables, object))
         self._save("units", np.array([column.unit for column in self.columns], object))
@@ -95,13 +76,11 @@ class MatWriter(ColumnWriter):
         self.file.write(b"MATLAB 5.0 MAT-file, written by mjrun".ljust(HEADER))
 
     def _save(self, variable: str, value: np.ndarray | str) -> None:
-        import scipy.io
-
-        scipy.io.savemat(self.file, {variable: value}, oned_as="column")  # appends, after the first
+        self._savemat(self.file, {variable: value}, oned_as="column")  # appends, after the first
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
-    """A MATLAB variable for each name, no two alike, and none of `RESERVED`."""
+    """Returns a MATLAB variable for each name, no two alike, and none of `RESERVED`."""
     taken: dict[str, None] = dict.fromkeys(RESERVED)
     for name in names:
         base = re.sub(r"\W", "_", name, flags=re.ASCII)
@@ -114,51 +93,50 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return list(taken)[len(RESERVED) :]
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
-    """The columns that the filter accepts. A variable is whole in memory, as it may be compressed."""
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.Cells) -> tables.TableContents:
+    """Reads the accepted columns. A variable is whole in memory, as it may be compressed."""
     with decoding(path):
         mat = MatParser(file)
         units, manifest = mat.units(), parse_manifest(mat.manifest())
         arrays = [(name, _shape(mat.header(index)), index) for name, index in mat.columns()]
-    columns = select_parts(path, arrays, wanted)
-
+    columns = tables.select_parts(path, arrays, wanted)
     with decoding(path):
         shapes = [mat.header(index).shape for index in {index: None for index, _ in columns.values()}]
         require_expandable(path, 8 * sum(map(math.prod, shapes)))
 
-    def blocks() -> Iterator[np.ndarray]:
-        values: dict[str, np.ndarray] = {}
-        for index, group in groupby(columns.items(), key=lambda column: column[1][0]):
-            parts = {name: part for name, (_, part) in group}
-            with decoding(path):
-                matrix = mat.read(index)
-                if cells is Cells.ANY and (texts := mat.texts(matrix)) is not None:
-                    array = text_cells(texts)[:, None]
-                else:
-                    array = _numbers(path, next(iter(parts)), matrix)
-            values |= {column: array[:, part] for column, part in parts.items()}
-        require_equal_lengths(path, {name: len(column) for name, column in values.items()})
+    def opened(name: str, index: int) -> tables.ArrayReader:
+        return _MatrixReader(path, name, mat, index, cells)
 
-        def read_rows(start: int, count: int) -> list[np.ndarray]:
-            pieces = [column[start : start + count] for column in values.values()]
-            return [piece if piece.dtype == object else number_cells(piece, cells) for piece in pieces]
-
-        yield from row_blocks(max(map(len, values.values()), default=0), len(values), read_rows)
-
-    return TableContents(list(columns), blocks(), units, manifest)
+    return tables.array_contents(path, columns, cells, opened, units, manifest)
 
 
-def _shape(matrix: Matrix) -> tuple[int, ...]:
-    """The shape of a matrix of numbers; empty for a vector, lying or standing, and for anything else: one column."""
+def _shape(matrix: "Matrix") -> tuple[int, ...]:
+    """Returns the shape of a matrix of numbers; empty for a vector, lying or standing, and for anything else."""
     return matrix.shape if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else ()
 
 
-def _numbers(path: Path, name: str, matrix: Matrix) -> np.ndarray:
-    """The columns of a matrix of numbers of any type, `(n, columns)`."""
+class _MatrixReader:
+    """A variable; its values are read with its first rows."""
+
+    def __init__(self, path: Path, name: str, mat: "MatParser", index: int, cells: tables.Cells) -> None:
+        matrix = mat.read(index)
+        texts = mat.texts(matrix) if cells is tables.Cells.ANY else None
+        if texts is not None:
+            self._values = np.array([*texts, None], object)[:-1, None]
+        else:
+            self._values = _numbers(path, name, matrix)
+        self.rows, self.width = self._values.shape
+
+    def read(self, start: int, count: int) -> np.ndarray:
+        return self._values[start : start + count]
+
+
+def _numbers(path: Path, name: str, matrix: "Matrix") -> np.ndarray:
+    """Returns the columns of a matrix of numbers of any type, `(n, columns)`."""
     if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
         content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")
-        raise FileError(path, f"column {shown(name)} holds {content}, not numbers")
-    require_vector(path, name, matrix.shape, lying=True)
+        raise tables.not_numbers(path, name, content)
+    tables.require_vector(path, name, matrix.shape, lying=True)
     _, values = next(matrix.parts)
     if values.size != math.prod(matrix.shape):
         raise ValueError("the size of a matrix is not that of its shape")
@@ -168,7 +146,7 @@ def _numbers(path: Path, name: str, matrix: Matrix) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Matrix:
-    """A MATLAB array: what its header says, and the type and content of each part after it."""
+    """A MATLAB array: the fields of its header, and the type and content of each part after it."""
 
     kind: int
     imaginary: bool
@@ -178,7 +156,7 @@ class Matrix:
 
 
 class MatParser:
-    """The variables of a file of MATLAB 5 to 7.2, which also scipy and Octave write.
+    """The variables of a file of MATLAB 5 to 7.2, a format that scipy and Octave also write.
 
     Raises:
       ValueError: it is something else, or not complete.
@@ -202,7 +180,7 @@ class MatParser:
             raise ValueError("it is cut off")
 
     def columns(self) -> list[tuple[str, int]]:
-        """Columns by name, with the index of their variable: those that mjrun's cells name, or else all variables."""
+        """Returns columns and the index of their variable: those that mjrun's cells name, or else all variables."""
         indices = {name: index for index, name in enumerate(self._names)}
         names, variables = self._cell("columns"), self._cell("variables")
         if len(names) == len(variables) > 0:
@@ -212,24 +190,24 @@ class MatParser:
         return [(name, index) for index, name in enumerate(self._names) if name]  # without: of MATLAB's own
 
     def units(self) -> dict[str, str]:
-        """The units of columns, if mjrun wrote the file."""
+        """Returns the units of columns, if mjrun wrote the file."""
         names = self._cell("columns")
         units = self._cell("units") if names else []
         return dict(zip(names, units, strict=True)) if len(names) == len(units) else {}
 
     def manifest(self) -> str | None:
-        """The text of the variable `manifest`, if mjrun wrote the file."""
+        """Returns the text of the variable `manifest`, if mjrun wrote the file."""
         if not self._cell("columns") or "manifest" not in self._names:
             return None
         matrix = self.read(self._names.index("manifest"))
         return "".join(map(self._text, matrix.parts)) if matrix.kind == 4 else None
 
-    def header(self, index: int) -> Matrix:
-        """The variable with this index, of which only the beginning is read."""
+    def header(self, index: int) -> "Matrix":
+        """Returns the variable with this index, of which only the beginning is read."""
         return self._matrix(self._body(index, BEGIN))
 
-    def read(self, index: int) -> Matrix:
-        """The variable with this index, whole."""
+    def read(self, index: int) -> "Matrix":
+        """Returns the variable with this index, whole."""
         return self._matrix(self._body(index))
 
     @cached_property
@@ -238,14 +216,14 @@ class MatParser:
         return [self._matrix(self._body(index, BEGIN)).name for index in range(len(self._places))]
 
     def _cell(self, name: str) -> list[str]:
-        """The texts in the cell array `name`; none if there is no such variable, or it is something else."""
+        """Returns the texts in the cell array `name`; none if the variable is missing or something else."""
         if name not in self._names:
             return []
         cell = self.read(len(self._names) - 1 - self._names[::-1].index(name))  # MATLAB takes the last of a name
         return self.texts(cell) or []
 
-    def texts(self, cell: Matrix) -> list[str] | None:
-        """The texts in a cell array; None if it is something else, or holds something else."""
+    def texts(self, cell: "Matrix") -> list[str] | None:
+        """Returns the texts in a cell array; None if it is something else, or holds something else."""
         if cell.kind != 1:
             return None
         inner = [self._matrix(part) for kind, part in cell.parts if kind == MATRIX]
@@ -258,7 +236,7 @@ class MatParser:
         return content.tobytes().decode(CODECS[kind].format("le" if self._order == "<" else "be"))
 
     def _body(self, index: int, limit: int = 2**32) -> bytes:
-        """The content of a variable, of which the first `limit` bytes are enough."""
+        """Returns the content of a variable, or its first `limit` bytes."""
         kind, begin, size = self._places[index]
         self._file.seek(begin)
         if kind == MATRIX:
@@ -274,9 +252,7 @@ class MatParser:
             raise ValueError("a variable is cut off")
         return body[:limit]
 
-    def _matrix(self, body: bytes | np.ndarray) -> Matrix:
-        import numpy as np
-
+    def _matrix(self, body: bytes | np.ndarray) -> "Matrix":
         parts = self._parts(np.frombuffer(body, np.uint8))
         _, (flags, *_) = next(parts)
         kind = int(flags) & 0xFF
@@ -285,7 +261,7 @@ class MatParser:
         return Matrix(kind, bool(flags & IMAGINARY), shape, name.tobytes().decode("utf-8", "replace"), parts)
 
     def _parts(self, body: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """Type and content of each data element in `body`."""
+        """Yields type and content of each data element in `body`."""
         at = 0
         while at < len(body):
             kind, size = self._tag(body[at : at + 8].tobytes())
@@ -299,6 +275,3 @@ class MatParser:
 
     def _tag(self, head: bytes) -> tuple[int, int]:
         return struct.unpack(self._order + "II", head)
-
-
-FORMAT = TableFormat("mat", (".mat",), MatWriter, read, library="scipy", extra="mat", reads_alone=True)

@@ -1,13 +1,15 @@
 """HDF5, beside h5py."""
 
+import contextlib
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import table_format
+from mjrun.formats import table_contents
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables.hdf5 import paths
@@ -101,7 +103,7 @@ def test_files_of_others_are_read_with_groups_arrays_and_every_kind_of_number(tm
 
 
 def test_rows_are_read_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table_format, "PIECE", 8)
+    monkeypatch.setattr(table_contents, "PIECE", 8)
     data = np.random.default_rng(2).random((11, 3))
     write(tmp_path / "t.h5", data, [Column("a"), Column("b"), Column("c")])
     with open_table(tmp_path / "t.h5", ["a", "c"]) as table:
@@ -131,5 +133,60 @@ def test_rows_that_no_file_of_its_size_can_have_are_refused(tmp_path: Path) -> N
     path = tmp_path / "t.h5"
     with h5py.File(path, "w") as file:
         file.create_dataset("time", (10**13,), float, chunks=(2**20,), compression="gzip")
-    with pytest.raises(FileError, match="says that it has 10,000,000,000,000 rows, for which it is too small"):
+    with pytest.raises(FileError, match="is too small for the 10,000,000,000,000 rows that it promises"):
         open_table(path)
+
+
+TEXTS = ["floor", "", "grün 🚗", "x" * 5000, "floor"] * 40
+
+
+def exact_cells(path: Path, name: str) -> list[object]:
+    with open_table(path, name, exact=True) as table:
+        return [cell for block in table.blocks() for cell in block[:, 0].tolist()]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"chunks": (7,)},
+        {"dtype": h5py.string_dtype(length=5000)},
+        {"dtype": h5py.string_dtype(length=5000), "compression": "gzip"},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("version", ["earliest", "latest"])
+@pytest.mark.parametrize("block", [0, 512])
+def test_texts_of_others_are_read_however_they_are_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: dict[str, Any], version: str, block: int
+) -> None:
+    monkeypatch.setattr(table_contents, "PIECE", 22)
+    with h5py.File(tmp_path / "t.h5", "w", libver=version, userblock_size=block) as file:
+        data = [text.encode() for text in TEXTS] if "dtype" in settings else np.array(TEXTS, object)
+        file.create_dataset("note", data=data, **{"dtype": h5py.string_dtype()} | settings)
+        file.create_dataset("unwritten", (200,), h5py.string_dtype())
+    cells = exact_cells(tmp_path / "t.h5", "note")
+    assert [text if isinstance(text, str) else "" for text in cells] == TEXTS
+    assert np.isnan(np.array(exact_cells(tmp_path / "t.h5", "unwritten"), float)).all()
+    with pytest.raises(FileError, match="column 'note' holds text, not numbers"):
+        read_table(tmp_path / "t.h5", "note")
+
+
+def test_compressed_texts_of_variable_length_are_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        file.create_dataset("note", data=np.array(TEXTS, object), dtype=h5py.string_dtype(), compression="gzip")
+    with pytest.raises(FileError, match=r"cannot be read as .h5: texts of variable length are compressed"):
+        exact_cells(tmp_path / "t.h5", "note")
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_damaged_heap_of_texts_is_read_or_refused_and_never_hangs(tmp_path: Path, seed: int) -> None:
+    with h5py.File(tmp_path / "t.h5", "w") as file:
+        file.create_dataset("note", data=np.array(TEXTS[:3], object), dtype=h5py.string_dtype())
+    content = bytearray((tmp_path / "t.h5").read_bytes())
+    random, heap = np.random.default_rng(seed), content.index(b"GCOL")
+    for at in random.integers(heap, heap + 120, 3):
+        content[at] = random.integers(256)
+    (tmp_path / "b.h5").write_bytes(content)
+    with contextlib.suppress(FileError):
+        assert len(exact_cells(tmp_path / "b.h5", "note")) == 3

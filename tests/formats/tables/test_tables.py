@@ -13,12 +13,12 @@ from mjrun.errors import MissingExtraError, UnknownNameError, UsageError
 from mjrun.formats import tables
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import formats, input_format, output_format, suffixes
+from mjrun.formats.tables import FORMATS, input_format, output_format, suffixes
 from mjrun.model.column import Column
 
 
 def test_every_module_is_a_format_of_its_own_name_and_suffixes() -> None:
-    assert list(formats()) == [module.name for module in pkgutil.iter_modules(tables.__path__)]
+    assert list(FORMATS) == [module.name for module in pkgutil.iter_modules(tables.__path__)]
     assert len(set(suffixes())) == len(suffixes())
     assert all(suffix == suffix.lower() and suffix.startswith(".") for suffix in suffixes())
 

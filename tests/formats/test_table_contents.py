@@ -1,22 +1,12 @@
-"""What a table format is."""
+"""Checks that all readers of tables share."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-from mjrun.errors import FileError, MissingExtraError
-from mjrun.formats.table_format import TableFormat, require_equal_lengths, require_vector, select, select_parts, shown
-from mjrun.formats.tables import formats
-
-
-def test_a_library_is_required_only_where_there_is_one() -> None:
-    csv = formats()["csv"]
-    csv.require_library("writing .csv")
-    absent = TableFormat("x", (".x",), csv.writer, csv.reader, library="no_such_library", extra="x")
-    with pytest.raises(MissingExtraError, match=r"writing .x needs no-such-library.*\npip install 'mjrun\[x\]'"):
-        absent.require_library("writing .x")
-
+from mjrun.errors import FileError
+from mjrun.formats.table_contents import require_equal_lengths, require_vector, select, select_parts, shown
 
 PATH = Path("t.npz")
 

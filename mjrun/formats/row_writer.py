@@ -1,43 +1,57 @@
-"""Rows turned into columns, for the formats that hold a table by column.
+"""Writers of rows: the interface of all table formats, and bases of those that hold a table by column.
 
-Rows arrive in blocks and are transposed in groups of bounded size. Parquet and Feather take one group after the
-other; npz, mat and hdf5 need whole columns, so their groups wait in an unnamed file beside the table.
+Rows arrive in blocks and are transposed in groups of bounded size. Parquet and Feather write one group after another;
+npz, mat and hdf5 need whole columns, so their groups wait in an unnamed file beside the table.
 """
 
-from __future__ import annotations
-
 import contextlib
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
-from mjrun.formats.table_format import RowWriter
+import numpy as np
+
 from mjrun.model.column import Column
 
-if TYPE_CHECKING:
-    import numpy as np
-
 GROUP = 2**21  # values in a group: 16 MiB
-FIRST_ROWS = 2**9  # rows for which there is room at first: a short table needs little memory
+FIRST_ROWS = 2**9  # rows that fit at first: a short table needs little memory
+
+
+class RowWriter:
+    """Writes rows in one format, given the open file, the columns, and the manifest as JSON.
+
+    Its methods raise OSError when the file cannot be written.
+    """
+
+    def write(self, block: np.ndarray) -> None:
+        """Adds the rows of `block`, float64 `(n, columns)`, n ≥ 1."""
+        raise NotImplementedError
+
+    def finish(self, manifest: str) -> None:
+        """Completes the file; `manifest` is JSON, for a format that writes it last."""
+
+    def close(self) -> None:
+        """Frees resources, after `finish` or instead of it."""
 
 
 class RowGroups:
-    """Takes rows, yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
+    """Collects rows and yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
 
     def __init__(self, columns: int) -> None:
-        import numpy as np
-
         self._rows = max(1, GROUP // columns)  # in a full group
         self._group = np.empty((columns, min(self._rows, FIRST_ROWS)))
         self._filled = 0
 
     def add(self, block: np.ndarray) -> Iterator[np.ndarray]:
-        """Takes the rows of `block` `(n, columns)` and yields every group they fill."""
+        """Adds the rows of `block` `(n, columns)` and yields every group that they fill."""
         while len(block):
             part, block = block[: self._rows - self._filled], block[self._rows - self._filled :]
             end = self._filled + len(part)
-            if end > self._group.shape[1]:
-                self._grow(end)
+            if end > self._group.shape[1]:  # as more rows are to come, room for twice as many
+                before = self._group
+                self._group = np.empty((len(before), min(self._rows, max(end, 2 * before.shape[1]))))
+                self._group[:, : self._filled] = before[:, : self._filled]
             self._group[:, self._filled : end] = part.T
             self._filled = end
             if self._filled == self._rows:
@@ -45,7 +59,7 @@ class RowGroups:
                 yield self._group
 
     def rest(self) -> Iterator[np.ndarray]:
-        """The rows that fill no group, if there are any."""
+        """Yields the rows that fill no group, if any."""
         if self._filled:
             yield self._group[:, : self._filled]
             self._filled = 0
@@ -54,26 +68,19 @@ class RowGroups:
         """Frees the memory, which would otherwise last as long as anything refers to the writer of the table."""
         self._group = self._group[:0, :0].copy()
 
-    def _grow(self, rows: int) -> None:
-        """Makes room for `rows` rows and, as more are to come, for twice as many as before."""
-        import numpy as np
-
-        before = self._group
-        self._group = np.empty((len(before), min(self._rows, max(rows, 2 * before.shape[1]))))
-        self._group[:, : self._filled] = before[:, : self._filled]
-
 
 class GroupWriter(RowWriter):
-    """Base of the writers that take one group after the other.
+    """Base of the writers that write one group after another.
 
     Attributes:
-      writer: of the library, which `close` closes whatever has happened.
+      writer: writer of the library, which `close` closes after any failure too.
     """
 
     writer: Any
 
     def __init__(self, columns: Sequence[Column]) -> None:
-        self.columns, self._groups = columns, RowGroups(len(columns))
+        self.columns = columns
+        self._groups = RowGroups(len(columns))
 
     def write(self, block: np.ndarray) -> None:
         for group in self._groups.add(block):
@@ -95,23 +102,23 @@ class GroupWriter(RowWriter):
         raise NotImplementedError
 
     def end(self, manifest: str) -> None:
-        """Writes what comes after the last group."""
+        """Writes what follows the last group."""
 
 
 class ColumnWriter(RowWriter):
     """Base of the writers that need whole columns.
 
-    Rows wait in a file without a name, which no failure leaves behind. It is beside the table, whose disk must have the
-    space.
+    Rows wait in a file without a name, which no failure leaves behind. It is in the folder of the table, whose disk
+    needs the space.
 
     Attributes:
-      rows: so far.
+      rows: number of rows so far.
     """
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
-        import tempfile  # which help does without
-
-        self.file, self.columns, self.rows = file, columns, 0
+        self.file = file
+        self.columns = columns
+        self.rows = 0
         self._groups = RowGroups(len(columns))
         self._sizes: list[int] = []  # rows in each group
         self._stored = tempfile.TemporaryFile(dir=Path(file.name).parent)  # noqa: SIM115  (closed by close)
@@ -132,27 +139,29 @@ class ColumnWriter(RowWriter):
             self._stored.close()
 
     def save(self, manifest: str) -> None:
-        """Writes the table, whose columns are known now."""
+        """Writes the table, once all rows are stored."""
         raise NotImplementedError
 
-    def values(self, index: int) -> Iterator[np.ndarray]:
-        """The values of one column, in pieces."""
-        import numpy as np
+    def cells(self, index: int) -> tuple[np.dtype, Iterator[np.ndarray]]:
+        """Returns the type of a column, and its cells in pieces.
 
+        Texts are of a unicode type, `''` for −1; integers are int64 unless one is missing; the rest is float64.
+        """
+        column = self.columns[index]
+        if column.labels:
+            texts = np.array([*column.labels, ""])  # the last is for −1
+            return texts.dtype, (texts[piece.astype(int)] for piece in self._values(index))
+        is_whole = column.integer and not any(np.isnan(piece).any() for piece in self._values(index))
+        kind = np.dtype("<i8" if is_whole else "<f8")
+        return kind, (piece.astype(kind) for piece in self._values(index))
+
+    def _values(self, index: int) -> Iterator[np.ndarray]:
         before = 0
         for size in self._sizes:
             self._stored.seek(8 * (len(self.columns) * before + index * size))
             yield np.frombuffer(self._stored.read(8 * size))
             before += size
 
-    def is_whole(self, index: int) -> bool:
-        """Whether a column has integers, and none is missing."""
-        import numpy as np
-
-        return self.columns[index].integer and not any(np.isnan(piece).any() for piece in self.values(index))
-
     def _store(self, group: np.ndarray) -> None:
-        import numpy as np
-
         self._stored.write(np.ascontiguousarray(group).data)
         self._sizes.append(group.shape[1])
