@@ -1,7 +1,7 @@
 """Writes calibration files: the camera of each image, in our own format and in those of vision tools.
 
-They differ in where the centre of the first pixel lies: at (0.5, 0.5) for us and for nerfstudio, at (0, 0) for
-OpenCV, and so for BOP and ROS, where the principal point is half a pixel less.
+They differ in the centre of the first pixel: (0.5, 0.5) in our format and in nerfstudio's, (0, 0) in OpenCV and
+therefore in BOP and ROS, where the principal point is half a pixel less.
 """
 
 import json
@@ -17,7 +17,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.model.rendered_view import CameraCalibration
 
-CENTER = 0.5  # of the first pixel
+CENTER = 0.5  # centre of the first pixel
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # x right, y up, z backward
 
 
@@ -26,12 +26,12 @@ class CalibrationEntry:
     """The camera of one image.
 
     Attributes:
-      camera: its name.
-      lens: its intrinsics and pose.
-      frame: number in the video; 0 for an image.
-      time: simulated [s].
-      file, depth: paths of the colour image and of the 16-bit depth image in millimetres, relative to the
-        calibration file; empty for none.
+      camera: name of the camera.
+      lens: intrinsics and pose of the camera.
+      frame: number of the frame in the video; 0 for an image.
+      time: simulated time [s].
+      file, depth: paths of the colour image and of the 16-bit depth image in millimetres, relative to the calibration
+        file; empty if there is no such image.
     """
 
     camera: str
@@ -47,10 +47,10 @@ class CalibrationFormat:
     """A format of calibration files.
 
     Attributes:
-      encode: the text of one entry.
-      head, tail: the text before the first and after the last entry; `,` comes between two.
-      one: `camera` if a file describes a single one; `lens` if it describes one that never changes.
-      perspective: whether it can describe perspective cameras only.
+      encode: returns the text of one entry.
+      head, tail: text before the first and after the last entry; `,` separates entries.
+      one: `camera` if a file describes a single camera; `lens` if it describes a single constant lens.
+      perspective: whether it describes perspective cameras only.
       image_files: whether it names the file of each image.
       millimetres: whether depth must be in 16-bit images of millimetres.
     """
@@ -65,17 +65,17 @@ class CalibrationFormat:
 
 
 class CalibrationWriter(OutputWriter):
-    """Writes one calibration file, entry by entry. Opening it proves that the output can be written.
+    """Writes one calibration file, entry by entry. Opening it checks that the output can be written.
 
     Args:
-      format: of `FORMATS`: `mjrun`, `nerfstudio`, `bop` or `ros`.
-      cameras: the names of all cameras.
-      orthographic: those of them that are not in perspective.
-      image_files: whether each image will be in a file of its own.
-      coloured_depth: whether depth is drawn, but not in 16-bit images of millimetres.
+      format: name in `FORMATS`: `mjrun`, `nerfstudio`, `bop` or `ros`.
+      cameras: names of all cameras.
+      orthographic: names of the cameras that are not in perspective.
+      image_files: whether each image is in a separate file.
+      coloured_depth: whether depth is rendered, but not in 16-bit images of millimetres.
 
     Raises:
-      UsageError: the format cannot describe this; the message says why.
+      UsageError: the format cannot describe this; the message states why.
       FileError: the output cannot be written.
     """
 
@@ -151,7 +151,7 @@ def _intrinsics(lens: CameraCalibration) -> tuple[object, ...]:
 
 
 def _centered(lens: CameraCalibration) -> np.ndarray:
-    """K `(3, 3)` of pixels whose centres are at whole numbers."""
+    """Returns K `(3, 3)` for pixels whose centres are at whole numbers."""
     matrix = lens.matrix
     matrix[:2, 2] -= CENTER
     return matrix
@@ -179,7 +179,7 @@ def _mjrun(entry: CalibrationEntry) -> str:
 
 
 def _nerfstudio(entry: CalibrationEntry) -> str:
-    """A frame of transforms.json (docs.nerf.studio, "Data conventions")."""
+    """Returns a frame of transforms.json (docs.nerf.studio, "Data conventions")."""
     lens = entry.lens
     return _json(
         file_path=entry.file,
@@ -196,7 +196,7 @@ def _nerfstudio(entry: CalibrationEntry) -> str:
 
 
 def _bop(entry: CalibrationEntry) -> str:
-    """An image of scene_camera.json (bop_toolkit, bop_datasets_format.md); lengths are in millimetres."""
+    """Returns an image of scene_camera.json (bop_toolkit, bop_datasets_format.md); lengths are in millimetres."""
     rotation = entry.lens.pose[:3, :3].T
     return f"{json.dumps(str(entry.frame))}: " + _json(
         cam_K=_centered(entry.lens).ravel().tolist(),
@@ -207,7 +207,7 @@ def _bop(entry: CalibrationEntry) -> str:
 
 
 def _ros(entry: CalibrationEntry) -> str:
-    """What camera_calibration_parsers reads; a camera's name may hold letters, digits and `_` only."""
+    """Returns a file for camera_calibration_parsers; names of cameras are limited to letters, digits and `_`."""
     lens, matrix = entry.lens, _centered(entry.lens)
     name = re.sub(r"[^A-Za-z0-9_]", "_", entry.camera)
     matrices = {
@@ -219,15 +219,11 @@ def _ros(entry: CalibrationEntry) -> str:
     lines = [f"image_width: {lens.size[0]}", f"image_height: {lens.size[1]}", f'camera_name: "{name}"']
     lines += ["distortion_model: plumb_bob"]
     for key, values in matrices.items():
-        data = ", ".join(map(_yaml_number, values.ravel().tolist()))
+        # YAML 1.1 reads 1e-05 as a text, and 1.0e-05 as a number.
+        texts = map(repr, values.ravel().tolist())
+        data = ", ".join(text if "." in text else text.replace("e", ".0e") for text in texts)
         lines += [f"{key}:", f"  rows: {values.shape[0]}", f"  cols: {values.shape[1]}", f"  data: [{data}]"]
     return "\n".join(lines) + "\n"
-
-
-def _yaml_number(value: float) -> str:
-    """`1.0e-05`: without the point YAML 1.1 has a text there."""
-    text = repr(value)
-    return text if "." in text else text.replace("e", ".0e")
 
 
 FORMATS = {

@@ -15,7 +15,7 @@ BT709 = (
 )
 # A palette per frame: one for the whole video would need all of it in memory.
 PALETTE = "split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=bayer:bayer_scale=4"
-RGB24, GRAY16 = "rgb24", "gray16le"  # what the encoder is sent
+RGB24, GRAY16 = "rgb24", "gray16le"  # pixel formats of the frames that the encoder reads
 X264_PRESETS = (
     "ultrafast superfast veryfast faster fast medium slow slower veryslow placebo".split()  # noqa: SIM905
 )
@@ -23,15 +23,16 @@ X264_PRESETS = (
 
 @dataclass(frozen=True)
 class Codec:
-    """How frames become a stream.
+    """A codec, and the arguments of ffmpeg that select it.
 
     Attributes:
-      arguments: those of the encoder, apart from quality.
-      filters: the filter graph; `{pixels}` is the pixel format.
+      arguments: arguments of the encoder, except its quality.
+      filters: filter graph.
       even: whether width and height must be even.
-      crf: lowest, highest and default constant rate factor; lower is better. None if it has none.
-      presets, preset: names or numbers from fast to thorough, and the default; `preset_flag` sets it.
-      pixels: what its frames are made of, `RGB24` or `GRAY16`.
+      crf: lowest, highest and default constant rate factor, lower is better; None if the codec does not support it.
+      presets, preset: names or numbers from fast to thorough, and the default.
+      preset_flag: argument that sets the preset.
+      pixels: pixel format of its frames, `RGB24` or `GRAY16`.
     """
 
     arguments: Sequence[str]
@@ -90,10 +91,10 @@ class Container:
     """A video container; its suffix is its name.
 
     Attributes:
-      muxer: the name that ffmpeg gives it.
-      codecs: those it can hold, the default first.
-      file, pipe: further arguments when written to a file, or to a pipe; None: it cannot be piped.
-      merges: whether it joins equal frames, so that only its duration can be checked.
+      muxer: name in ffmpeg.
+      codecs: codecs that it can hold, the default first.
+      file, pipe: further arguments for writing to a file, or to a pipe; None if it cannot be piped.
+      merges: whether it merges equal frames, so that only its duration can be checked.
     """
 
     muxer: str
@@ -105,7 +106,7 @@ class Container:
 
 FAST_START = ("-movflags", "+faststart")
 REPEATABLE = ("-fflags", "+bitexact")  # Matroska has random ids otherwise
-# A fragment per second, for players; the header waits for the first, or the video would start late by its B-frames.
+# A fragment per second, for players. The header follows the first, as the video would start late by its B-frames.
 FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moof", "-frag_duration", "1000000")
 
 CONTAINERS = {
@@ -121,20 +122,20 @@ CONTAINERS = {
     "png": Container("image2", ("png", "png-gray16"), ("-start_number", "0"), None),
     "rgb": Container("rawvideo", ("raw",)),
 }
-# Codecs that keep more than the eye sees: the colours of a segmentation to the bit, or numbers of 16 bits.
+# Lossless codecs, which keep the colours of a segmentation; and codecs for numbers of 16 bits.
 LOSSLESS = ("h264rgb", "ffv1", "apng", "png", "raw")
 EXACT = ("ffv1-gray16", "png-gray16")
 CONTENT_NAMES = {"ids": "the colours of a segmentation without loss", "exact": "numbers of 16 bits"}
 CONTENTS = {"video": tuple(codec for codec in CODECS if codec not in EXACT), "ids": LOSSLESS, "exact": EXACT}
 FPS = Fraction(30)
 GIF_FPS = Fraction(25)
-WEBP_FPS = 100  # readers take shorter delays for none
-SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container keep
+WEBP_FPS = 100  # readers ignore shorter delays
+SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg and every container support
 
 
 @dataclass(frozen=True)
 class Encoding:
-    """A format, a codec and its quality, known to fit together."""
+    """A valid combination of a container, a codec and its quality."""
 
     format: str
     codec: str
@@ -143,7 +144,7 @@ class Encoding:
 
     @property
     def pixels(self) -> str:
-        """What frames are made of: `RGB24`, uint8 `(h, w, 3)`, or `GRAY16`, uint16 `(h, w)`."""
+        """The pixel format of frames: `RGB24`, uint8 `(h, w, 3)`, or `GRAY16`, uint16 `(h, w)`."""
         return CODECS[self.codec].pixels
 
     @property
@@ -152,7 +153,7 @@ class Encoding:
         return GIF_FPS if self.format == "gif" else FPS
 
     def check_fps(self, fps: Fraction) -> None:
-        """Raises BadValueError when the format cannot keep this rate."""
+        """Raises BadValueError if the format does not support this rate."""
         if not SLOWEST <= fps <= FASTEST:
             raise BadValueError(option("fps"), f"{float(fps):g}", f"between {float(SLOWEST):g} and {FASTEST:,}")
         if self.format == "webp" and fps > WEBP_FPS:
@@ -163,17 +164,17 @@ class Encoding:
             )
 
     def padding(self, width: int, height: int) -> tuple[int, int]:
-        """Columns and rows that the codec needs beyond the frame."""
+        """Returns the number of columns and rows that the codec needs in addition to the frame."""
         return (width % 2, height % 2) if CODECS[self.codec].even else (0, 0)
 
     def arguments(self, width: int, height: int, to_pipe: bool) -> list[str]:
-        """The arguments of ffmpeg between its input and its output."""
+        """Returns the arguments of ffmpeg between its input and its output."""
         codec, kind = CODECS[self.codec], CONTAINERS[self.format]
         filters = [_pad(width, height, *self.padding(width, height)), codec.filters]
         graph = ",".join(f for f in filters if f)
         quality = ["-crf", str(self.crf)] if self.crf is not None else []
         effort = [codec.preset_flag, self.preset] if self.preset is not None else []
-        # Apple's players know HEVC by this tag only.
+        # Apple's players recognize HEVC by this tag only.
         tag = ["-tag:v", "hvc1"] if self.codec == "h265" and self.format in ("mp4", "mov") else []
         extra = (kind.pipe if to_pipe else kind.file) or ()
         return [*(["-vf", graph] if graph else []), *codec.arguments, *quality, *effort, *tag, *extra, "-f", kind.muxer]
@@ -187,19 +188,19 @@ def encoding(
     preset: str | None = None,
     content: str = "video",
 ) -> Encoding:
-    """The encoding that the suffix of an output and the options mean; `output` None is a pipe.
+    """Returns the encoding that the suffix of an output and the options mean; `output` None is a pipe.
 
     Args:
-      content: `video`, for the eye; `ids`, colours that must stay as they are unless a codec is named;
-        `exact`, numbers of 16 bits.
+      content: `video`, for viewing; `ids`, colours that must be lossless unless a codec is specified; `exact`, numbers
+        of 16 bits.
 
     Raises:
-      UsageError: they do not fit together; the message lists what does.
+      UsageError: they do not fit together; the message lists the valid values.
     """
     name = container_name(output, format)
     if output is None and CONTAINERS[name].pipe is None:
         raise UsageError(f"{option('format')} {name} cannot be written to a pipe")
-    accepts_loss = content == "ids" and codec is not None  # the user accepts what it does to the colours
+    accepts_loss = content == "ids" and codec is not None  # the user accepts changes of the colours
     holds = [held for held in CONTAINERS[name].codecs if held in CONTENTS["video" if accepts_loss else content]]
     if not holds:
         able = [other for other, known in CONTAINERS.items() if set(known.codecs) & set(CONTENTS[content])]
@@ -221,20 +222,20 @@ def encoding(
 
 
 def is_folder(output: str) -> bool:
-    """Whether `output` means a folder of frames: it ends in `/`, is a folder, or has no suffix."""
+    """Returns whether `output` means a folder of frames: it ends in `/`, is a folder, or has no suffix."""
     return output.endswith("/") or os.path.isdir(output) or not Path(output).suffix  # noqa: PTH112 also of names that are too long
 
 
 def suffixes() -> list[str]:
-    """The suffixes of videos; `.png` is that of frames in files of their own."""
+    """Returns the suffixes of videos; `.png` is the suffix of frames in separate files."""
     return [f".{name}" for name in CONTAINERS]
 
 
 def container_name(output: str | None, format: str | None) -> str:  # noqa: A002  (the option's name)
-    """The container that the suffix of an output or the option `format` means; `output` None is a pipe.
+    """Returns the container that the suffix of an output or the option format means; `output` None is a pipe.
 
     Raises:
-      UsageError: there is no such container, or the two disagree.
+      UsageError: the container is unknown, or the two disagree.
     """
     if format is not None and format not in CONTAINERS:
         raise UnknownNameError("format", format, list(CONTAINERS))
@@ -253,5 +254,5 @@ def container_name(output: str | None, format: str | None) -> str:  # noqa: A002
 def _pad(width: int, height: int, columns: int, rows: int) -> str:
     if not (columns or rows):
         return ""
-    # The last column and row are repeated: a black edge would show.
+    # The last column and row are repeated: a black edge would be visible.
     return f"pad={width + columns}:{height + rows},fillborders=right={columns}:bottom={rows}:mode=smear"

@@ -1,4 +1,4 @@
-"""The bundled ffmpeg: its command line, what it answers, its version, and the codecs that work."""
+"""The bundled ffmpeg: its command line, its output, its version, and the codecs that work."""
 
 import math
 import os
@@ -12,10 +12,8 @@ from mjrun.child_process import ChildProcess, ExitStatus
 from mjrun.errors import EncoderError
 from mjrun.formats.codecs import CODECS
 
-# [s] for which ffmpeg may take nothing and compute nothing, before it counts as hanging: a slow disk or a busy machine
-# makes it slow, but not still.
-IDLE = 60.0
-# What reads a file, by its suffix: ffmpeg goes by the content otherwise, and that of a playlist names other files.
+IDLE = 60.0  # [s] without reading or computing after which ffmpeg counts as hanging; a busy machine only slows it down
+# Demuxers by suffix: ffmpeg would otherwise choose one by the content, and a playlist refers to other files.
 DEMUXERS = {
     "mp4": "mov",
     "mov": "mov",
@@ -23,14 +21,14 @@ DEMUXERS = {
     "webm": "matroska",
     "gif": "gif",
     "apng": "apng",
-    "webp": "webp_anim,webp_pipe",  # without movement it becomes an image
+    "webp": "webp_anim,webp_pipe",  # an animation without movement is an image
     "exr": "exr_pipe",
 }
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a run of ffmpeg came to, its standard output and what it has said."""
+    """The outcome of a run of ffmpeg: its exit status, its standard output and its log."""
 
     status: ExitStatus
     stdout: bytes
@@ -42,10 +40,10 @@ class Answer:
 
 
 def command(*arguments: str) -> list[str]:
-    """A command line of the bundled ffmpeg.
+    """Returns a command line of the bundled ffmpeg.
 
     Raises:
-      EncoderError: there is none, or it cannot be run.
+      EncoderError: ffmpeg is missing, or cannot be executed.
     """
     try:
         program = imageio_ffmpeg.get_ffmpeg_exe()
@@ -57,10 +55,10 @@ def command(*arguments: str) -> list[str]:
 
 
 def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
-    """Returns how ffmpeg reads one file and nothing else: the options before `-i`, and the name after it.
+    """Returns the options before `-i` and the name after it with which ffmpeg reads one file and nothing else.
 
     Args:
-      suffix: of the format, without a dot, whatever the file is called: one of `DEMUXERS`.
+      suffix: suffix of the format, without a dot, one of `DEMUXERS`; the name of the file may differ.
     """
     demuxers = DEMUXERS[suffix]
     forced = [] if "," in demuxers else ["-f", demuxers]
@@ -68,10 +66,10 @@ def source(path: str | Path, suffix: str) -> tuple[list[str], str]:
 
 
 def run(*arguments: str) -> Answer:
-    """Runs the bundled ffmpeg without an input of its own.
+    """Runs the bundled ffmpeg without feeding it.
 
     Raises:
-      EncoderError: there is none, or it cannot be run.
+      EncoderError: ffmpeg is missing, or cannot be executed.
     """
     with ChildProcess(command(*arguments), stdout="capture", stderr="capture", stdout_limit=math.inf) as child:
         status = child.wait(idle=IDLE)
@@ -79,16 +77,16 @@ def run(*arguments: str) -> Answer:
 
 
 def encoder_version() -> str:
-    """The version of the bundled ffmpeg.
+    """Returns the version of the bundled ffmpeg.
 
     Raises:
-      EncoderError: it cannot be run.
+      EncoderError: it cannot be executed.
     """
     return run("-version").stdout.decode(errors="replace").removeprefix("ffmpeg version ").split(" ")[0]
 
 
 def working_codecs() -> dict[str, bool]:
-    """Every codec that mjrun knows, and whether one frame could be encoded with it."""
+    """Returns for every codec of mjrun whether it encodes a frame."""
     frame = ("-f", "lavfi", "-i", "color=size=64x64:rate=30", "-frames:v", "1")
 
     def works(codec: str) -> bool:

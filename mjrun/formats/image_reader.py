@@ -1,4 +1,4 @@
-"""Reads images: colours as they are seen, and depth and segmentation as the numbers that they are."""
+"""Reads images: colours, and the numbers of depth and segmentation."""
 
 import math
 from pathlib import Path
@@ -12,7 +12,7 @@ from mjrun.formats import ffmpeg, npy_header
 from mjrun.formats.input_file import decoding, require_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")
-# What Pillow reads a file with, by its suffix: it goes by the content otherwise, and starts Ghostscript on PostScript.
+# Decoders of Pillow by suffix: it would otherwise choose one by the content, and start Ghostscript on PostScript.
 DECODERS = {
     ".png": "PNG",
     ".jpg": "JPEG",
@@ -23,22 +23,22 @@ DECODERS = {
     ".gif": "GIF",
     ".apng": "PNG",
 }
-PIXEL = 4  # bytes of a pixel in memory, at most
-NUMBERS = ("I", "F")  # how the modes of Pillow begin whose pixels are more than 8 bits wide
+PIXEL = 4  # most bytes of a pixel in memory
+NUMBERS = ("I", "F")  # first letters of the modes of Pillow whose pixels have more than 8 bits
 
 
 def read_image(path: str | Path, *, indices: bool = False) -> np.ndarray:
     """Reads an image.
 
     Args:
-      indices: read the indices of a palette, such as segment numbers, and not its colours.
+      indices: whether to read the indices of a palette, such as segment numbers, instead of its colours.
 
     Returns:
-      Colours, uint8 `(height, width, 3)`, with a fourth channel where the image is translucent; or numbers
-      `(height, width)` of the type that the file holds: metres, millimetres, segments.
+      Colours, uint8 `(height, width, 3)`, with a fourth channel if the image is translucent; or numbers
+      `(height, width)` of the type in the file: metres, millimetres, segments.
 
     Raises:
-      FileError: there is no such file, or it cannot be decoded.
+      FileError: the file does not exist, or cannot be decoded.
       UnknownNameError: images with this suffix cannot be read.
     """
     path = Path(path)
@@ -56,7 +56,7 @@ def read_image(path: str | Path, *, indices: bool = False) -> np.ndarray:
 
 
 def read_palette(path: str | Path) -> bytes:
-    """The palette of an image whose pixels are indices into it; empty for any other."""
+    """Returns the palette of an image whose pixels are indices into it; empty for any other."""
     path = Path(path)
     if path.suffix.lower() != ".png":
         return b""
@@ -65,10 +65,10 @@ def read_palette(path: str | Path) -> bytes:
 
 
 def open_image(path: Path) -> Image.Image:
-    """Opens an image or an animation as what its suffix, one of `DECODERS`, says that it is.
+    """Opens an image or an animation in the format of its suffix, one of `DECODERS`.
 
     Raises:
-      FileError: it would take far more memory than its size on disk suggests.
+      FileError: it would need far more memory than its size on disk suggests.
     """
     image = Image.open(path, formats=[DECODERS[path.suffix.lower()]])
     try:
@@ -98,7 +98,7 @@ def _npy(path: Path) -> np.ndarray:
 
 
 def _exr(path: Path) -> np.ndarray:
-    """One channel of float32, by ffmpeg, which decodes every bit and says the size as a PFM file."""
+    """Reads one channel of float32 with ffmpeg, which decodes every bit, and states the size in a PFM header."""
     options, name = ffmpeg.source(path, "exr")
     line = (*options, "-i", name, "-frames:v", "1", "-pix_fmt", "grayf32le", "-f", "image2pipe", "-c:v", "pfm", "-")
     done = ffmpeg.run(*line)

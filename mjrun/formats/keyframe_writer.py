@@ -1,4 +1,4 @@
-"""Writes a model's XML with one more keyframe, and proves by MuJoCo itself that it loads from where it is written."""
+"""Writes a model's XML with one more keyframe, and checks with MuJoCo that it loads from its new place."""
 
 import os
 from collections.abc import Mapping
@@ -17,21 +17,22 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.keyframe_text import ATTRIBUTES, with_key
 from mjrun.model.names import identify
 
-ELSEWHERE = "relative paths in it start from its own folder: write it there"
-NOT_STATE = ("qacc_warmstart",)  # what helps the solver is not told
+ELSEWHERE = "relative paths in it start from the folder of the model: write it there"
+NOT_STATE = ("qacc_warmstart",)  # fields that help the solver, whose loss is not reported
 QUATERNIONS = ("qpos", "mocap_quat")  # MuJoCo normalizes those of keyframes
 
 
 class KeyframeWriter(OutputWriter):
-    """A model's XML with a key.
+    """Writes a model's XML with a key.
 
-    Opening it compiles the model, with a first key, from the folder of the output: assets and includes must be found
-    from there, and be the same.
+    Opening it compiles the model, with a preliminary key, from the folder of the output: assets and includes must be
+    found from there, and be the same.
 
     Args:
       path: an .xml file; it may be the model's.
-      source: the model's main file, and `xml`, what it holds.
-      name: of the key.
+      source: main file of the model.
+      xml: content of that file.
+      name: name of the key.
       model: the model, compiled without overrides.
 
     Raises:
@@ -40,7 +41,9 @@ class KeyframeWriter(OutputWriter):
 
     def __init__(self, path: str, source: Path, xml: bytes, name: str, model: mujoco.MjModel) -> None:
         super().__init__(StagedFile(Path(path)))
-        self._source, self._xml, self._name = source, xml, name
+        self._source = source
+        self._xml = xml
+        self._name = name
         self._in_place = os.path.realpath(path) == os.path.realpath(source)
         with self.opening():
             first = _fields(model, state.save(model, mujoco.MjData(model)))
@@ -54,13 +57,13 @@ class KeyframeWriter(OutputWriter):
         """Writes the key of the integration state `last` `(nstate,)` of `model`, and loads it to compare.
 
         Returns:
-          What of the state a start from the key does not have, each in words.
+          A sentence for each field of the state that a start from the key does not reproduce.
 
         Raises:
           FileError: the disk is full, or the model's file has changed in the meantime and would be overwritten.
         """
         if self._in_place and self._source.read_bytes() != self._xml:
-            raise FileError(self._source, "has changed since it was read, and is left as it is")
+            raise FileError(self._source, "has changed since it was read, and is left unchanged")
         text = with_key(self._xml, self._name, _fields(model, last))
         loaded = self._compiled(text)
         data = mujoco.MjData(loaded)
@@ -81,21 +84,21 @@ class KeyframeWriter(OutputWriter):
 
 
 def _fields(model: mujoco.MjModel, last: np.ndarray) -> Mapping[str, np.ndarray]:
-    """The fields of a state that a key holds."""
+    """Returns the fields of a state that a key holds."""
     slices = state.fields(state.sizes(model))
     return {name: last[slices.get(name, slice(0, 0))] for name in ATTRIBUTES.values()}
 
 
 def _differences(model: mujoco.MjModel, last: np.ndarray, loaded: np.ndarray) -> list[str]:
-    """What differs in `loaded`, the state of a start from the key."""
+    """Returns a sentence for each field that differs in `loaded`, the state of a start from the key."""
     texts: list[str] = []
     for name, part in state.fields(state.sizes(model)).items():
         if name in NOT_STATE or np.array_equal(last[part], loaded[part]):
             continue
         if name in QUATERNIONS:
-            texts.append(f"MuJoCo normalizes quaternions of keyframes: {name} is another from the last bits on")
+            texts.append(f"MuJoCo normalizes quaternions of keyframes: {name} differs in its last bits")
         elif name in ATTRIBUTES.values():
             raise AssertionError(f"{name} of the key is not that of the state")
         else:
-            texts.append(f"a keyframe does not hold {name}: that of this instant is not in it")
+            texts.append(f"a keyframe does not hold {name}: its value at this instant is lost")
     return texts

@@ -1,4 +1,4 @@
-"""Point clouds: what images show, as coloured points in the world, in a PLY file."""
+"""Point clouds: the visible points of images, with their colours, in a PLY file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,17 +15,17 @@ TYPES = {"<f4": "float", "u1": "uchar", "<i4": "int"}
 PLACE = (("x", "<f4"), ("y", "<f4"), ("z", "<f4"))
 COLOR = (("red", "u1"), ("green", "u1"), ("blue", "u1"))
 LABEL = (("label", "<i4"),)
-COUNT = 20  # digits that a number of points may have
+COUNT = 20  # most digits in the number of points
 
 
 class PointCloudWriter(OutputWriter):
-    """Writes the points of images, those of several one after the other, to a binary little-endian PLY file.
+    """Writes the points of images, one image after another, to a binary little-endian PLY file.
 
-    A point is where the ray through the centre of a pixel ends; pixels in which nothing is seen have none.
-    Opening it proves that the output can be written.
+    A point is the end of the ray through the centre of a pixel; pixels of the background have none. Opening the writer
+    checks that the output can be written.
 
     Args:
-      legend: of the images, if each point is to have a `label`, the index of its segment.
+      legend: legend of the images, if each point gets a `label`, the index of its segment.
 
     Raises:
       UsageError: the output does not end in `.ply`.
@@ -34,7 +34,7 @@ class PointCloudWriter(OutputWriter):
 
     def __init__(self, output: str, legend: Sequence[Segment] | None = None) -> None:
         if Path(output).suffix.lower() != SUFFIX:
-            raise UsageError(f"{clean(output)}: a point cloud is a PLY file, and its name ends in {SUFFIX}")
+            raise UsageError(f"{clean(output)}: a point cloud is a PLY file; its name must end in {SUFFIX}")
         self.count = 0
         self._fields = [*PLACE, *COLOR, *(LABEL if legend is not None else ())]
         self._legend = legend or ()
@@ -44,7 +44,7 @@ class PointCloudWriter(OutputWriter):
             self._file.write(self._header())
 
     def write(self, view: RenderedView) -> None:
-        """Adds the points of an image, which has depth and colours, and ids if points are labelled.
+        """Adds the points of an image with depth and colours, and with ids if points are labelled.
 
         Raises:
           FileError: the disk is full.
@@ -61,7 +61,7 @@ class PointCloudWriter(OutputWriter):
             self._file.close()
 
     def _points(self, view: RenderedView) -> np.ndarray:
-        """A structured array `(n,)`, row by row."""
+        """Returns the points as a structured array `(n,)`, row by row."""
         depth, rgb, ids = view.depth, view.rgb, view.ids
         labelled = LABEL[0] in self._fields
         if depth is None or rgb is None or (labelled and ids is None):
@@ -75,7 +75,7 @@ class PointCloudWriter(OutputWriter):
         return points
 
     def _header(self) -> bytes:
-        """Of the same length for every count: a comment makes up for its digits."""
+        """Returns the header, which has the same length for every count: a comment is padded."""
         number = str(self.count)
         lines = ["ply", "format binary_little_endian 1.0"]
         lines += [f"comment world coordinates in metres{' ' * (COUNT - len(number))}"]
@@ -87,5 +87,5 @@ class PointCloudWriter(OutputWriter):
 
 
 def _plain(name: str) -> str:
-    """`name` in printable ASCII."""
+    """Returns `name` in printable ASCII."""
     return clean(name).encode("ascii", "backslashreplace").decode()

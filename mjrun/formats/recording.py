@@ -1,10 +1,9 @@
-"""Reads recordings: any state, from its place in the file.
+"""Recordings: writes them, and reads any of their states from its place in the file.
 
-A recording is not trusted: all of it is checked when it is opened, nothing in it is run, and what messages quote
-from it is cleaned.
+A recording is untrusted: it is checked completely when it is opened, nothing in it is executed, and messages clean what
+they quote from it.
 """
 
-import contextlib
 import io
 import json
 import math
@@ -26,12 +25,12 @@ from mjrun.closable import Closable
 from mjrun.confinement.confinement import is_readable
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats import npy_header
-from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.atomic_output import OutputWriter, closing_quietly
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import decoding, require_file
 
 FACTS = 2**24  # characters of facts, at most
-LOCAL = 26  # bytes of a member's header in the archive before the lengths of its name and extra field
+LOCAL = 26  # bytes in the header of an archive's member before the lengths of its name and extra field
 TEXT = "unicode text"
 ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "facts": (TEXT, ())}
 HINT = f"{option('recording')} FILE.npz makes one"
@@ -40,9 +39,9 @@ PIECE = 2**20  # bytes handled at a time
 
 
 def is_recording(path: Path) -> bool:
-    """Whether the file at `path` is a recording, complete or not, or by its name alone if it is no archive."""
+    """Returns whether the file at `path` is a recording, even if incomplete; if it is not an archive, by its name."""
     if not is_readable(path):
-        return False  # as a table it is refused
+        return False  # it is refused as a table
     try:
         with zipfile.ZipFile(path) as archive:
             return len({f"{name}.npy" for name in ARRAYS} & {*archive.namelist()}) > 1
@@ -53,15 +52,15 @@ def is_recording(path: Path) -> bool:
 class RecordingReader(Closable):
     """Reads the states of a recording in any order; they stay on disk.
 
-    Opening it checks all of it.
+    Opening it checks it completely.
 
     Attributes:
-      steps: of the states, `(n,)` int64, n ≥ 1, ascending from 0.
-      size: numbers in a state.
-      facts: what made it, according to the file.
+      steps: steps of the states, `(n,)` int64, n ≥ 1, ascending from 0.
+      size: length of a state.
+      facts: facts about its making, according to the file.
 
     Raises:
-      FileError: there is no such file, or it is not a complete recording; the message says why.
+      FileError: the file does not exist, or is not a complete recording; the message states why.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -87,10 +86,10 @@ class RecordingReader(Closable):
             self._closing = weakref.finalize(self, os.close, self._file)
 
     def state(self, index: int) -> np.ndarray:
-        """State number `index` as a new array `(size,)` float64.
+        """Reads state number `index` as a new array `(size,)` float64.
 
         Raises:
-          IndexError: there is none.
+          IndexError: the recording has fewer states.
           FileError: the file has changed since it was opened.
         """
         if not 0 <= index < len(self.steps):
@@ -98,7 +97,7 @@ class RecordingReader(Closable):
         return self._read_states(index, 1)[0]
 
     def blocks(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """All states, a few at a time: their steps `(n,)` and the states `(n, size)` float64.
+        """Yields all states, a few at a time: their steps `(n,)` and the states `(n, size)` float64.
 
         Raises:
           FileError: the file has changed since it was opened.
@@ -117,7 +116,7 @@ class RecordingReader(Closable):
         except OSError as error:
             raise FileError(self.path, f"cannot be read: {error.strerror or error}") from None
         if len(content) < count * row:
-            raise FileError(self.path, f"has changed while it was read: state {index + len(content) // row} is gone")
+            raise FileError(self.path, f"has changed while it was read: state {index + len(content) // row} is missing")
         return np.frombuffer(content, "<f8").reshape(count, self.size).astype(np.float64)
 
     def close(self) -> None:
@@ -125,7 +124,7 @@ class RecordingReader(Closable):
         self._closing()
 
 
-# The functions below raise a ValueError for a fault of the recording; `decoding` adds the path.
+# The functions below raise ValueError for a fault of the recording; `decoding` adds the path.
 
 
 @dataclass(frozen=True)
@@ -140,23 +139,23 @@ class _Array:
 
 
 def _array(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
-    """The array `name`, whose header is that of a recording and agrees with its size."""
+    """Locates the array `name`, and checks that its header is that of a recording and agrees with its size."""
     infos = [info for info in archive.infolist() if info.filename == f"{name}.npy"]
     if len(infos) != 1:
         raise ValueError(f"it has {'two arrays' if infos else 'no array'} {name!r}")
     info = infos[0]
     if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
-        raise ValueError(f"{name!r} is compressed; np.savez keeps arrays as they are")
+        raise ValueError(f"{name!r} is compressed; np.savez stores arrays uncompressed")
     file.seek(max(0, info.header_offset) + LOCAL)
     begin = file.tell() + 4 + sum(struct.unpack("<HH", file.read(4)))
-    if begin + info.file_size > os.fstat(file.fileno()).st_size:  # or much would be allocated to read it
+    if begin + info.file_size > os.fstat(file.fileno()).st_size:  # otherwise reading it would allocate much memory
         raise ValueError(f"{name!r} ends early")
     with archive.open(info) as member:
         shape, by_column, dtype = npy_header.read_header(member)
         head = member.tell()
     _require_kind(name, shape, dtype)
     if by_column and len(shape) > 1:
-        raise ValueError(f"{name!r} lies by the column, not by the row")
+        raise ValueError(f"{name!r} is stored by column, not by row")
     if math.prod(shape) * dtype.itemsize != info.file_size - head:
         raise ValueError(f"{name!r} has the shape {shape}, but {info.file_size - head} bytes")
     return _Array(info, head, begin + head, shape, dtype)
@@ -173,7 +172,7 @@ def _require_kind(name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
 
 
 def _content(archive: zipfile.ZipFile, array: _Array) -> Iterator[bytes]:
-    """The values of `array` in pieces of whole rows. At the end its checksum is compared."""
+    """Yields the values of `array` in pieces of whole rows, and compares its checksum at the end."""
     row = array.dtype.itemsize * math.prod(array.shape[1:])
     with archive.open(array.info) as member:
         member.read(array.head)
@@ -217,15 +216,15 @@ def _require_finite(archive: zipfile.ZipFile, states: _Array, steps: np.ndarray)
 class RecordingWriter(OutputWriter):
     """Streams states to a recording; nothing is published until `publish`.
 
-    Opening it proves that the output can be written. The same states and facts make the same bytes.
+    Opening it checks that the output can be written. The same states and facts give the same bytes.
 
     Args:
-      path: a .npz file.
-      size: numbers in a state.
-      facts: what made the recording; plain values, for JSON. They are written when the recording is finished.
+      path: an .npz file.
+      size: length of a state.
+      facts: facts about its making; plain values, for JSON. They are written when the recording is finished.
 
     Attributes:
-      count: states written so far.
+      count: number of states written so far.
 
     Raises:
       UsageError: the path is standard output, or has another suffix.
@@ -234,20 +233,23 @@ class RecordingWriter(OutputWriter):
 
     def __init__(self, path: str, size: int, facts: Mapping[str, Any]) -> None:
         _require_suffix(path)
-        self.count, self._size, self._last = 0, size, -1
+        self.count = 0
+        self._size = size
+        self._last = -1
         self._facts = facts
         self._info = zipfile.ZipInfo("states.npy")  # dated 1980: same recording, same bytes
         super().__init__(StagedFile(Path(path)))
         with self.opening():
-            folder, enter = Path(self.destination.path).parent, self.resources.enter_context
+            folder = Path(self.destination.path).parent
+            enter = self.resources.enter_context
             self._file = self.open_file()
-            self._steps = enter(_closing(tempfile.TemporaryFile(dir=folder)))  # noqa: SIM115
-            self._archive = enter(_closing(zipfile.ZipFile(self._file, "w")))
-            self._member = enter(_closing(_member(self._archive, self._info)))
+            self._steps = enter(closing_quietly(tempfile.TemporaryFile(dir=folder)))  # noqa: SIM115
+            self._archive = enter(closing_quietly(zipfile.ZipFile(self._file, "w")))
+            self._member = enter(closing_quietly(_member(self._archive, self._info)))
             np.lib.format.write_array_header_1_0(self._member, self._head(0))
 
     def write(self, step: int, state: np.ndarray) -> None:
-        """Adds the state `(size,)` float64 at `step`: 0 at first, then ever greater.
+        """Adds the state `(size,)` float64 at `step`: 0 for the first, then ascending.
 
         Raises:
           FileError: the disk is full, or the state is not finite.
@@ -261,7 +263,8 @@ class RecordingWriter(OutputWriter):
         with self.writing():
             self._member.write(state.astype("<f8").tobytes())
             self._steps.write(struct.pack("<q", step))
-        self.count, self._last = self.count + 1, step
+        self.count += 1
+        self._last = step
 
     def complete(self) -> None:
         if not self.count:
@@ -283,9 +286,9 @@ class RecordingWriter(OutputWriter):
         return _head("<f8", (count, self._size))
 
     def _write_count(self) -> None:
-        """Puts the number of states into the array's header, for which NumPy leaves room, and into the checksum.
+        """Writes the number of states to the array's header, where NumPy leaves space, and corrects the checksum.
 
-        With heads A and B of one length, crc(A + data) ^ crc(B + data) is crc(A + zeros) ^ crc(B + zeros), for as
+        With headers A and B of one length, crc(A + data) ^ crc(B + data) is crc(A + zeros) ^ crc(B + zeros), for as
         many zeros as data: a checksum is an affine function of the bits.
         """
         zeros = 8 * self._size * self.count
@@ -303,22 +306,12 @@ class RecordingWriter(OutputWriter):
 def _require_suffix(path: str) -> None:
     if path == "-":
         raise UsageError(
-            f"{option('recording')}: a recording cannot be written to standard output\ngive a file, as in run.npz"
+            f"{option('recording')}: a recording cannot be written to standard output\nspecify a file, as in run.npz"
         )
     suffix = Path(path).suffix
     if suffix.lower() != SUFFIX:
         reason = f"not {quoted(suffix)}" if suffix else "and this has no suffix"
         raise UsageError(f"{option('recording')} {clean(path)}: a recording is a {SUFFIX} file, {reason}")
-
-
-@contextlib.contextmanager
-def _closing(part: Any) -> Iterator[Any]:
-    """`part`, closed at the end, whether or not what it still buffers can be written."""
-    try:
-        yield part
-    finally:
-        with contextlib.suppress(OSError, ValueError):
-            part.close()
 
 
 def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
@@ -330,15 +323,15 @@ def _head(descr: str, shape: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _followed_by_zeros(crc: int, count: int) -> int:
-    """The checksum of bytes whose own is `crc`, and `count` zeros after them."""
-    zeros = bytes(min(PIECE, count))
-    while count:
-        taken = min(PIECE, count)
-        crc, count = zlib.crc32(memoryview(zeros)[:taken], crc), count - taken
-    return crc
+    """Returns the checksum of bytes with the checksum `crc`, followed by `count` zeros."""
+    whole, rest = divmod(count, PIECE)
+    zeros = bytes(PIECE if whole else 0)
+    for _ in range(whole):
+        crc = zlib.crc32(zeros, crc)
+    return zlib.crc32(bytes(rest), crc)
 
 
 def not_finite(state: np.ndarray) -> str:
-    """What is not finite in `state`."""
+    """Returns a description of the first number in `state` that is not finite."""
     index = int(np.isfinite(state).argmin())
     return f"number {index} of its state is {state[index]}"

@@ -1,4 +1,4 @@
-"""What the ids of a segmentation mean, as a JSON document beside the image or video."""
+"""Labels of segmentations: JSON documents that describe the ids of an image or video, and COCO documents."""
 
 import json
 from collections import Counter
@@ -24,16 +24,16 @@ def labels_document(
     colours: np.ndarray | None = None,
     ids: np.ndarray | None = None,
 ) -> str:
-    """The JSON of `NAME.labels.json`.
+    """Returns the JSON of `NAME.labels.json`.
 
-    `file` is the image; `size` its width and height [pixels]; `nothing` its value where nothing is seen. `labels` has
-    an entry for each segment, in view or not: `id` is its value in the image, `type`, `mujoco_id`, `name` and `body`
-    are those of the model, `pixels` counts where it is seen, `rgb` is its colour if it has one.
+    `file` is the image; `size` its width and height [pixels]; `nothing` its value for the background. `labels` has an
+    entry for each segment, visible or not: `id` is its value in the image, `type`, `mujoco_id`, `name` and `body` are
+    those of the model, `pixels` counts its pixels, `rgb` is its colour, if any.
 
     Args:
-      nothing: the value in the file for −1; ids are shifted by as much.
-      colours: of the segments, `(n, 3)` uint8.
-      ids: `(h, w)`, indices into `legend`, −1 where nothing is seen; None for a video, in which counts change.
+      nothing: value in the file for −1; ids are shifted by the same number.
+      colours: colours of the segments, `(n, 3)` uint8.
+      ids: `(h, w)`, indices into `legend`, −1 for the background; None for a video, in which counts change.
     """
     pixels = None if ids is None else np.bincount(ids[ids >= 0], minlength=len(legend))
     entries = [
@@ -52,16 +52,16 @@ def labels_document(
 
 
 def labels_beside(output: str) -> str:
-    """Where the labels of an image, a video or a folder of frames are."""
+    """Returns the path of the labels of an image, a video or a folder of frames."""
     path = Path(output)
     return str(path.with_name(f"{path.stem}.labels.json"))
 
 
 class LabelsWriter(OutputWriter):
-    """Writes the labels beside an image or video. Opening it proves that they can be written.
+    """Writes the labels beside an image or video. Opening it checks that they can be written.
 
     Args:
-      output: the image, video or folder of frames that is labelled.
+      output: the labelled image, video or folder of frames.
 
     Raises:
       FileError: they cannot be written.
@@ -88,30 +88,30 @@ class LabelsWriter(OutputWriter):
 
 
 def json_document(head: Mapping[str, Any], lists: Mapping[str, Iterable[str]]) -> str:
-    """A JSON object of `head` and of `lists`, whose items are JSON already and get a line each."""
+    """Returns a JSON object of `head` and of `lists`, whose items are JSON already and get a line each."""
     parts = [f"{ascii_json(key)}: {ascii_json(value)}" for key, value in head.items()]
     parts += [f"{ascii_json(key)}: [\n" + ",\n".join(items) + "\n]" for key, items in lists.items()]
     return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
 def ascii_json(value: object) -> str:
-    """JSON in plain ASCII: a name may hold anything, reads back exactly, and cannot steer a terminal.
+    """Returns JSON in plain ASCII: any name reads back exactly, and cannot control a terminal.
 
     Raises:
-      ValueError: it holds a number that is not finite, which JSON cannot say.
+      ValueError: a number is not finite, which JSON does not support.
     """
     return json.dumps(value, allow_nan=False).replace("\x7f", "\\u007f")
 
 
 @dataclass(frozen=True)
 class Region:
-    """Where one segment is seen.
+    """The visible pixels of one segment.
 
     Attributes:
-      id: its index in the legend.
-      counts: pixels in turn without and with it, column by column from the top left one.
-      bbox: x, y, width and height [pixels] of the smallest box around it.
-      area: how many pixels show it.
+      id: index of the segment in the legend.
+      counts: lengths of the runs of pixels without and with it, column by column from the top left one.
+      bbox: x, y, width and height of the smallest box around it [pixels].
+      area: number of its pixels.
     """
 
     id: int
@@ -121,7 +121,7 @@ class Region:
 
 
 def regions(ids: np.ndarray) -> Iterator[Region]:
-    """What is seen in `ids` `(h, w)`, by rising id; −1 is nosegment."""
+    """Yields the visible segments in `ids` `(h, w)`, by ascending id; −1 is the background."""
     height = len(ids)
     flat = ids.ravel(order="F")
     cuts = np.flatnonzero(flat[1:] != flat[:-1]) + 1
@@ -135,7 +135,7 @@ def regions(ids: np.ndarray) -> Iterator[Region]:
 
 
 class CocoDocument:
-    """Gathers images into one document; memory grows with the runs of their masks, a few bytes each."""
+    """Collects images in one document; memory grows with the runs of their masks, a few bytes each."""
 
     def __init__(self) -> None:
         self._images: list[str] = []
@@ -143,10 +143,10 @@ class CocoDocument:
         self._categories: dict[Segment, int] = {}
 
     def add(self, ids: np.ndarray, legend: Sequence[Segment], image: Mapping[str, Any]) -> None:
-        """Adds an image and what is seen in it.
+        """Adds an image and its visible segments.
 
         Args:
-          ids: `(h, w)`, indices into `legend`; −1 where nothing is seen.
+          ids: `(h, w)`, indices into `legend`; −1 for the background.
           image: further entries of the image, such as `file_name`, `camera` and `time`.
         """
         height, width = ids.shape
@@ -155,7 +155,7 @@ class CocoDocument:
         self._images.append(ascii_json({"id": number, "width": width, "height": height, **image}))
         for region in regions(ids):
             annotation = {
-                "id": len(self._annotations) + 1,  # from 1: pycocotools takes 0 for no match
+                "id": len(self._annotations) + 1,  # from 1: 0 means no match to pycocotools
                 "image_id": number,
                 "category_id": categories[region.id],
                 "bbox": region.bbox,
@@ -166,7 +166,7 @@ class CocoDocument:
             self._annotations.append(ascii_json(annotation))
 
     def document(self) -> str:
-        """The whole, as JSON."""
+        """Returns the document as JSON."""
         names = Counter(segment.name for segment in self._categories)
         categories = [
             {
@@ -186,7 +186,7 @@ def _region(index: int, starts: np.ndarray, ends: np.ndarray, height: int, size:
     counts = np.diff(np.stack([starts, ends], axis=1).ravel(), prepend=0, append=size)
     (left, top), (right, bottom) = np.divmod(starts, height), np.divmod(ends - 1, height)
     x, width = left.min(), right.max() - left.min() + 1
-    # A run into the next column passes the bottom of one and the top of the other.
+    # A run into the next column includes the bottom of one and the top of the other.
     y, end = (0, height) if (left != right).any() else (top.min(), bottom.max() + 1)
     bbox = (int(x), int(y), int(width), int(end - y))
     return Region(index, counts[: -1 if counts[-1] == 0 else None].tolist(), bbox, int((ends - starts).sum()))

@@ -20,15 +20,15 @@ from mjrun.formats.image_reader import open_image
 from mjrun.formats.input_file import decoding, require_file
 
 ANIMATIONS = (".gif", ".apng", ".webp")  # read by Pillow, which knows how long each frame lasts
-RAW = ".rgb"  # pixels without a size
+RAW = ".rgb"  # pixels only: the file does not hold their size
 BYTES_OF_PIXEL = 3  # of a decoded frame, at most
 
 
 def read_video(path: str | Path) -> "VideoReader":
-    """Opens a video to read: iterate over it for one frame at a time, or take all of them as `.frames`.
+    """Opens a video: iterate over it for one frame at a time, or get all of them as `.frames`.
 
     Raises:
-      FileError: there is no such file, or it cannot be decoded.
+      FileError: the file does not exist, or cannot be decoded.
       UsageError: the format can be written, but not read.
     """
     return VideoReader(Path(path))
@@ -37,17 +37,18 @@ def read_video(path: str | Path) -> "VideoReader":
 class VideoReader:
     """The frames of a video.
 
-    Each iteration decodes the file anew and holds one frame at a time: uint8 `(height, width, 3)`, or uint16
+    Each iteration decodes the file again and holds one frame at a time: uint8 `(height, width, 3)`, or uint16
     `(height, width)` for a video of 16-bit numbers.
 
     Attributes:
-      fps: frames per second, as the file says. Frames of an animation that last longer than its shortest one are
+      fps: frames per second, as the file states. Frames of an animation that last longer than its shortest one are
         repeated.
       size: width and height [pixels].
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._suffix = path, path.suffix.lower()
+        self._path = path
+        self._suffix = path.suffix.lower()
         require_file(path, "video", codecs.suffixes())
         if self._suffix == RAW:
             raise UsageError(
@@ -90,14 +91,14 @@ class VideoReader:
         yield from iio.imiter(self._path.absolute(), plugin="FFMPEG", input_params=options)
 
     def _numbers(self) -> Iterator[np.ndarray]:
-        """Frames of 16-bit numbers, which imageio would turn into colours."""
+        """Yields frames of 16-bit numbers, which imageio would turn into colours."""
         with contextlib.closing(self._ffmpeg_frames("gray16le", 16)) as frames:
             next(frames)  # the properties
             for content in frames:
                 yield np.frombuffer(content, "<u2").astype(np.uint16).reshape(self.size[::-1])
 
     def _ffmpeg_frames(self, pixels: str = "rgb24", bits: int = 24) -> Generator[Any, None, None]:
-        """The properties of the video, and then the bytes of each frame."""
+        """Yields the properties of the video, and then the bytes of each frame."""
         options, name = ffmpeg.source(self._path, self._suffix[1:])
         return imageio_ffmpeg.read_frames(name, pix_fmt=pixels, bits_per_pixel=bits, input_params=options)
 
@@ -128,7 +129,7 @@ class VideoReader:
         except OSError as error:
             raise FileError(self._path, f"cannot be read: {error.strerror or error}") from None
         except FileError as error:
-            if error.__cause__:  # in its frames, imageio-ffmpeg leaves pipes open
+            if error.__cause__:  # the stack frames of imageio-ffmpeg keep pipes open
                 with warnings.catch_warnings(action="ignore"):
                     traceback.clear_frames(error.__cause__.__traceback__)
             raise

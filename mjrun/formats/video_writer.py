@@ -20,8 +20,8 @@ from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, St
 from mjrun.timeline import rational
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
-LAST_WORDS = 1.0  # [s] for an encoder that reads no more to end by itself
-SMALLEST = 16  # pixels a side; below it some encoders fail
+LAST_WORDS = 1.0  # time for an encoder that stopped reading to end by itself [s]
+SMALLEST = 16  # smallest width and height [pixels]; below it some encoders fail
 
 
 def write_video(
@@ -34,10 +34,10 @@ def write_video(
     preset: str | None = None,
     format: str | None = None,  # noqa: A002  (the option's name)
 ) -> list[Path]:
-    """Encodes frames into a video, which appears whole and verified, or not at all.
+    """Encodes frames into a video, which appears whole and verified, or not.
 
-    Frames are encoded as they are taken from the iterable, so memory does not grow with the video. Codecs that
-    subsample colour pad odd sides by one pixel.
+    Frames are encoded as the iterable yields them, so memory does not grow with the video. Codecs that subsample colour
+    pad odd sides by one pixel.
 
     Args:
       path: a .mp4, .mov, .mkv, .webm, .gif, .apng or .webp file; a folder or a pattern such as `frame_%04d.png` for
@@ -46,13 +46,13 @@ def write_video(
         as millimetres `(height, width)` uint16, which .mkv and PNG hold without loss.
       fps: frames per second; `"30000/1001"` is exact.
       codec, crf, preset: as in `mjrun video`; the defaults depend on the format.
-      format: instead of the suffix of `path`.
+      format: container, if the suffix of `path` does not specify it.
 
     Returns:
       The files of the video.
 
     Raises:
-      ValueError: there are no frames, or one differs from the first; the message says which.
+      ValueError: there are no frames, or one differs from the first; the message names it.
       UsageError: the format cannot hold these frames, or the options do not fit together.
       FileError: the video cannot be written.
       EncoderError: the encoder failed.
@@ -77,12 +77,12 @@ def write_video(
 class VideoWriter(OutputWriter):
     """Streams frames to the encoder; nothing is published until all of them are there.
 
-    Opening it proves that the output can be written.
+    Opening it checks that the output can be written.
 
     Args:
       output: a file, a folder of frames, a pattern such as `frame_%04d.png`, or None for stdout.
       size: width and height of the frames [pixels].
-      count: frames promised; set before `publish` if it is not known yet.
+      count: expected number of frames; if it is not known yet, set it before `publish`.
       tags: title and comment, embedded where the format can hold them.
 
     Raises:
@@ -102,7 +102,10 @@ class VideoWriter(OutputWriter):
         if min(size) < SMALLEST:
             raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at least {SMALLEST}x{SMALLEST}")
         encoding.check_fps(fps)
-        self.size, self.fps, self.count, self.written = size, fps, count, 0
+        self.size = size
+        self.fps = fps
+        self.count = count
+        self.written = 0
         self._encoding = encoding
         super().__init__(_destination(output, encoding))
         with self.opening():
@@ -114,7 +117,7 @@ class VideoWriter(OutputWriter):
         Raises:
           EncoderError: the encoder died or hangs; the message ends with the last lines of its log.
           FileError: the disk is full.
-          ClosedPipeError: nobody reads standard output any more.
+          ClosedPipeError: the reader of standard output closed the pipe.
         """
         width, height = self.size
         numbers = self._encoding.pixels == GRAY16
@@ -143,7 +146,7 @@ class VideoWriter(OutputWriter):
 
     @property
     def others(self) -> Sequence[str]:
-        """Frames of an older video that match the pattern and follow the last one, known once this is published."""
+        """Frames of an older video that match the pattern and follow the last one, known after publication."""
         return self.destination.others if isinstance(self.destination, StagedFrames) else ()
 
     def _start(self, tags: Mapping[str, str]) -> ChildProcess:
@@ -158,14 +161,16 @@ class VideoWriter(OutputWriter):
             "-framerate",
             str(self.fps),
         ]
-        # The system limits command lines: longer tags go through a file beside the output, which has no name any more.
+        # The system limits command lines: longer tags go through an unnamed file beside the output.
         length = max((len(os.fsencode(text)) for text in tags.values()), default=0)
         metadata = [part for name, text in tags.items() for part in ("-metadata", f"{name}={text}")]
         if length <= LONGEST_ARGUMENT:
             return self._spawn([*source, "-i", "pipe:0"], metadata)
         folder = None if self.destination.stdout is not None else Path(self.destination.path).parent
         with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(_ffmetadata(tags))
+            # https://ffmpeg.org/ffmpeg-formats.html#Metadata-2
+            lines = [name + "=" + re.sub(r"([=;#\\\n])", r"\\\1", text) for name, text in tags.items()]
+            file.write(os.fsencode("\n".join([";FFMETADATA1", *lines, ""])))
             file.seek(0)
             tagged = ["-f", "ffmetadata", "-i", f"pipe:{file.fileno()}"]
             return self._spawn([*source, "-i", "pipe:0", *tagged], ["-map", "0:v", "-map_metadata", "1"], file.fileno())
@@ -189,11 +194,11 @@ class VideoWriter(OutputWriter):
         return self._child.wait(idle=ffmpeg.IDLE, is_held_up=self._is_held_up)
 
     def _is_held_up(self) -> bool:
-        """Whether the encoder waits for whoever reads standard output, such as a player that pauses."""
+        """Returns whether the encoder waits for the reader of standard output, such as a paused player."""
         return isinstance(self.destination, StandardOutput) and self.destination.is_full()
 
     def _failure(self) -> BaseException:
-        """What went wrong, once the encoder has stopped reading."""
+        """Returns the error of an encoder that has stopped reading."""
         status = self._child.wait(LAST_WORDS)
         if isinstance(self.destination, StandardOutput) and self.destination.reader_is_gone():
             return ClosedPipeError()
@@ -203,14 +208,14 @@ class VideoWriter(OutputWriter):
         if status.signal == "SIGXFSZ":
             if confinement():  # the limit is that of the command, which ends as if it had written the file itself
                 signal.raise_signal(signal.SIGXFSZ)
-            return FileError(self.destination.shown, "cannot be written: files may not be so large here (ulimit -f)")
+            return FileError(self.destination.shown, "cannot be written: it exceeds the limit for files (ulimit -f)")
         is_known = status.cause == "idle" or (status.cause is None and status.signal)
         how = str(status) if is_known else "failed"
         return self._error(f"the encoder {how} after {self.written} of {self.count} frames", log)
 
     def _check(self) -> None:
         if self.written != self.count:
-            raise self._error(f"the video has {self.written} frames, {self.count} were promised")
+            raise self._error(f"the video has {self.written} frames, expected {self.count}")
         if isinstance(self.destination, StandardOutput):
             return
         if self._encoding.format == "png":
@@ -221,13 +226,13 @@ class VideoWriter(OutputWriter):
         else:
             count = self._frames_in_file()
         if count != self.count:
-            raise self._error(f"the encoder wrote {count} frames, {self.count} were promised")
+            raise self._error(f"the encoder wrote {count} frames, expected {self.count}")
 
     def _error(self, what: str, log: str = "") -> EncoderError:
         return EncoderError(f"{clean(str(self.destination.shown))}: {what}", log)
 
     def _frames_in_file(self) -> int:
-        """The frames in the video as a demuxer counts them; in a format that merges, from its duration."""
+        """Returns the number of frames that a demuxer counts; if the format merges equal frames, from the duration."""
         copy = ("-map", "0:v:0", "-c", "copy", "-progress", "pipe:1", "-f", "null", "-")
         options, name = ffmpeg.source(self.destination.path, self._encoding.format)
         done = ffmpeg.run(*options, "-i", name, *copy)
@@ -244,12 +249,6 @@ class VideoWriter(OutputWriter):
         return count
 
 
-def _ffmetadata(tags: Mapping[str, str]) -> bytes:
-    """The tags in ffmpeg's format: https://ffmpeg.org/ffmpeg-formats.html#Metadata-2."""
-    lines = [name + "=" + re.sub(r"([=;#\\\n])", r"\\\1", text) for name, text in tags.items()]
-    return os.fsencode("\n".join([";FFMETADATA1", *lines, ""]))
-
-
 def _rate(fps: float | str | Fraction) -> Fraction:
     try:
         rate = rational(fps)
@@ -261,23 +260,18 @@ def _rate(fps: float | str | Fraction) -> Fraction:
 
 
 def _checked(frames: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
-    """The frames, grey as colours; all must be like the first."""
+    """Yields the frames, grey ones as colours, and checks that all are like the first."""
     like = ""
     for index, frame in enumerate(frames):
         kind = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
-        if not isinstance(frame, np.ndarray) or not _is_frame(frame):
+        layout = (frame.dtype, frame.ndim, frame.shape[2:]) if isinstance(frame, np.ndarray) else ()
+        if layout not in ((np.uint8, 3, (3,)), (np.uint8, 2, ()), (np.uint16, 2, ())):
             expected = "uint8 (height, width, 3), uint8 (height, width) or uint16 (height, width)"
             raise ValueError(f"frame {index} is {kind}, not {expected}")
         like = like or kind
         if kind != like:
             raise ValueError(f"frame {index} is {kind}, but frame 0 is {like}")
         yield np.repeat(frame[..., None], 3, axis=2) if frame.dtype == np.uint8 and frame.ndim == 2 else frame
-
-
-def _is_frame(frame: np.ndarray) -> bool:
-    if frame.ndim == 2:
-        return frame.dtype in (np.uint8, np.uint16)
-    return frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3
 
 
 def _destination(output: str | None, encoding: Encoding) -> Destination:

@@ -83,7 +83,7 @@ def test_a_model_that_has_been_changed_in_the_meantime_is_left_alone(tmp_path: P
     model = mujoco.MjModel.from_xml_path(str(source))
     with KeyframeWriter(str(source), source, XML, "rest", model) as writer:
         source.write_bytes(XML + b"<!-- edited -->\n")
-        with pytest.raises(FileError, match="has changed since it was read, and is left as it is"):
+        with pytest.raises(FileError, match="has changed since it was read, and is left unchanged"):
             writer.write(model, fallen(model))
     assert source.read_bytes() == XML + b"<!-- edited -->\n"
 
@@ -101,8 +101,8 @@ def test_what_a_key_cannot_hold_is_told(tmp_path: Path) -> None:
     with KeyframeWriter(str(source), source, xml, "rest", model) as writer:
         told = writer.write(model, state.save(model, data))
     assert told == [
-        "a keyframe does not hold xfrc_applied: that of this instant is not in it",
-        "a keyframe does not hold eq_active: that of this instant is not in it",
-        "MuJoCo normalizes quaternions of keyframes: mocap_quat is another from the last bits on",
-        "a keyframe does not hold userdata: that of this instant is not in it",
+        "a keyframe does not hold xfrc_applied: its value at this instant is lost",
+        "a keyframe does not hold eq_active: its value at this instant is lost",
+        "MuJoCo normalizes quaternions of keyframes: mocap_quat differs in its last bits",
+        "a keyframe does not hold userdata: its value at this instant is lost",
     ]

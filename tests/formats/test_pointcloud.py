@@ -135,5 +135,5 @@ def test_a_picture_without_what_points_need_is_refused(tmp_path: Path) -> None:
 
 
 def test_only_ply_is_written(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"a point cloud is a PLY file, and its name ends in \.ply"):
+    with pytest.raises(UsageError, match=r"a point cloud is a PLY file; its name must end in \.ply"):
         PointCloudWriter(str(tmp_path / "cloud.pcd"))

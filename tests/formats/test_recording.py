@@ -110,7 +110,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ("-", "recording: a recording cannot be written to standard output\ngive a file, as in run.npz"),
+        ("-", "recording: a recording cannot be written to standard output\nspecify a file, as in run.npz"),
         ("run.csv", "recording run.csv: a recording is a .npz file, not '.csv'"),
         ("run", "recording run: a recording is a .npz file, and this has no suffix"),
         ("run.npz.\x1b", "recording run.npz.\\x1b: a recording is a .npz file, not '.\\x1b'"),
@@ -257,7 +257,7 @@ def test_a_recording_that_is_cut_while_it_is_read_says_so(tmp_path: Path) -> Non
         os.truncate(path, 100)
         with pytest.raises(FileError) as caught:
             found.state(2)
-    assert str(caught.value) == f"{path}: has changed while it was read: state 2 is gone"
+    assert str(caught.value) == f"{path}: has changed while it was read: state 2 is missing"
 
 
 BROKEN = [
@@ -272,7 +272,7 @@ BROKEN = [
     ({"states": np.zeros(4)}, "'states' has the shape (4,), not (n, size)"),
     ({"states": np.zeros((4, 0))}, "'states' has the shape (4, 0), not (n, size)"),
     ({"states": np.zeros((0, 3))}, "'states' has the shape (0, 3), not (n, size)"),
-    ({"states": np.zeros((4, 3), order="F")}, "'states' lies by the column, not by the row"),
+    ({"states": np.zeros((4, 3), order="F")}, "'states' is stored by column, not by row"),
     ({"states": np.zeros((5, 3))}, "it has 5 states and 4 steps"),
     ({"states": np.full((4, 3), np.nan)}, "state 0, at step 0: number 0 of its state is nan"),
     ({"states": np.array([[0.0] * 3] * 3 + [[0, -np.inf, 0]])}, "state 3, at step 15: number 1 of its state is -inf"),
@@ -344,7 +344,7 @@ DAMAGED = [
     pytest.param(lambda path: path.write_bytes(b""), "File is not a zip file", id="empty"),
     pytest.param(lambda path: path.write_text("time,qpos\n0,1\n"), "File is not a zip file", id="text"),
     pytest.param(lambda path: os.truncate(saved(path), 700), "File is not a zip file", id="cut"),
-    pytest.param(compressed, "'states' is compressed; np.savez keeps arrays as they are", id="compressed"),
+    pytest.param(compressed, "'states' is compressed; np.savez stores arrays uncompressed", id="compressed"),
     pytest.param(twice, "it has two arrays 'steps'", id="twice"),
     pytest.param(flipped, "Bad CRC-32 for file 'states.npy'", id="flipped"),
     pytest.param(vast, "'states' ends early", id="vast"),
@@ -354,7 +354,7 @@ DAMAGED = [
     pytest.param(with_states(claiming((4, 3), bytes(95))), "'states' has the shape (4, 3), but 95 bytes", id="short"),
     pytest.param(with_states(claiming((-4, -3))), "'states' has the shape (-4, -3), not (n, size)", id="negative"),
     pytest.param(
-        with_states(claiming((4, 3), version=(9, 0))), "an array is of the unknown version (9, 0)", id="version"
+        with_states(claiming((4, 3), version=(9, 0))), "an array has the unknown version (9, 0)", id="version"
     ),
     pytest.param(
         with_states(b"\x93NUMPY\x01\x00\xff\xff{"),

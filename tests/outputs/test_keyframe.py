@@ -144,7 +144,7 @@ def test_what_a_push_leaves_is_told(tmp_path: Path) -> None:
     path, reporter = copied("mocap", tmp_path), Listener()
     Keyframe(Simulation(path, steps=50, push="box=1/0/0@0+1"), f"{tmp_path}/a.xml").run(reporter)
     (warning,) = reporter.warnings
-    assert warning.endswith("a.xml: a keyframe does not hold xfrc_applied: that of this instant is not in it")
+    assert warning.endswith("a.xml: a keyframe does not hold xfrc_applied: its value at this instant is lost")
 
 
 @pytest.mark.parametrize("suffix", [".mjb", ".mjz", ".urdf"])
