@@ -1,4 +1,4 @@
-"""Aggregates of rows that stream by: single values and exact sums, the same however the rows are split."""
+"""Aggregates of streamed rows: single values and exact sums, independent of how the rows are split."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
 from mjrun.probe.expression import START, AggregateCall, Node, NumericExpression
 
-CHUNK = 512  # rows evaluated at once: sums of so many products of two 27-bit numbers fit 63 bits
+CHUNK = 512  # rows evaluated at once: the sum of 512 products of two 27-bit numbers fits 63 bits
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class RowChunk:
     """Consecutive rows.
 
     Attributes:
-      columns: values by name, `(count,)` each.
-      rows: the number of each row, `(count,)`.
+      columns: columns by name, `(count,)` each.
+      rows: numbers of the rows, `(count,)`.
     """
 
     columns: dict[str, np.ndarray]
@@ -28,20 +28,20 @@ class RowChunk:
 
     @property
     def count(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return len(self.rows)
 
     def place(self, index: int) -> str:
-        """Where the row at `index` is, for the end of a message."""
+        """Returns the place of the row at `index`, for the end of a message."""
         return _place_text(*self.row(index))
 
     def row(self, index: int) -> tuple[int, float | None]:
-        """The number of the row at `index`, and its time, if there is one."""
+        """Returns the number of the row at `index`, and its time, if the table has one."""
         times = self.columns.get("time")
         return int(self.rows[index]), None if times is None else float(times[index])
 
     def only(self, chosen: np.ndarray) -> "RowChunk":
-        """The rows that `chosen`, `(count,)` booleans, picks out."""
+        """Returns the rows that `chosen`, `(count,)` booleans, selects."""
         return RowChunk({name: values[chosen] for name, values in self.columns.items()}, self.rows[chosen])
 
 
@@ -50,17 +50,17 @@ def _place_text(row: int, time: float | None) -> str:
 
 
 def shown(value: float) -> str:
-    """`value` as the shortest text that reads back as the same float."""
+    """Returns `value` as the shortest text that reads back as the same float."""
     return repr(float(value)).removesuffix(".0")
 
 
-_UNIT = 1126  # every float is a whole number of 2⁻¹¹²⁶, as its 53 bits stand below 2⁻¹⁰⁷³ at the least
+_UNIT = 1126  # every float is a multiple of 2⁻¹¹²⁶, as the highest of its 53 bits is 2⁻¹⁰⁷³ or more
 _LOW = 27
-_POWERS = {"count": (), "sum": (1,), "mean": (1,), "rms": (2,), "std": (1, 2)}  # of which sums are needed
+_POWERS = {"count": (), "sum": (1,), "mean": (1,), "rms": (2,), "std": (1, 2)}  # powers whose sums are needed
 
 
 def _exact(values: np.ndarray, power: int) -> int:
-    """The sum of at most `CHUNK` finite values, or of their squares, in units of 2⁻¹¹²⁶ or its square: exact."""
+    """Returns the exact sum of at most `CHUNK` finite values, or of their squares, in units of 2⁻¹¹²⁶ or its square."""
     fractions, exponents = np.frexp(values)
     mantissas = np.ldexp(fractions, 53).astype(np.int64)
     units, groups = np.unique(exponents, return_inverse=True)
@@ -75,7 +75,7 @@ def _exact(values: np.ndarray, power: int) -> int:
 
 
 def _ratio(numerator: int, denominator: int) -> float:
-    """The float nearest to a quotient; beyond all floats it is infinite."""
+    """Returns the float nearest to a quotient; infinity beyond the range of floats."""
     try:
         return numerator / denominator
     except OverflowError:
@@ -83,7 +83,7 @@ def _ratio(numerator: int, denominator: int) -> float:
 
 
 def _root(numerator: int, denominator: int) -> float:
-    """The float nearest to the square root of a quotient: one root with bits to spare, the last of them sticky."""
+    """Returns the float nearest to the square root of a quotient: a root with spare bits, the last of them sticky."""
     shift = (numerator.bit_length() - denominator.bit_length() - 109) // 2
     if shift < 0:
         numerator <<= -2 * shift
@@ -98,9 +98,8 @@ class SingleRowAccumulator:
     """The value of one row, such as the largest.
 
     Args:
-      find: the index of that row in a chunk.
-      replaces: whether a chunk's value, given first, replaces the one of earlier chunks.
-
+      find: returns the index of that row in a chunk.
+      replaces: returns whether a chunk's value, its first argument, replaces the value of earlier chunks.
     """
 
     def __init__(self, find: Callable[[np.ndarray], Any], replaces: Callable[[float, float], bool]) -> None:
@@ -109,7 +108,7 @@ class SingleRowAccumulator:
         self._row: tuple[int, float | None] = (0, None)
 
     def add(self, values: np.ndarray, chunk: RowChunk) -> None:
-        """Takes the operand's values on the rows of the next chunk."""
+        """Adds the operand's values on the rows of the next chunk."""
         index = int(self._find(values))
         value = float(values[index])
         if self._value is None or self._replaces(value, self._value):
@@ -122,7 +121,7 @@ class SingleRowAccumulator:
 
     @property
     def place(self) -> str:
-        """Where the row is."""
+        """The place of the row."""
         return "" if self._value is None else _place_text(*self._row)
 
 
@@ -130,15 +129,19 @@ class SumAccumulator:
     """An aggregate that follows from exact sums of values and of squares.
 
     Attributes:
-      place: where the first value is that is not finite, if there is one.
+      place: place of the first value that is not finite, if any.
     """
 
     def __init__(self, name: str) -> None:
-        self._name, self._count, self._totals, self.place = name, 0, {1: 0, 2: 0}, ""
-        self._powers, self._infinite = _POWERS[name], {1: 0.0, 2: 0.0}
+        self.place = ""
+        self._name = name
+        self._powers = _POWERS[name]
+        self._count = 0
+        self._totals = {1: 0, 2: 0}
+        self._infinite = {1: 0.0, 2: 0.0}
 
     def add(self, values: np.ndarray, chunk: RowChunk) -> None:
-        """Takes the operand's values on the rows of the next chunk."""
+        """Adds the operand's values on the rows of the next chunk."""
         self._count += len(values)
         if not self._powers:
             return
@@ -172,14 +175,15 @@ class SumAccumulator:
 
 
 class QuantileAccumulator:
-    """The value below which a fraction of all values lies, interpolated linearly as numpy does. It keeps all values."""
+    """The value below which a fraction of all values lies, interpolated linearly like numpy's. It stores all values."""
 
     def __init__(self, fraction: float) -> None:
-        self._fraction, self.place = fraction, ""
+        self._fraction = fraction
+        self.place = ""
         self._values: list[np.ndarray] = []
 
     def add(self, values: np.ndarray, chunk: RowChunk) -> None:
-        """Takes the operand's values on the rows of the next chunk."""
+        """Adds the operand's values on the rows of the next chunk."""
         self._values.append(np.array(values))
 
     @property
@@ -196,7 +200,7 @@ class QuantileAccumulator:
 
 
 class ShareAccumulator:
-    """The share of rows on which a condition holds: those that were added, among all that were counted."""
+    """The share of rows on which a condition holds: the added rows among all counted rows."""
 
     place = ""
 
@@ -204,7 +208,7 @@ class ShareAccumulator:
         self._holds = self.rows = 0
 
     def add(self, values: np.ndarray, chunk: RowChunk) -> None:
-        """Takes the rows of the next chunk on which it holds."""
+        """Adds the rows of the next chunk on which it holds."""
         self._holds += len(values)
 
     @property
@@ -217,7 +221,7 @@ Accumulator = SingleRowAccumulator | SumAccumulator | QuantileAccumulator | Shar
 
 
 def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
-    """A new accumulator of the aggregate `name`; `fraction` is that of a quantile."""
+    """Returns a new accumulator of the aggregate `name`; `fraction` applies only to a quantile."""
     match name:
         case "median" | "quantile":
             return QuantileAccumulator(fraction)
@@ -236,21 +240,21 @@ def accumulator(name: str, fraction: float = 0.5) -> Accumulator:
 
 
 def evaluate_rows(value: NumericExpression, chunk: RowChunk, known: KnownValues) -> np.ndarray:
-    """The value on each row of `chunk`: `(n,)`."""
+    """Returns the value on each row of `chunk`: `(n,)`."""
     return _on_each_row(evaluate(value, chunk.columns, known), chunk.count)
 
 
 def _on_each_row(values: Any, count: int) -> np.ndarray:
     has_rows = isinstance(values, np.ndarray) and values.shape == (count,)
-    return values if has_rows else np.broadcast_to(values, count)  # which takes its time
+    return values if has_rows else np.broadcast_to(values, count)  # which is slow
 
 
 class ChunkBuffer:
-    """Some columns of blocks of rows, in chunks of `CHUNK` rows.
+    """Selected columns of blocks of rows, in chunks of `CHUNK` rows.
 
     Args:
-      table: the names of all columns of a block.
-      wanted: those that are needed; `time` is kept besides, where there is one.
+      table: names of all columns of a block.
+      wanted: names of the selected columns; `time` is added, if the table has it.
     """
 
     def __init__(self, table: Sequence[str], wanted: Iterable[str]) -> None:
@@ -258,15 +262,15 @@ class ChunkBuffer:
         self._names = [name for name in dict.fromkeys(table) if name in {*wanted, "time"}]
         self._indices = [table.index(name) for name in self._names]
         self._buffer = np.empty((len(self._names), CHUNK))
-        self._first = self._count = self._waiting = 0  # rows handed on and rows that wait, from the first on
+        self._first = self._count = self._waiting = 0  # number of the first row, yielded rows, waiting rows
 
     @property
     def seen(self) -> int:
-        """How many rows there were."""
+        """The number of rows so far."""
         return self._count + self._waiting
 
     def feed(self, block: np.ndarray, first_row: int) -> Iterator[RowChunk]:
-        """Takes the rows from `first_row` on, and yields the chunks that are complete. The block may be used again.
+        """Adds the rows from `first_row` on, and yields the complete chunks. The block may be reused.
 
         Raises:
           ValueError: the block has other columns, or does not follow the one before.
@@ -286,7 +290,7 @@ class ChunkBuffer:
                 yield from self.rest()
 
     def rest(self) -> Iterator[RowChunk]:
-        """The rows that wait, if there are any."""
+        """Yields the waiting rows, if any."""
         if not self._waiting:
             return
         columns = {name: row[: self._waiting] for name, row in zip(self._names, self._buffer, strict=True)}
@@ -299,11 +303,11 @@ class Aggregates:
     """The values of aggregates, from chunks of rows in their order.
 
     Args:
-      nodes: of an expression, what is needed before what needs it; those that are aggregates count.
+      nodes: nodes of an expression, operands first; only aggregates are used.
 
     Attributes:
-      known: those that are known from the first row on; NaN for the others.
-      rows: for each that has a condition, on how many rows that holds.
+      known: values of those that are known from the first row on; NaN for the others.
+      rows: for each with a condition, the number of rows on which it holds.
     """
 
     def __init__(self, nodes: Iterable[Node]) -> None:
@@ -313,7 +317,7 @@ class Aggregates:
         self.rows = {call: 0 for call in calls if call.condition is not None}
 
     def add(self, chunk: RowChunk) -> None:
-        """Takes the next rows."""
+        """Adds the next rows."""
         for call, accumulated in self._accumulators.items():
             rows = chunk
             if call.condition is not None:
@@ -327,9 +331,9 @@ class Aggregates:
             self.known[call] = accumulated.value if call.kind == START else math.nan
 
     def values(self) -> KnownValues:
-        """The values over all rows."""
+        """Returns the values over all rows."""
         return {call: accumulated.value for call, accumulated in self._accumulators.items()}
 
     def place(self, call: AggregateCall) -> str:
-        """The row that decides the value of `call`, for the end of a message; empty if there is no single one."""
+        """Returns the place of the row that decides the value of `call`, for a message; empty if several do."""
         return self._accumulators[call].place

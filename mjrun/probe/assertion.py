@@ -1,9 +1,9 @@
-"""Assertions about a table, such as `max(abs(energy/drift)) < 1e-3`: parsed whole, checked while rows stream by.
+"""Assertions about a table, such as `max(abs(energy/drift)) < 1e-3`: parsed at once, checked on streamed rows.
 
 An assertion must hold on every row. A column has a value on each row; an aggregate has one value for the whole table,
-the same on every row. So `abs(x) < 1` and `max(abs(x)) < 1` pass together, and differ in what a failure tells.
+the same on every row. So `abs(x) < 1` and `max(abs(x)) < 1` pass together, and their failures report different things.
 
-Grammar, from what binds loosest to what binds tightest::
+Grammar, by precedence, lowest first::
 
     or                          row by row: `x < 1 or x > 2` holds if each row is on either side
     and
@@ -24,32 +24,31 @@ Operands are numbers (`1e-3`, `.5`), `pi`, `inf`, columns, calls and parentheses
     min max mean rms std sum first last count median (x)     of one value: an aggregate over all rows
     quantile (x, fraction)                          the value below which a fraction of all rows lies
     mean (x, condition), …                          any of them over the rows on which a condition holds
-    count share (condition)                         on how many rows, and on which share of them, it holds
+    count share (condition)                         number and share of the rows on which it holds
 
-`std` is that of the whole population, `count` the number of rows. `first(x)` is known from the first row on, so it may
-stand wherever a number may: `max(abs(x - first(x))) < 0.1`. Any other aggregate is known after the last row only: it
-cannot be mixed with values per row in one comparison, nor stand inside another aggregate.
+`std` is the standard deviation of the whole population, `count` the number of rows. `first(x)` is known from the first
+row on, and may replace any number: `max(abs(x - first(x))) < 0.1`. Any other aggregate is known after the last row
+only: it cannot be mixed with values per row in one comparison, nor be an operand of another aggregate.
 
-A column is called by its name. The longest known name at a place is taken: `a/b` is the column `a/b` where there is
-one, and else `a` divided by `b`; `a / b` is a division always. A name with characters other than letters, digits,
-`_ / : . -` and single inner spaces, or that is also a number or a keyword, is quoted, 'so' or `so` or "so"; a quote
-within is doubled. Where it is known what model the table measures, `speed(box)` is the column `speed/box`, as in an
-condition (`mjrun.probe.row_expression`).
+A column is referred to by its name. The longest known name at a place is used: `a/b` is the column `a/b` if it exists,
+and otherwise `a` divided by `b`; `a / b` is always a division. A name with characters other than letters, digits,
+`_ / : . -` and single inner spaces, or that is also a number or a keyword, is quoted, 'so' or `so` or "so"; a quote in
+it is doubled. If the model of the table is known, `speed(box)` is the column `speed/box`, as in a condition
+(`mjrun.probe.row_expression`).
 
-A quoted name with wildcards, "cfrc_ext/*", is a vector: all columns that match, in the order of the table. What is
-elementwise applies to its numbers one by one, together with single values and with vectors of the same length; `norm`,
-`sum`, `min` and `max` make one value per row of it: `max(norm("qvel/*"))` is the largest norm on any row.
+A quoted name with wildcards, "cfrc_ext/*", is a vector: all matching columns, in the order of the table. Elementwise
+operations apply to its numbers one by one, together with single values and with vectors of the same length; `norm`,
+`sum`, `min` and `max` reduce it to one value per row: `max(norm("qvel/*"))` is the largest norm on any row.
 
 NaN: no comparison with NaN holds, not even `!=`, nor under `not`; an aggregate of values among which is a NaN is NaN.
-`abs(x) < inf` therefore says that x is finite, as `isfinite(x)` does; `not isfinite(x)` holds for NaN.
+`abs(x) < inf` therefore means that x is finite, like `isfinite(x)`; `not isfinite(x)` holds for NaN.
 
 `first(time, x > 1)` is the time at which x exceeds 1 for the first time, NaN if it never does. A quantile is
 interpolated linearly, as numpy does it.
 
 Sums are exact: `sum`, `mean`, `rms` and `std` are the true value rounded once. Rows are evaluated in chunks of `CHUNK`
-counted from the first, so a verdict does not depend on how the rows are split into blocks, to the last bit. Nothing
-else is kept of them, but for the values of a quantile. An expression is read by this module alone and never reaches
-Python's own evaluation.
+counted from the first, so that a verdict does not depend on how the rows are split into blocks, to the last bit. Only
+the values of a quantile are stored. Expressions are evaluated by this package, and never by Python itself.
 """
 
 import math
@@ -68,10 +67,11 @@ from mjrun.probe.verdict import PartRows, Verdict
 
 
 class Alternatives:
-    """On how many rows each part of an `or` decides, since all other parts fail there."""
+    """The number of rows on which each part of an `or` decides, since all other parts fail there."""
 
     def __init__(self, operation: tree.BooleanOperation) -> None:
-        self._operation, self._decided = operation, [0] * len(operation.parts)
+        self._operation = operation
+        self._decided = [0] * len(operation.parts)
 
     @property
     def parts(self) -> list[tuple[tree.BooleanExpression, int]]:
@@ -79,7 +79,7 @@ class Alternatives:
         return list(zip(self._operation.parts, self._decided, strict=True))
 
     def add(self, chunk: RowChunk, known: KnownValues) -> None:
-        """Takes one chunk."""
+        """Adds one chunk."""
         truths = [evaluate_truth(part, chunk.columns, known) for part in self._operation.parts]
         holds = np.stack([np.broadcast_to(truth, chunk.count) for truth in truths])
         others = holds.sum(axis=0) - holds
@@ -88,21 +88,23 @@ class Alternatives:
 
 
 class RowCheck:
-    """Where a truth fails first, what was compared there, and how often it fails."""
+    """The first row on which a truth fails, the values compared there, and the number of failures."""
 
     def __init__(self, truth: tree.BooleanExpression) -> None:
-        self.truth, self.failures, self.place = truth, 0, ""
-        self.found: dict[tree.NumericExpression, float] = {}
+        self.truth = truth
+        self.failures = 0
+        self.place = ""
+        self.compared: dict[tree.NumericExpression, float] = {}
         self.alternatives = [Alternatives(operation) for operation in _alternatives(truth)]
 
     def add(self, chunk: RowChunk, known: KnownValues) -> None:
-        """Takes one chunk."""
+        """Adds one chunk."""
         holds = evaluate_truth(self.truth, chunk.columns, known)
         failures = chunk.count - int(np.count_nonzero(holds))
         if failures and not self.failures:
             index = int(np.argmin(holds))
             self.place = chunk.place(index)
-            self.found = {side: float(evaluate_rows(side, chunk, known)[index]) for side in tree.sides(self.truth)}
+            self.compared = {side: float(evaluate_rows(side, chunk, known)[index]) for side in tree.sides(self.truth)}
         self.failures += failures
         for alternatives in self.alternatives:
             alternatives.add(chunk, known)
@@ -110,12 +112,12 @@ class RowCheck:
 
 @dataclass(frozen=True, eq=False)
 class Assertion:
-    """An assertion that is well formed.
+    """A valid assertion.
 
     Attributes:
-      text: as it was written.
-      columns: the names that it reads, in the order of the table.
-      table: all columns of the table.
+      text: text as written.
+      columns: names of the columns that it reads, in the order of the table.
+      table: names of all columns of the table.
     """
 
     text: str
@@ -124,19 +126,19 @@ class Assertion:
     _truth: tree.BooleanExpression = field(repr=False)
 
     def checker(self) -> "AssertionChecker":
-        """A new check, which has seen no row."""
+        """Returns a new check, to which no rows were added yet."""
         return AssertionChecker(self)
 
 
 def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") -> Assertion:
-    """The assertion that `text` says about a table of `columns`, or of those that a vocabulary names.
+    """Parses an assertion about a table of `columns`, or of those that a vocabulary names.
 
     Args:
-      name: of the option that it comes from.
+      name: name of the option that it comes from.
 
     Raises:
-      UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
-      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+      UnknownNameError: a column or function is unknown; the message lists near and valid ones.
+      UsageError: the text is invalid; the message states where, what was found and what is valid.
     """
     parser = Parser(text, option(name), columns)
     truth, table = parser.assertion(), parser.vocabulary.names
@@ -145,7 +147,7 @@ def parse(text: str, columns: Sequence[str] | Vocabulary, name: str = "assert") 
 
 
 class AssertionChecker:
-    """One pass of an assertion over a table. What it keeps does not grow with the rows."""
+    """One pass of an assertion over a table, in memory that does not grow with the rows."""
 
     def __init__(self, assertion: Assertion) -> None:
         self._assertion, self._truth = assertion, assertion._truth
@@ -157,7 +159,7 @@ class AssertionChecker:
         self._is_one_subject = len({self._text(side) for side in tree.sides(self._truth)}) == 1
 
     def feed(self, block: np.ndarray, first_row: int) -> None:
-        """Takes the rows from `first_row` on: one column for each of the table's. The block may be used again.
+        """Adds the rows from `first_row` on: one column for each of the table's. The block may be reused.
 
         Raises:
           ValueError: the block has other columns, or does not follow the one before.
@@ -166,7 +168,7 @@ class AssertionChecker:
             self._digest(chunk)
 
     def verdict(self) -> Verdict:
-        """The outcome, after the last block. No rows at all is a failure."""
+        """Returns the outcome, after the last block. A table without rows is a failure."""
         for chunk in self._rows.rest():
             self._digest(chunk)
         text = self._assertion.text
@@ -180,7 +182,7 @@ class AssertionChecker:
 
     @property
     def _decided(self) -> list[PartRows]:
-        """The number of rows that each alternative decides, and that each aggregate with a condition is about."""
+        """The number of rows that each alternative decides, and that each aggregate with a condition uses."""
         parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
         calls = [(call, rows) for call, rows in self._aggregates.rows.items() if call.name not in tree.OF_CONDITIONS]
         return [PartRows(self._text(node), rows) for node, rows in (*parts, *calls)]
@@ -200,7 +202,7 @@ class AssertionChecker:
         return bool(evaluate_truth(truth, {}, self._values))
 
     def _sentences(self, truth: tree.BooleanExpression, outcome: bool) -> Iterator[str]:
-        """What decided: the parts whose outcome is that of the whole."""
+        """Yields a sentence for each decisive part, whose outcome is that of the whole."""
         match truth:
             case tree.BooleanOperation(parts=parts):
                 for part in parts:
@@ -209,35 +211,31 @@ class AssertionChecker:
             case tree.AllRows() if outcome:
                 rows = f"all {self._rows.seen} rows" if self._rows.seen > 1 else "the only row"
                 subject = "it" if truth is self._truth else self._text(truth)
-                yield f"{subject} holds on {rows}{self._deciding_parts(self._row_checks[truth])}"
+                alternatives = [part for each in self._row_checks[truth].alternatives for part in each.parts]
+                counts = [f"on {count or 'none'} by {self._text(part)} alone" for part, count in alternatives]
+                yield f"{subject} holds on {rows}" + (f": {', '.join(counts)}" if counts else "")
             case tree.AllRows():
                 yield self._failure(self._row_checks[truth])
             case _:
                 yield from map(self._side, tree.sides(truth))
 
-    def _deciding_parts(self, check: RowCheck) -> str:
-        """On how many rows each alternative decides, for the end of a message."""
-        parts = [part for alternatives in check.alternatives for part in alternatives.parts]
-        sentences = [f"on {count or 'none'} by {self._text(part)} alone" for part, count in parts]
-        return f": {', '.join(sentences)}" if sentences else ""
-
     def _failure(self, check: RowCheck) -> str:
-        """The first row where a truth fails, and what is compared there."""
-        sides = dict.fromkeys(self._value_text(side, value) for side, value in check.found.items())
+        """Returns the first row on which a truth fails, and the values compared there."""
+        sides = dict.fromkeys(self._value_text(side, value) for side, value in check.compared.items())
         more = f", the first of {check.failures} such rows" if check.failures > 1 else ""
         return ", ".join(sides) + check.place + more
 
     def _side(self, side: tree.NumericExpression) -> str:
-        """The value of one side of a comparison, and the rows that its aggregates come from."""
+        """Returns the value of one side of a comparison, and the rows of its aggregates."""
         sentence = self._value_text(side, float(evaluate(side, {}, self._values)))
         if isinstance(side, tree.AggregateCall):
             return sentence + self._origin(side)
-        inner = [node for node in tree.walk(side) if isinstance(node, tree.AggregateCall)]
-        aggregates = (f"{self._text(n)} is {shown(self._values[n])}{self._origin(n)}" for n in inner)
+        calls = [node for node in tree.walk(side) if isinstance(node, tree.AggregateCall)]
+        aggregates = (f"{self._text(call)} is {shown(self._values[call])}{self._origin(call)}" for call in calls)
         return f"{sentence} ({'; '.join(dict.fromkeys(aggregates))})"
 
     def _origin(self, call: tree.AggregateCall) -> str:
-        """The row that decides the value of an aggregate, and how many rows it is about if there is a condition."""
+        """Returns the row that decides the value of an aggregate, and its number of rows if it has a condition."""
         rows = self._aggregates.rows.get(call)
         is_counted = rows is None or call.name in tree.OF_CONDITIONS
         return self._aggregates.place(call) + ("" if is_counted else f", of {rows} of {self._rows.seen} rows")
@@ -251,7 +249,7 @@ class AssertionChecker:
 
 
 def _alternatives(truth: tree.BooleanExpression) -> Iterator[tree.BooleanOperation]:
-    """Each `or` in a truth of one row."""
+    """Yields each `or` in a truth of one row."""
     if isinstance(truth, tree.BooleanOperation):
         if not truth.every:
             yield truth

@@ -1,4 +1,4 @@
-"""The names that models and tables offer to expressions; what `xpos(top).z` and `contact(ball, floor)` stand for."""
+"""Names in expressions over models and tables, and the columns of `xpos(top).z` and `contact(ball, floor)`."""
 
 import shlex
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,7 @@ from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
 
 
 class AvailableProbes(Vocabulary):
-    """Every column that can be measured of `model`, by each of its names, `time`, and `others` besides."""
+    """Every column that can be measured of `model`, by each of its names, `time`, and `others`."""
 
     beginnings = (f"{PAIRS}/",)
 
@@ -51,8 +51,8 @@ class AvailableProbes(Vocabulary):
         if group.text == PAIRS and len(objects) == 2:
             return self._touching(objects, component, source)
         if len(objects) > 1:
-            taken = "two" if group.text == PAIRS else "one"
-            raise source.fault(group.start, f"{group.text} of {len(objects)} objects", f"{group.text} of {taken}")
+            valid = "two" if group.text == PAIRS else "one"
+            raise source.fault(group.start, f"{group.text} of {len(objects)} objects", f"{group.text} of {valid}")
         name = "/".join([group.text, *(token.text for token in objects)])
         column = super().column(name + component.text.replace(".", "/"))
         if column is None:
@@ -60,7 +60,7 @@ class AvailableProbes(Vocabulary):
         return column
 
     def _unpaired(self, name: str) -> UnknownNameError | None:
-        """Why `contact/A/B` cannot be measured, if so."""
+        """Returns the error of `contact/A/B`; None if it can be measured."""
         try:
             pair(name.partition("/")[2], self._model)
         except UnknownNameError as error:
@@ -76,11 +76,11 @@ class AvailableProbes(Vocabulary):
         name = "/".join([PAIRS, *(token.text for token in objects)])
         if component.text:
             raise _plain(name, component, source)
-        pair(name.partition("/")[2], self._model)  # which has something to say if it can be read in two ways
+        pair(name.partition("/")[2], self._model)  # which raises an error if it can be read in two ways
         return name
 
     def _misread(self, accessor: ProbeReference, source: SourceText) -> UsageError:
-        """What is wrong with an accessor of one object."""
+        """Returns the error of an accessor of one object."""
         group, token, component = accessor.group, accessor.objects[0], accessor.component
         name = f"{group.text}/{token.text}"
         parts = [known.removeprefix(f"{name}/") for known in self.names if known.startswith(f"{name}/")]
@@ -99,9 +99,7 @@ class AvailableProbes(Vocabulary):
 
 
 class SelectedProbes(Vocabulary):
-    """The columns of a table that measures `model`, and `others` besides. Of those that are not in the table, messages
-    say how to have them.
-    """
+    """The columns of a table that measures `model`, and `others`. Messages explain how to add other columns."""
 
     def __init__(self, columns: Sequence[str], model: mujoco.MjModel, others: Iterable[str] = ()) -> None:
         super().__init__(columns)

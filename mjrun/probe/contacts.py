@@ -1,9 +1,8 @@
-"""Contacts: how many there are between two objects, and the long table of who touches whom with what force.
+"""Contacts: their number between two objects, and a table of all contacts with their forces.
 
 The table has a row for each contact of an instant. Forces and torques are those that geom1 exerts on geom2, as
-`mj_contactForce` gives them; geom1 feels the opposite. The normal points from geom1 to geom2, so what pushes them apart
-is positive along it. Torques are about the contact point. The contact frame is the normal and the two tangents that
-follow it in `mjContact.frame`.
+`mj_contactForce` computes them. The normal points from geom1 to geom2, so that repulsion is positive along it. Torques
+are about the contact point. The contact frame is the normal and the two tangents that follow it in `mjContact.frame`.
 """
 
 from dataclasses import dataclass
@@ -20,19 +19,18 @@ from mjrun.probe.fields import InstantProbe
 FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
 ACTION = "{} that geom1 exerts on geom2, {} frame"
 TORQUE = "torque about the contact point"
-# What may be asked whether it touches: a bare name is looked up in this order, a flex is `flex:NAME` only.
+# Kinds of objects that touch: a bare name is searched in this order, a flex is `flex:NAME` only.
 PARTIES, FLEX = ("body", "geom"), "flex"
 
 
 def contact_columns(model: mujoco.MjModel) -> list[Column]:
-    """The columns of `contacts`: time first; geoms and bodies are indices into their labels.
+    """Returns the columns of `contacts`: time first; geoms and bodies are indices into their labels.
 
-    What touches may be a flex: `flex/cloth`, or `flex:0` without a name. It has a body only where the contact is at
-    a vertex that is one.
+    A flex is `flex/cloth`, or `flex:0` without a name. It has a body only if the contact is at a vertex with a body.
     """
     flexes = (mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_FLEX, i) for i in range(model.nflex))
     touching = (*names(model, "geom"), *(f"flex/{name}" if name else f"flex:{i}" for i, name in enumerate(flexes)))
-    touching = touching or ("",)  # texts even where nothing can touch
+    touching = touching or ("",)  # text columns even if nothing can touch
     bodies = tuple(names(model, "body"))
     return [
         Column("time", "s", "simulated time, exact"),
@@ -50,27 +48,27 @@ def contact_columns(model: mujoco.MjModel) -> list[Column]:
 
 
 def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndarray:
-    """A row for each contact, in MuJoCo's order: `(ncon, len(contact_columns(model)))` float64.
+    """Returns a row for each contact, in MuJoCo's order: `(ncon, len(contact_columns(model)))` float64.
 
-    A contact that makes no constraint, as in the gap or for want of memory, is there without a force.
+    A contact without a constraint, as in the gap or for lack of memory, has no force.
 
     Args:
-      data: of one instant, as after `mj_forward`.
-      time: of that instant [s].
+      data: data of one instant, as after `mj_forward`.
+      time: time of that instant [s].
     """
-    found, count = data.contact, data.ncon
+    touching, count = data.contact, data.ncon
     wrenches = np.empty((count, 6))
     for index, wrench in enumerate(wrenches):
         mujoco.mj_contactForce(model, data, index, wrench)
-    frames = found.frame.reshape(count, 3, 3)  # rows: normal, two tangents
+    frames = touching.frame.reshape(count, 3, 3)  # rows: normal, two tangents
     world = wrenches.reshape(count, 2, 3) @ frames
     parts = (
         np.full(count, time),
         np.arange(count),
-        _things(model, found),
-        _bodies(model, found.geom, found.flex, found.vert),
-        found.dist,
-        found.pos,
+        _things(model, touching),
+        _bodies(model, touching),
+        touching.dist,
+        touching.pos,
         frames[:, 0],
         wrenches,
         world.reshape(count, 6),
@@ -79,10 +77,10 @@ def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndar
 
 
 def identify_party(text: str, model: mujoco.MjModel) -> tuple[str, int]:
-    """Kind and id of the body, else geom, called `text`; `body:NAME`, `geom:NAME` and `flex:NAME` say which.
+    """Returns kind and id of the body, or else geom, called `text`, or of `body:NAME`, `geom:NAME` or `flex:NAME`.
 
     Raises:
-      UnknownNameError: there is none; the message lists those there are.
+      UnknownNameError: the object does not exist; the message lists the valid names.
     """
     kind, colon, name = text.partition(":")
     if colon and kind in (*PARTIES, FLEX):
@@ -96,23 +94,22 @@ def identify_party(text: str, model: mujoco.MjModel) -> tuple[str, int]:
 
 
 def pair(text: str, model: mujoco.MjModel) -> InstantProbe:
-    """The number of contacts between two objects, `A/B`, in either order.
+    """Returns the probe of the number of contacts between two objects, `A/B`, in either order.
 
-    A body is its own geoms and those of all bodies below it, so `world` is everything. A contact counts, once, if one
-    side of it belongs to A and the other to B; it may be without a force, as in the gap. A flex belongs to a body
-    below which all of its vertices are. Where only some are, contacts at those vertices count for that body, and
+    A body includes its geoms and those of all bodies below it, so that `world` is everything. A contact counts, once,
+    if one side of it belongs to A and the other to B; it may lack a force, as in the gap. A flex belongs to a body if
+    all of its vertices are below that body. If only some are, contacts at those vertices count for the body, and
     contacts within elements do not.
 
     Raises:
-      UnknownNameError: there is no such object; the message lists those there are.
+      UnknownNameError: an object does not exist; the message lists the valid names.
       UsageError: `A/B` can be read in two ways.
     """
     first, second = _split(text, model)
     one, other = _party(model, first), _party(model, second)
 
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        contacts_now = data.contact
-        sides = _things(model, contacts_now), _bodies(model, contacts_now.geom, contacts_now.flex, contacts_now.vert)
+        sides = _things(model, data.contact), _bodies(model, data.contact)
         between = one.has(*sides) & other.has(*sides)[:, ::-1]
         return np.array([np.count_nonzero(between.any(axis=1))], float)
 
@@ -122,18 +119,18 @@ def pair(text: str, model: mujoco.MjModel) -> InstantProbe:
 
 @dataclass(frozen=True)
 class _Party:
-    """What belongs to an object that touches.
+    """The parts of an object that touches.
 
     Attributes:
-      things: of geoms and then flexes, `(ngeom + nflex,)`.
-      bodies: with all that is in them, `(nbody + 1,)`; the last stands for no body.
+      things: whether each geom, and then each flex, belongs to it, `(ngeom + nflex,)`.
+      bodies: whether each body belongs to it, `(nbody + 1,)`; the last entry means no body.
     """
 
     things: np.ndarray
     bodies: np.ndarray
 
     def has(self, things: np.ndarray, bodies: np.ndarray) -> np.ndarray:
-        """Whether each side of contacts belongs to it; all are `(ncon, 2)`."""
+        """Returns whether each side of contacts belongs to it; all are `(ncon, 2)`."""
         return self.things[things] | self.bodies[bodies]
 
 
@@ -152,7 +149,7 @@ def _party(model: mujoco.MjModel, text: str) -> _Party:
 
 
 def _carriers(model: mujoco.MjModel, flex: int) -> np.ndarray:
-    """The bodies that the vertices of a flex move with, or the nodes between which its vertices are."""
+    """Returns the bodies of the vertices of a flex, or of the nodes that its vertices are interpolated between."""
     vertices, nodes = model.flex_vertadr[flex], model.flex_nodeadr[flex]
     rows = (
         model.flex_vertbodyid[vertices : vertices + model.flex_vertnum[flex]],
@@ -162,7 +159,7 @@ def _carriers(model: mujoco.MjModel, flex: int) -> np.ndarray:
 
 
 def _split(text: str, model: mujoco.MjModel) -> tuple[str, str]:
-    """The two objects of `A/B`; there may be slashes in their names."""
+    """Returns the two objects of `A/B`; their names may contain slashes."""
     cuts = [index for index, character in enumerate(text) if character == "/"]
     splits = [(text[:cut], text[cut + 1 :]) for cut in cuts]
     if not splits:
@@ -172,7 +169,7 @@ def _split(text: str, model: mujoco.MjModel) -> tuple[str, str]:
     if known.count(2) > 1:
         ways = " or ".join(f"{quoted(a)} and {quoted(b)}" for (a, b), n in zip(splits, known, strict=True) if n == 2)
         raise UsageError(
-            f"contact/{clean(text)} may be {ways}\n`body:NAME` and `geom:NAME` say where the name of an object begins"
+            f"contact/{clean(text)} may be {ways}\n`body:NAME` and `geom:NAME` show where the name of an object begins"
         )
     for part in best:
         identify_party(part, model)
@@ -187,15 +184,15 @@ def _is_party(text: str, model: mujoco.MjModel) -> bool:
     return True
 
 
-def _things(model: mujoco.MjModel, found: Any) -> np.ndarray:
-    """Geoms, or flexes counted after all geoms, that touch: `(ncon, 2)`."""
-    return np.where(found.geom < 0, model.ngeom + found.flex, found.geom)
+def _things(model: mujoco.MjModel, contact: Any) -> np.ndarray:
+    """Returns the geoms that touch, or flexes, counted after all geoms: `(ncon, 2)`."""
+    return np.where(contact.geom < 0, model.ngeom + contact.flex, contact.geom)
 
 
-def _bodies(model: mujoco.MjModel, geom: np.ndarray, flex: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-    """The bodies of what touches, −1 for none; `vertex` counts within its flex. All are `(ncon, 2)`."""
-    bodies = np.full(geom.shape, -1)
-    rigid, soft = geom >= 0, vertex >= 0
-    bodies[rigid] = model.geom_bodyid[geom[rigid]]
-    bodies[soft] = model.flex_vertbodyid[model.flex_vertadr[flex[soft]] + vertex[soft]]
+def _bodies(model: mujoco.MjModel, contact: Any) -> np.ndarray:
+    """Returns the bodies that touch, −1 for none: `(ncon, 2)`."""
+    bodies = np.full(contact.geom.shape, -1)
+    rigid, soft = contact.geom >= 0, contact.vert >= 0
+    bodies[rigid] = model.geom_bodyid[contact.geom[rigid]]
+    bodies[soft] = model.flex_vertbodyid[model.flex_vertadr[contact.flex[soft]] + contact.vert[soft]]
     return bodies

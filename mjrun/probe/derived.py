@@ -1,8 +1,8 @@
-"""Columns that MuJoCo has no field for: energies, speeds, momentum, contact sums.
+"""Columns without a field in MuJoCo: energies, speeds, momentum, contact sums.
 
-All of them are computed from fields of one instant. Spatial velocities follow MuJoCo: `cvel` is rotation
-then translation, in world orientation, at the centre of mass of the body's kinematic tree, so a point p
-moves with v + w × (p − com).
+All of them are computed from fields of one instant. Spatial velocities follow MuJoCo: `cvel` is rotation then
+translation, in world orientation, at the centre of mass of the body's kinematic tree, so that a point p moves with
+v + w × (p − com).
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ WARNINGS = {
 
 
 def energy(model: mujoco.MjModel) -> FieldProbe:
-    """Potential, kinetic and total energy, and the total's drift since the start of the simulation [J]."""
+    """Measures potential, kinetic and total energy, and the total's drift since the start of the simulation [J]."""
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:
         parts, first = fields["energy"], initial["energy"].sum(axis=-1)
@@ -41,13 +41,13 @@ def energy(model: mujoco.MjModel) -> FieldProbe:
 
 
 def counts(model: mujoco.MjModel) -> FieldProbe:
-    """The number of contacts."""
+    """Measures the number of contacts."""
     column = Column("contact/ncon", "", "number of detected contacts")
     return FieldProbe([column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float))
 
 
 def solver(model: mujoco.MjModel) -> FieldProbe:
-    """Iterations of the constraint solver, over all islands, and the number of constraints."""
+    """Measures iterations of the constraint solver, over all islands, and the number of constraints."""
     columns = [Column("solver/niter", "", "solver iterations, all islands"), Column("solver/nefc", "", "constraints")]
 
     def compute(fields: Fields, initial: Fields) -> np.ndarray:
@@ -57,7 +57,7 @@ def solver(model: mujoco.MjModel) -> FieldProbe:
 
 
 def speed(model: mujoco.MjModel) -> FieldProbe:
-    """How fast the origin of every body, geom and site moves [m/s]."""
+    """Measures the speed of the origin of every body, geom and site [m/s]."""
     owners = [("body", i, i) for i in range(model.nbody)]
     owners += [("geom", i, int(body)) for i, body in enumerate(model.geom_bodyid)]
     owners += [("site", i, int(body)) for i, body in enumerate(model.site_bodyid)]
@@ -80,13 +80,13 @@ def speed(model: mujoco.MjModel) -> FieldProbe:
 
 
 def com(model: mujoco.MjModel) -> FieldProbe:
-    """The centre of mass of everything that is in the model [m], world included."""
+    """Measures the centre of mass of the whole model [m], world included."""
     columns = [Column(f"com/{axis}", "m", "centre of mass of the model") for axis in "xyz"]
     return FieldProbe(columns, ("subtree_com",), lambda fields, initial: fields["subtree_com"][..., 0, :])
 
 
 def momentum(model: mujoco.MjModel) -> FieldProbe:
-    """Linear momentum, and angular momentum about the centre of mass, of the whole model."""
+    """Measures linear momentum, and angular momentum about the centre of mass, of the whole model."""
     mass, inertia = model.body_mass, model.body_inertia
     columns = [Column(f"momentum/p{axis}", "kg·m/s", "linear momentum") for axis in "xyz"]
     columns += [Column(f"momentum/l{axis}", "kg·m²/s", "angular momentum about the centre of mass") for axis in "xyz"]
@@ -106,7 +106,7 @@ def momentum(model: mujoco.MjModel) -> FieldProbe:
 
 
 def contact_force(model: mujoco.MjModel) -> InstantProbe:
-    """The sum over all contacts of the normal and of the friction force, world frame [N].
+    """Measures the sum over all contacts of the normal and of the friction force, world frame [N].
 
     Each contact counts with the force that acts on its second geom, which is the one above on a floor.
     """
@@ -130,7 +130,7 @@ def contact_force(model: mujoco.MjModel) -> InstantProbe:
 
 
 def penetration(model: mujoco.MjModel) -> InstantProbe:
-    """How deep the deepest contact penetrates [m]; 0 without one."""
+    """Measures the depth of the deepest contact [m]; 0 without contacts."""
     column = Column("penetration/deepest", "m", "depth of the deepest contact")
 
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -140,7 +140,7 @@ def penetration(model: mujoco.MjModel) -> InstantProbe:
 
 
 def warning(model: mujoco.MjModel) -> InstantProbe:
-    """How often MuJoCo has warned, of each kind, up to this instant."""
+    """Measures the number of MuJoCo's warnings of each kind, up to this instant."""
     kinds = enum_members(mujoco.mjtWarning)
     columns = [Column(f"warning/{kind}", "", f"MuJoCo's warnings so far: {WARNINGS[kind]}") for kind in kinds]
     index = list(kinds.values())
@@ -165,6 +165,6 @@ DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
 
 
 def _velocity(fields: Fields, bodies: np.ndarray, roots: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The velocity of `points` `(…, k, 3)`, each fixed to a body; world frame [m/s]."""
+    """Returns the velocity of `points` `(…, k, 3)`, each fixed to a body; world frame [m/s]."""
     twist, com = fields["cvel"][..., bodies, :], fields["subtree_com"][..., roots, :]
     return twist[..., 3:] + np.cross(twist[..., :3], points - com)

@@ -1,4 +1,4 @@
-"""What can be measured where a policy acts: `obs/…`, `action/…`, `reward/…` and `return`."""
+"""Columns of episodes, in which a policy acts: `obs/…`, `action/…`, `reward/…` and `return`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ TOTAL = f"{REWARD}/total"
 
 @dataclass(frozen=True)
 class EpisodeValues:
-    """What holds from a control instant until the next; arrays are not written to.
+    """The values from a control instant until the next; arrays are not modified.
 
     Attributes:
-      observation: `(nobs,)`, as the policy saw it.
-      action: `(nact,)`, what the policy answered, before scale and clip; it is in force until the next instant. Where
-        the episode has ended nobody was asked: the action that led here.
-      reward: for the control period that ended here; 0 at the start.
-      reward_terms: `(nterms,)`, weighted; zeros at the start. Their sum is the reward, except where an environment of
-        others does not tell all.
-      total: of all rewards so far, which is the return once the episode has ended.
+      observation: observation of the policy, `(nobs,)`.
+      action: action of the policy, before scale and clip, `(nact,)`, applied until the next instant. At the end of an
+        episode, the action that led there.
+      reward: reward for the control period that ended here; 0 at the start.
+      reward_terms: weighted terms of the reward, `(nterms,)`; zeros at the start. Their sum is the reward, unless an
+        external environment reports only some of them.
+      total: sum of all rewards so far, which is the return once the episode has ended.
     """
 
     observation: np.ndarray
@@ -35,18 +35,18 @@ class EpisodeValues:
 
 @dataclass(frozen=True)
 class EpisodeProbe:
-    """Columns that belong to an episode, and not to the model.
+    """Columns of an episode, in contrast to those of the model.
 
     Attributes:
-      columns: in order.
-      read: from what holds at a control instant to `(len(columns),)`.
+      columns: columns in order.
+      read: returns their values `(len(columns),)` at a control instant.
     """
 
     columns: Sequence[Column]
     read: Callable[[EpisodeValues], np.ndarray]
 
     def only(self, indices: Sequence[int]) -> "EpisodeProbe":
-        """The probe with only these of its columns."""
+        """Returns the probe with only these of its columns."""
         index, read = np.array(indices, int), self.read
         return EpisodeProbe([self.columns[i] for i in indices], lambda values: read(values)[index])
 
@@ -55,17 +55,17 @@ class EpisodeColumns:
     """The columns of an episode.
 
     Args:
-      observations: names of the numbers that the policy observes, with their units.
-      actions: names of those that it answers.
+      observations: names of the observed numbers, with their units.
+      actions: names of the numbers of an action.
       rewards: names of the terms of the reward.
 
     Attributes:
-      probes: by name.
+      probes: probes by name.
     """
 
     def __init__(self, observations: Mapping[str, str], actions: Sequence[str], rewards: Sequence[str]) -> None:
         seen = [Column(f"{OBSERVATION}/{name}", unit, "observed by the policy") for name, unit in observations.items()]
-        acted = [Column(f"{ACTION}/{name}", "", "what the policy answers, before scale and clip") for name in actions]
+        acted = [Column(f"{ACTION}/{name}", "", "action of the policy, before scale and clip") for name in actions]
         terms = [Column(f"{REWARD}/{name}", "", "weighted term of the reward") for name in rewards]
         total = [Column(TOTAL, "", "reward of the control period that ended last")] if "total" not in rewards else []
         count = len(terms) + len(total)
@@ -82,23 +82,23 @@ class EpisodeColumns:
 
     @property
     def columns(self) -> list[Column]:
-        """All of them."""
+        """All columns."""
         return [column for probe in self.probes.values() for column in probe.columns]
 
     @property
     def names(self) -> list[str]:
-        """Their names."""
+        """The names of all columns."""
         return [column.name for column in self.columns]
 
 
 def within_task(name: str) -> UsageError:
-    """The error that a task itself asks for `name`, which follows from it."""
+    """Returns the error of a task that uses `name`, which is derived from it."""
     return UsageError(
-        f"{quoted(name)} follows from the task, which therefore cannot use it\n"
-        "what a task can use: the columns of the model, and in expressions action/NAME and command/NAME"
+        f"{quoted(name)} is derived from the task, which therefore cannot use it\n"
+        "a task can use: the columns of the model, and in expressions action/NAME and command/NAME"
     )
 
 
 def no_episode(name: str) -> UsageError:
-    """The error that `name`, of an episode, is asked for where no policy acts."""
-    return UsageError(f"{quoted(name)} can be measured where a policy acts only: give a {option('policy')}")
+    """Returns the error of `name`, a column of episodes, in a simulation without a policy."""
+    return UsageError(f"{quoted(name)} can only be measured if a policy acts: set {option('policy')}")

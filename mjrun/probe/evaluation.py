@@ -1,7 +1,7 @@
-"""The values of expressions on rows: a tree becomes a function once, and that is called on each block of rows.
+"""The values of expressions on rows: a tree becomes a function once, which is called on each block of rows.
 
-A row may also come alone, its columns as Python's numbers: its values are single numbers then, with the same bits.
-Columns that lie side by side in a matrix have vectors that are parts of it.
+Aggregates may also be combined without rows: their values are Python's numbers. Columns that are adjacent in a matrix
+have vectors that are parts of it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,10 +14,11 @@ from mjrun.probe import expression as tree
 
 
 class ColumnLayout:
-    """Where columns are in a matrix.
+    """The places of columns in a matrix.
 
     Attributes:
-      places: by name.
+      places: indices of the columns, by name.
+      run: returns the slice of adjacent columns, given their names; None if they are not adjacent.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -25,25 +26,26 @@ class ColumnLayout:
         self.run = cache(self._run)
 
     def _run(self, names: tuple[str, ...]) -> slice | None:
-        """Where the columns `names` stand one after the other; None if they do not."""
         places = [self.places.get(name, -1) for name in names]
         run = slice(places[0], places[0] + len(names))
         return run if places == list(range(run.start, run.stop)) and run.start >= 0 else None
 
 
 class ColumnMatrix(Mapping[str, Any]):
-    """Columns of n rows, each `(n,)`, contiguous; and vectors of them. Those of a single row are numbers of Python.
+    """Columns of n rows, each `(n,)`, contiguous; and vectors of them.
 
     Args:
-      layout: of the matrix.
-      matrix: `(n, columns)`, or `(columns,)`.
-      others: columns that are not in it.
+      layout: places of the columns in the matrix.
+      matrix: `(n, columns)`.
+      others: columns outside the matrix.
     """
 
     def __init__(self, layout: ColumnLayout, matrix: np.ndarray, others: Mapping[str, Any]) -> None:
-        self._layout, self._matrix, self._others = layout, matrix, others
+        self._layout = layout
+        self._matrix = matrix
+        self._others = others
         self._places = layout.places
-        self._columns: Any = matrix.tolist() if matrix.ndim == 1 else np.ascontiguousarray(matrix.T)
+        self._columns = np.ascontiguousarray(matrix.T)
 
     def __getitem__(self, name: str) -> Any:
         try:
@@ -59,20 +61,20 @@ class ColumnMatrix(Mapping[str, Any]):
         return len(self._layout.places) + len(self._others)
 
     def vector(self, names: tuple[str, ...]) -> np.ndarray:
-        """The columns `names` side by side: `(n, len(names))` in C order, of a single row `(len(names),)`."""
+        """Returns the columns `names` side by side: `(n, len(names))` in C order."""
         run = self._layout.run(names)
         if run is None:
             return np.stack([self[name] for name in names], axis=-1)
-        return np.ascontiguousarray(self._matrix[..., run])
+        return np.ascontiguousarray(self._matrix[:, run])
 
 
 Columns = Mapping[str, np.ndarray]
-KnownValues = dict[tree.NumericExpression, Any]  # of aggregates and of previous values, by their calls
+KnownValues = dict[tree.NumericExpression, Any]  # values of aggregates and previous values, by their calls
 Evaluation = Callable[[Columns, KnownValues], Any]
 
 
 def evaluate(value: tree.NumericExpression, columns: Columns, known: KnownValues) -> Any:
-    """The value on each row of `columns`, or on all of them alike; `known` has what other rows decide.
+    """Returns the value on each row of `columns`, or one for all; `known` has the values that other rows determine.
 
     Returns:
       A number, or one for each of n rows, `(n,)`; of a vector `(n, width)` in C order.
@@ -81,12 +83,12 @@ def evaluate(value: tree.NumericExpression, columns: Columns, known: KnownValues
 
 
 def evaluate_truth(truth: tree.BooleanExpression, columns: Columns, known: KnownValues) -> Any:
-    """Whether `truth` holds, row by row where it has rows."""
+    """Returns whether `truth` holds, row by row if it has rows."""
     return truth_evaluation(truth)(columns, known)
 
 
 def evaluation(value: tree.NumericExpression) -> Evaluation:
-    """`evaluate` of one expression, for those who call it often."""
+    """Returns `evaluate` of one expression, for repeated calls."""
     match value:
         case tree.NumberLiteral(value=number):
             return lambda columns, known: number
@@ -107,14 +109,11 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
 
 
 def truth_evaluation(truth: tree.BooleanExpression) -> Evaluation:
-    """`evaluate_truth` of one condition, for those who call it often."""
+    """Returns `evaluate_truth` of one condition, for repeated calls."""
     match truth:
         case tree.Comparison(operator=operator, sides=sides):
             compare = tree.COMPARE[operator]
             left, right = map(evaluation, sides)
-            if isinstance(limit := sides[1], tree.NumberLiteral):
-                number = limit.value
-                return lambda columns, known: compare(left(columns, known), number)
             return lambda columns, known: compare(left(columns, known), right(columns, known))
         case tree.BooleanOperation(every=every, parts=parts):
             first, *rest = map(truth_evaluation, parts)
@@ -131,28 +130,15 @@ def truth_evaluation(truth: tree.BooleanExpression) -> Evaluation:
 
 
 def _choice(holds: Evaluation, first: Evaluation, second: Evaluation, is_vector: bool) -> Evaluation:
-    holds = _beside_vector(holds) if is_vector else holds
-
-    def choice(columns: Columns, known: KnownValues) -> Any:
-        condition = holds(columns, known)
-        if isinstance(condition, bool | np.bool_) and not is_vector:
-            return (first if condition else second)(columns, known)
-        return np.where(condition, first(columns, known), second(columns, known))
-
-    return choice
+    condition = _beside_vector(holds) if is_vector else holds
+    return lambda columns, known: np.where(condition(columns, known), first(columns, known), second(columns, known))
 
 
 def _call(call: tree.FunctionCall) -> Evaluation:
     first, *rest = _aligned(call.operands)
-    function = call.functions[0]
     if not rest:
+        (function,) = call.functions
         return lambda columns, known: function(first(columns, known))
-    if len(rest) == 1:
-        (second,) = rest
-        if isinstance(last := call.operands[1], tree.NumberLiteral):
-            number = last.value
-            return lambda columns, known: function(first(columns, known), number)
-        return lambda columns, known: function(first(columns, known), second(columns, known))
     steps = list(zip(call.functions, rest, strict=True))
 
     def folded(columns: Columns, known: KnownValues) -> Any:
@@ -171,15 +157,14 @@ def _vector(columns: Columns, names: tuple[str, ...]) -> np.ndarray:
 
 
 def _aligned(operands: Sequence[tree.NumericExpression]) -> list[Evaluation]:
-    """The evaluations of `operands`; if one is a vector, all are such that numpy combines them row by row."""
-    evaluations = list(map(evaluation, operands))
+    """Returns the evaluations of `operands`; if one is a vector, numpy combines all of them row by row."""
     if not any(operand.width for operand in operands):
-        return evaluations
-    return [e if operand.width else _beside_vector(e) for e, operand in zip(evaluations, operands, strict=True)]
+        return list(map(evaluation, operands))
+    return [evaluation(each) if each.width else _beside_vector(evaluation(each)) for each in operands]
 
 
 def _beside_vector(values_of: Evaluation) -> Evaluation:
-    """One value per row as a vector of one."""
+    """Turns one value per row into a vector of one."""
 
     def beside(columns: Columns, known: KnownValues) -> Any:
         values = values_of(columns, known)
@@ -189,7 +174,7 @@ def _beside_vector(values_of: Evaluation) -> Evaluation:
 
 
 def _side_by_side(operands: Sequence[tree.NumericExpression]) -> Evaluation:
-    """All numbers of `operands` on each row: `(n, k)` in C order, so that a sum over them is the same for every n."""
+    """Returns all numbers of `operands` on each row: `(n, k)` in C order, so that sums do not depend on n."""
     evaluations = list(map(evaluation, operands))
     if len(operands) == 1 and operands[0].width:
         (only,) = evaluations

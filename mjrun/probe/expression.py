@@ -12,7 +12,7 @@ import numpy as np
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "==": 4, "!=": 4}
 LEVELS |= {"+": 5, "-": 5, "*": 6, "/": 6, "^": 8, "**": 8}
 NOT, COMPARISON, SIGN = 3, 4, 7
-FINITE, NOT_FINITE = "finite", "not finite"  # comparisons with infinity, of which a NaN is on the second's side
+FINITE, NOT_FINITE = "finite", "not finite"  # comparisons with infinity; the second holds for NaN
 COMPLEMENT = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!=", "!=": "=="}
 COMPLEMENT |= {FINITE: NOT_FINITE, NOT_FINITE: FINITE}
 CONSTANTS = {"pi": math.pi, "inf": math.inf}
@@ -32,10 +32,6 @@ def _power(base: Any, exponent: Any) -> Any:
     return base * base if is_number and exponent == 2 else np.power(base, exponent)
 
 
-def _unequal(left: Any, right: Any) -> Any:
-    return (left < right) | (left > right)  # not so for NaN
-
-
 def _norm(vector: np.ndarray, axis: int) -> np.ndarray:
     return np.sqrt(np.add.reduce(vector * vector, axis=axis))
 
@@ -45,7 +41,7 @@ Function = Callable[..., Any]
 ARITHMETIC: dict[str, Function] = {"+": add, "-": sub, "*": mul, "/": _quotient}
 ARITHMETIC |= {"^": _power, "**": _power}
 COMPARE: dict[str, Function] = {"<": lt, "<=": le, ">": gt, ">=": ge}
-COMPARE |= {"==": eq, "!=": _unequal}
+COMPARE |= {"==": eq, "!=": lambda left, right: (left < right) | (left > right)}  # false for NaN
 COMPARE |= {FINITE: lambda value, limit: np.isfinite(value), NOT_FINITE: lambda value, limit: ~np.isfinite(value)}
 ELEMENTWISE: dict[str, Function] = {"abs": abs, "sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 ELEMENTWISE |= {"sin": np.sin, "cos": np.cos, "tan": np.tan, "tanh": np.tanh}
@@ -54,7 +50,7 @@ REDUCED: dict[str, Function] = {name: function.reduce for name, function in FOLD
 OTHERS = ("norm", "clip", "where", "isfinite")  # functions of values at one instant that are neither of the above
 SUCCESSIVE = ("previous", "rate")  # functions of values at control instants that follow each other
 AGGREGATES = ("min", "max", "mean", "rms", "std", "sum", "first", "last", "count", "share", "median", "quantile")
-OF_CONDITIONS = ("count", "share")  # which need no value besides the condition
+OF_CONDITIONS = ("count", "share")  # which need no value but the condition
 MEANINGS = {
     "abs sqrt exp log sin cos tan tanh (x)": "one value per row from one per row",
     "min max sum norm (x, y, …)": "of several values, row by row; norm is √(x² + y² + …)",
@@ -70,7 +66,7 @@ MEANINGS = {
 }
 FUNCTIONS = (*ELEMENTWISE, *OTHERS, *AGGREGATES)
 
-# When the value of an expression is known: at once, from the first row on, on each row, after all rows.
+# Times at which the value of an expression is known: at once, from the first row on, on each row, after all rows.
 FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
 
 
@@ -79,7 +75,7 @@ FIXED, START, ROW, TABLE = "fixed", "start", "row", "table"
 
 @dataclass(frozen=True, eq=False)
 class NumericExpression:
-    """Something that has a number for its value, or a vector; it is written from character `start` to `end`."""
+    """An expression whose value is a number, or a vector, written from character `start` to `end`."""
 
     start: int
     end: int
@@ -87,13 +83,13 @@ class NumericExpression:
 
     @property
     def width(self) -> int:
-        """How many numbers a vector has; 0 for a single number."""
+        """The length of a vector; 0 for a single number."""
         return 0
 
 
 @dataclass(frozen=True, eq=False)
 class NumberLiteral(NumericExpression):
-    """A number as it is written."""
+    """A number in the text."""
 
     value: float
 
@@ -118,7 +114,7 @@ class ColumnVector(NumericExpression):
 
 @dataclass(frozen=True, eq=False)
 class FunctionCall(NumericExpression):
-    """One function of one operand, or several that fold operands from the left; elementwise."""
+    """One function of one operand, or several functions that fold operands from the left; elementwise."""
 
     functions: tuple[Function, ...]
     operands: tuple[NumericExpression, ...]
@@ -130,7 +126,7 @@ class FunctionCall(NumericExpression):
 
 @dataclass(frozen=True, eq=False)
 class Reduction(NumericExpression):
-    """One number from all numbers in the operands, such as their norm."""
+    """A number computed from all numbers of the operands, such as their norm."""
 
     name: str
     operands: tuple[NumericExpression, ...]
@@ -138,7 +134,7 @@ class Reduction(NumericExpression):
 
 @dataclass(frozen=True, eq=False)
 class Choice(NumericExpression):
-    """The first operand where the condition holds, else the second."""
+    """A choice: the first operand where the condition holds, else the second."""
 
     condition: "BooleanExpression"
     operands: tuple[NumericExpression, NumericExpression]
@@ -164,8 +160,8 @@ class AggregateCall(NumericExpression):
     """A function of the operand on all rows, such as `mean`.
 
     Attributes:
-      condition: which rows count; all of them when None.
-      fraction: of the values that lie below a quantile.
+      condition: condition on the rows that count; None for all.
+      fraction: fraction of the values below a quantile.
     """
 
     name: str
@@ -176,7 +172,7 @@ class AggregateCall(NumericExpression):
 
 @dataclass(frozen=True, eq=False)
 class BooleanExpression:
-    """Something that is true or false."""
+    """An expression that is true or false."""
 
     start: int
     end: int
@@ -184,7 +180,7 @@ class BooleanExpression:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(BooleanExpression):
-    """Two sides and what is between them."""
+    """Two sides and the operator between them."""
 
     operator: str
     sides: tuple[NumericExpression, NumericExpression]
@@ -200,7 +196,7 @@ class BooleanOperation(BooleanExpression):
 
 @dataclass(frozen=True, eq=False)
 class AllRows(BooleanExpression):
-    """Whether `truth` holds on each row."""
+    """A check that `truth` holds on each row."""
 
     truth: BooleanExpression
 
@@ -209,7 +205,7 @@ Node = NumericExpression | BooleanExpression
 
 
 def parts(node: Node) -> tuple[Node, ...]:
-    """The expressions that `node` consists of."""
+    """Returns the operands and conditions of `node`."""
     match node:
         case FunctionCall(operands=nodes) | Reduction(operands=nodes) | Comparison(sides=nodes):
             return nodes
@@ -227,14 +223,14 @@ def parts(node: Node) -> tuple[Node, ...]:
 
 
 def walk(node: Node) -> Iterator[Node]:
-    """`node` and all within it, what is needed before what needs it."""
+    """Yields `node` and all nodes in it, operands first."""
     for part in parts(node):
         yield from walk(part)
     yield node
 
 
 def columns_read(node: Node) -> tuple[str, ...]:
-    """The names of the columns that `node` reads, in the order in which it first mentions them."""
+    """Returns the names of the columns that `node` reads, in the order of their first occurrence."""
     names: dict[str, None] = {}
     for part in walk(node):
         if isinstance(part, ColumnReference):
@@ -246,11 +242,11 @@ def columns_read(node: Node) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Expression:
-    """An expression that is well formed.
+    """A valid expression.
 
     Attributes:
-      text: as it was written.
-      root: what it consists of.
+      text: text as written.
+      root: root of its tree.
     """
 
     text: str
@@ -258,12 +254,12 @@ class Expression:
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """The names of the columns that it reads, in the order in which it first mentions them."""
+        """The names of the columns that it reads, in the order of their first occurrence."""
         return columns_read(self.root)
 
 
 def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:
-    """What `truth` compares, apart from the conditions of aggregates."""
+    """Yields the comparisons in `truth`, except the conditions of aggregates."""
     if isinstance(truth, Comparison):
         yield truth
     for part in parts(truth) if isinstance(truth, BooleanOperation | AllRows) else ():
@@ -272,22 +268,22 @@ def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:
 
 
 def sides(truth: BooleanExpression) -> list[NumericExpression]:
-    """What is compared in `truth`, apart from what the expression itself spells out."""
+    """Returns the sides of the comparisons in `truth`, except constants."""
     return [side for comparison in comparisons(truth) for side in comparison.sides if side.kind != FIXED]
 
 
 def is_row(truth: BooleanExpression) -> bool:
-    """Whether `truth` compares values per row."""
+    """Returns whether `truth` compares values per row."""
     return any(side.kind == ROW for side in sides(truth))
 
 
 def is_mixed(truth: BooleanExpression) -> bool:
-    """Whether some of its comparisons are of values per row, and some of aggregates."""
+    """Returns whether some of its comparisons use values per row, and others aggregates."""
     return len({is_row(comparison) for comparison in comparisons(truth)}) == 2
 
 
 def negated(truth: BooleanExpression) -> BooleanExpression:
-    """What holds where `truth` does not."""
+    """Returns the negation of `truth`."""
     match truth:
         case Comparison(start, end, operator, sides):
             return Comparison(start, end, COMPLEMENT[operator], sides)

@@ -1,11 +1,11 @@
 """Columns of the fixed-size fields of MjData: their objects, components, units and meanings.
 
-What a field holds, and by which object it is indexed, is read from MuJoCo's own description of mjData.
+The meaning of a field, and the kind of object that indexes it, are read from MuJoCo's own description of mjData.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from typing import Any
 
@@ -19,12 +19,12 @@ from mjrun.model.column import Column
 from mjrun.model.names import KIND_OF_COUNT, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS, VECTOR, actuator_parts, names
 from mjrun.model.units import field_unit, sensor_unit
 
-# What counts parts of actuators, as the number of each in the model.
+# Counts of parts of actuators, and the number of parts per actuator in the model.
 PARTS = {"nu": "actuator_ctrlnum", "nout": "actuator_outnum"}
 MATRIX = tuple(f"{row}{column}" for row in "xyz" for column in "xyz")
-NUMBERED = ("nflex", "nplugin")  # what is counted and has numbers for names
+NUMBERED = ("nflex", "nplugin")  # counts of objects whose names are numbers
 COMPONENTS = {3: VECTOR, 4: QUATERNION, 9: MATRIX}
-# Spatial vectors, in MuJoCo's own order: rotation first, but for what is applied.
+# Spatial vectors, in MuJoCo's own order: rotation first, except in xfrc_applied.
 TWIST, WRENCH = ("wx", "wy", "wz", "vx", "vy", "vz"), ("tx", "ty", "tz", "fx", "fy", "fz")
 SPATIAL = {"cvel": TWIST, "cacc": TWIST, "cdof": TWIST, "cdof_dot": TWIST, "cfrc_int": WRENCH, "cfrc_ext": WRENCH}
 SPATIAL |= {"xfrc_applied": WRENCH[3:] + WRENCH[:3]}
@@ -33,12 +33,12 @@ SPATIAL |= {"xfrc_applied": WRENCH[3:] + WRENCH[:3]}
 DOF_UNITS = {"qvel": ("m/s", "rad/s")}
 DOF_UNITS |= dict.fromkeys(("qacc", "qacc_smooth", "qacc_warmstart"), ("m/s²", "rad/s²"))
 FORCE_UNITS = ("N", "N·m")
-# Of spatial vectors, by what their components begin with.
+# Units of spatial vectors, by the first letter of their components.
 WRENCH_UNITS = {"f": "N", "t": "N·m"}
 SPATIAL_UNITS: dict[str, dict[str, str]] = dict.fromkeys(("cfrc_int", "cfrc_ext", "xfrc_applied"), WRENCH_UNITS)
 SPATIAL_UNITS |= {"cvel": {"w": "rad/s", "v": "m/s"}, "cacc": {"w": "rad/s²", "v": "m/s²"}}
 
-# Fields that are not measured, and why.
+# Fields that cannot be measured, and the reasons.
 UNMEASURABLE = dict.fromkeys(("qH", "qHDiagInv", "qDeriv", "qLU"), "an integrator computes it in the middle of a step")
 UNMEASURABLE |= {
     "flexvert_lambda": "a step passes it on to the next, outside the state",
@@ -52,14 +52,14 @@ Measure = Callable[[mujoco.MjModel, mujoco.MjData], np.ndarray]
 
 @dataclass(frozen=True)
 class FieldProbe:
-    """Columns that follow from recorded fields alone, for any number of simulations and instants at once.
+    """Columns that are computed from recorded fields, for any number of simulations and instants at once.
 
     Attributes:
-      columns: in order.
-      fields: the MjData fields it reads; all of them must belong to one instant.
-      compute: from fields `{name: (*instants, …)}`, whose leading axes are any number of instants, and the same fields
-        at step 0 of each simulation, which broadcast against them, to `(*instants, len(columns))`.
-      needs_initial: whether it looks at the latter.
+      columns: columns in order.
+      fields: fields of MjData that it reads; all of them must belong to one instant.
+      compute: returns `(*instants, len(columns))`, given fields `{name: (*instants, …)}`, whose leading axes are any
+        number of instants, and the same fields at step 0 of each simulation, which broadcast against them.
+      needs_initial: whether it uses the latter.
     """
 
     columns: Sequence[Column]
@@ -68,7 +68,7 @@ class FieldProbe:
     needs_initial: bool = False
 
     def only(self, indices: Sequence[int]) -> "FieldProbe":
-        """The probe with only these of its columns."""
+        """Returns the probe with only these of its columns."""
         index, compute = np.array(indices, int), self.compute
         columns = [self.columns[i] for i in indices]
         return replace(self, columns=columns, compute=lambda fields, initial: compute(fields, initial)[..., index])
@@ -76,19 +76,19 @@ class FieldProbe:
 
 @dataclass(frozen=True)
 class InstantProbe:
-    """Columns that no field holds: they are measured on an MjData.
+    """Columns that are measured on an MjData, as no recorded field holds them.
 
     Attributes:
-      columns: in order.
-      measure: from a model and an MjData in which everything belongs to one instant to `(len(columns),)`; it changes
-        neither.
+      columns: columns in order.
+      measure: returns `(len(columns),)`, given a model and an MjData in which everything belongs to one instant; it
+        modifies neither.
     """
 
     columns: Sequence[Column]
     measure: Measure
 
     def only(self, indices: Sequence[int]) -> "InstantProbe":
-        """The probe with only these of its columns."""
+        """Returns the probe with only these of its columns."""
         index, measure = np.array(indices, int), self.measure
         return InstantProbe([self.columns[i] for i in indices], lambda model, data: measure(model, data)[index])
 
@@ -98,7 +98,7 @@ Probe = FieldProbe | InstantProbe
 
 @cache
 def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
-    """Every array field of MjData that can be recorded, with its extents and its meaning."""
+    """Returns every array field of MjData that can be recorded, with its extents and its meaning."""
     described: Any = structs.STRUCTS["mjData"].fields
     arrays = [field for field in described if getattr(field, "array_extent", None)]
     recordable = DATA_FIELDS - UNMEASURABLE.keys()
@@ -106,19 +106,19 @@ def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
 
 
 def offered(model: mujoco.MjModel) -> list[str]:
-    """The fields that have columns in `model`."""
+    """Returns the fields that have columns in `model`."""
     return [name for name in extents() if np.prod(_shape(model, name))]
 
 
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
-    """The probe of a field; its columns are called `group/…`, or by the field's own name."""
+    """Returns the probe of a field; the names of its columns begin with `group`, or with the field's own name."""
     if field in LAZY:
         return InstantProbe(tuple(_columns(model, field, group or field)), _completed(model, field))
     return recorded_probe(model, field, group)
 
 
 def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldProbe:
-    """The probe of a field as a step leaves it: of those in `LAZY`, that is something only if a sensor needs them."""
+    """Returns the probe of a field as a step leaves it; fields in `LAZY` are valid only if a sensor needs them."""
     columns = tuple(_columns(model, field, group or field))
     axes = len(extents()[field][0])
 
@@ -129,18 +129,16 @@ def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldP
     return FieldProbe(columns, (field,), compute)
 
 
-def _inverse(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    mujoco.mj_inverseSkip(model, data, int(mujoco.mjtStage.mjSTAGE_VEL), True)  # which is derived already
-
-
-# Fields that a step leaves out unless a sensor needs them, and what computes them.
-LAZY: dict[str, Callable[[mujoco.MjModel, mujoco.MjData], None]] = {"qfrc_inverse": _inverse}
+# Fields that a step computes only if a sensor needs them, and the functions that compute them.
+LAZY: dict[str, Callable[[mujoco.MjModel, mujoco.MjData], None]] = {
+    "qfrc_inverse": partial(mujoco.mj_inverseSkip, skipstage=int(mujoco.mjtStage.mjSTAGE_VEL), skipsensor=True)
+}
 LAZY |= dict.fromkeys(("cacc", "cfrc_int", "cfrc_ext"), mujoco.mj_rnePostConstraint)
 LAZY |= dict.fromkeys(("subtree_linvel", "subtree_angmom"), mujoco.mj_subtreeVel)
 
 
 def _completed(model: mujoco.MjModel, field: str) -> Measure:
-    """Measures a field that a step leaves out, on a copy: whoever looks at the instant next sees it unchanged."""
+    """Measures a field that a step leaves out on a copy, so that other probes see the instant unchanged."""
     scratch = cache(lambda: mujoco.MjData(model))
 
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -228,7 +226,7 @@ def _unit(model: mujoco.MjModel, field: str, part: str, index: int) -> str:
 
 
 def _objects(model: mujoco.MjModel, counted: str, count: int) -> tuple[str, list[tuple[str, int]]]:
-    """Kind, names and ids of what the first dimension of a field counts."""
+    """Returns kind, names and ids of the objects that the first dimension of a field counts."""
     if counted in PARTS:
         return "actuator", actuator_parts(model, getattr(model, PARTS[counted]))
     kind = KIND_OF_COUNT.get(counted, "")
@@ -238,7 +236,7 @@ def _objects(model: mujoco.MjModel, counted: str, count: int) -> tuple[str, list
 
 
 def state_columns(model: mujoco.MjModel) -> list[str]:
-    """The names of all numbers in an integration state of `model`, in order, as columns of traces are named."""
+    """Returns the names of all numbers in an integration state of `model`, in order, as in columns of traces."""
     names: list[str] = []
     for field, part in state.fields(state.sizes(model)).items():
         own = ["time"] if field == "time" else [column.name for column in field_probe(model, field).columns]

@@ -1,7 +1,7 @@
 """Metrics: one number of a simulation, such as `max(abs(energy/drift))` or `first(time, contact(ball, floor))`.
 
-The language is that of assertions (`mjrun.probe.assertion`), and so are the values, to the last bit; every column that
-a model offers may be used, as in a condition (`mjrun.probe.row_expression`).
+The language is that of assertions (`mjrun.probe.assertion`), with the same values to the last bit; every column of a
+model may be used, as in a condition (`mjrun.probe.row_expression`).
 """
 
 import math
@@ -24,7 +24,7 @@ class MetricEvaluation:
     """One pass of metrics over a table, block by block.
 
     Args:
-      table: the names of its columns.
+      table: names of the columns of the table.
     """
 
     def __init__(self, metrics: Sequence[Metric], table: Sequence[str]) -> None:
@@ -33,11 +33,11 @@ class MetricEvaluation:
         self._aggregates = [Aggregates(walk(metric.root)) for metric in metrics]
 
     def feed(self, block: np.ndarray) -> None:
-        """Takes the next rows `(n, columns)`, one column for each of the table's."""
+        """Adds the next rows `(n, columns)`, one column for each of the table's."""
         self._take(self._rows.feed(block, self._rows.seen))
 
     def values(self) -> tuple[float, ...]:
-        """The metrics, after the last block; NaN without rows."""
+        """Returns the metrics, after the last block; NaN without rows."""
         self._take(self._rows.rest())
         if not self._rows.seen:
             return (math.nan,) * len(self._metrics)
@@ -53,13 +53,13 @@ class MetricEvaluation:
 
 
 def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> Metric:
-    """The metric that `text` is over a table of `columns`, or of those that a vocabulary names.
+    """Parses a metric over a table of `columns`, or of those that a vocabulary names.
 
     Args:
-      label: what messages call the text: `option("metric")`.
+      label: name of the text in messages: `option("metric")`.
 
     Raises:
-      UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
-      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+      UnknownNameError: a column or function is unknown; the message lists near and valid ones.
+      UsageError: the text is invalid; the message states where, what was found and what is valid.
     """
     return Metric(text, Parser(text, label, columns).table_value())

@@ -1,4 +1,4 @@
-"""The nodes of an expression from their parts: what may stand where, and errors that say so."""
+"""Builds the nodes of an expression from their parts, and checks which parts are valid where."""
 
 import math
 from collections.abc import Sequence
@@ -11,13 +11,13 @@ from mjrun.probe.scanner import SourceText, Token, Vocabulary
 
 
 class NodeBuilder:
-    """Makes nodes, and refuses what does not go together.
+    """Builds nodes, and refuses invalid combinations.
 
     Args:
-      source: of which messages show the place.
+      source: text whose places messages show.
 
     Attributes:
-      aggregates: whether there are any; without them all values are per row.
+      aggregates: whether aggregates are valid; without them all values are per row.
     """
 
     def __init__(self, source: SourceText, vocabulary: Vocabulary) -> None:
@@ -25,7 +25,7 @@ class NodeBuilder:
         self.aggregates = vocabulary.control_dt is None
 
     def call(self, name: Token, arguments: list[tree.Node], end: int) -> tree.Node:
-        """A call that is written up to character `end`."""
+        """Builds a call that ends at character `end`."""
         conditional = any(isinstance(argument, tree.BooleanExpression) for argument in arguments)
         wide = any(isinstance(argument, tree.NumericExpression) and argument.width for argument in arguments)
         several = name.text in tree.FOLDED and not conditional and (wide or len(arguments) > 1)
@@ -53,7 +53,7 @@ class NodeBuilder:
     def elementwise(
         self, start: int, end: int, functions: Sequence[tree.Function], values: Sequence[tree.NumericExpression]
     ) -> tree.FunctionCall:
-        """Functions of `values`, number by number."""
+        """Builds functions of `values`, number by number."""
         call = tree.FunctionCall(start, end, self._kind(values), tuple(functions), tuple(values))
         self._check_widths(values)
         return call
@@ -61,7 +61,7 @@ class NodeBuilder:
     def compared(
         self, start: int, end: int, operators: Sequence[Token], values: Sequence[tree.NumericExpression]
     ) -> tree.BooleanExpression:
-        """What holds if all neighbours compare as the operators between them say."""
+        """Builds the condition that all operators hold between their neighbours."""
         pairs = []
         for token, left, right in zip(operators, values, values[1:], strict=False):
             if self._kind([left, right]) == tree.FIXED:
@@ -70,13 +70,13 @@ class NodeBuilder:
         return pairs[0] if len(pairs) == 1 else tree.BooleanOperation(start, end, True, tuple(pairs))
 
     def value(self, node: tree.Node) -> tree.NumericExpression:
-        """`node` as a number or a vector."""
+        """Returns `node` as a number or a vector."""
         if isinstance(node, tree.NumericExpression):
             return node
         raise self.source.fault(node.start, "a comparison", "a number")
 
     def scalar(self, node: tree.Node) -> tree.NumericExpression:
-        """`node` as a single number."""
+        """Returns `node` as a single number."""
         value = self.value(node)
         if value.width:
             shown = f"a vector of {counted(value.width, 'number')}"
@@ -84,7 +84,7 @@ class NodeBuilder:
         return value
 
     def truth(self, node: tree.Node) -> tree.BooleanExpression:
-        """`node` as something that holds or not."""
+        """Returns `node` as a condition."""
         if isinstance(node, tree.BooleanExpression):
             return node
         if isinstance(node, tree.ColumnReference) and self.vocabulary.is_count(node.name):
@@ -93,7 +93,7 @@ class NodeBuilder:
         raise self.source.fault(node.start, "a number", "a comparison (< <= > >= == !=)")
 
     def _choice(self, name: Token, arguments: list[tree.Node], end: int) -> tree.NumericExpression:
-        """`where(condition, x, y)`."""
+        """Builds `where(condition, x, y)`."""
         self._expect(name, arguments, 3, "where(condition, x, y)")
         condition, first, second = self.truth(arguments[0]), self.value(arguments[1]), self.value(arguments[2])
         self._check_widths((first, second))
@@ -101,7 +101,7 @@ class NodeBuilder:
         return tree.Choice(name.start, end, kind, condition, (first, second))
 
     def _finiteness(self, name: Token, value: tree.NumericExpression, end: int) -> tree.BooleanExpression:
-        """`isfinite(x)`; a vector is finite if all its numbers are."""
+        """Builds `isfinite(x)`; a vector is finite if all its numbers are."""
         if value.kind == tree.FIXED:
             raise self.source.fault(value.start, "a number only", "a column in it")
         if value.width:
@@ -111,7 +111,7 @@ class NodeBuilder:
         return tree.Comparison(name.start, end, tree.FINITE, (value, infinity))
 
     def _successive(self, name: Token, value: tree.NumericExpression, end: int) -> tree.NumericExpression:
-        """`previous(x)` or `rate(x)`."""
+        """Builds `previous(x)` or `rate(x)`."""
         if self.vocabulary.control_dt is None:
             raise self.source.fault(name.start, f"{name.text}, which only tasks have", "values of one instant")
         if value.kind != tree.ROW:
@@ -124,7 +124,7 @@ class NodeBuilder:
         return tree.FunctionCall(name.start, end, tree.ROW, change_per_time, (value, previous, step))
 
     def _aggregate(self, name: Token, arguments: list[tree.Node], end: int) -> tree.NumericExpression:
-        """`mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
+        """Builds `mean(x)`, `mean(x, when)`, `quantile(x, 0.9)`, `quantile(x, 0.9, when)`, `share(when)`."""
         if not self.aggregates:
             meant = f"{name.text} of several, or of a vector" if name.text in tree.FOLDED else "values of one instant"
             raise self.source.fault(name.start, f"{name.text} over all instants", meant)
@@ -148,7 +148,7 @@ class NodeBuilder:
         return tree.AggregateCall(name.start, end, kind, name.text, value, condition, fraction)
 
     def _fraction(self, name: Token, arguments: list[tree.Node]) -> float:
-        """Takes the second argument of `quantile`."""
+        """Removes the second argument of `quantile`, and returns its value."""
         if not arguments:
             raise self.source.fault(name.start, "quantile of one value", "quantile(x, 0.9)")
         node = arguments.pop(0)
@@ -157,7 +157,7 @@ class NodeBuilder:
         return node.value
 
     def _row_condition(self, name: Token, node: tree.Node) -> tree.BooleanExpression:
-        """`node` as what chooses among the rows."""
+        """Returns `node` as a condition on rows."""
         condition = self.truth(node)
         if not tree.is_row(condition) or tree.is_mixed(condition):
             raise self.source.fault(node.start, f"an aggregate as the condition of {name.text}", "values per row")
@@ -169,7 +169,7 @@ class NodeBuilder:
             raise self.source.fault(name.start, f"{name.text} of {written}", meant)
 
     def _check_widths(self, values: Sequence[tree.NumericExpression]) -> None:
-        """Vectors that are combined have one width."""
+        """Checks that combined vectors have the same width."""
         vectors = [value for value in values if value.width]
         for other in vectors[1:]:
             if other.width != vectors[0].width:
@@ -177,7 +177,7 @@ class NodeBuilder:
                 raise self.source.fault(other.start, shown, "vectors of the same length")
 
     def _kind(self, values: Sequence[tree.NumericExpression]) -> str:
-        """By what a combination of `values` is known."""
+        """Returns the time at which a combination of `values` is known."""
         kinds = {value.kind for value in values}
         if kinds >= {tree.ROW, tree.TABLE}:
             late = next(value for value in values if value.kind == tree.TABLE)

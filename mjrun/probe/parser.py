@@ -1,4 +1,4 @@
-"""From the text of an expression to its tree: precedence, what may stand where, and errors that say so."""
+"""Parses the text of an expression into a tree, with errors that point at the place of a fault."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -16,33 +16,36 @@ DEEPEST = 100  # expressions within expressions
 
 
 class Parser:
-    """Precedence climbing: an expression of a level is operands joined by operators above that level.
+    """A parser by precedence climbing: an expression of a level is operands joined by operators above that level.
 
     Args:
-      label: what messages call the text.
-      vocabulary: the columns, or whatever names them.
+      label: name of the text in messages.
+      vocabulary: the columns, or a vocabulary that names them.
     """
 
     def __init__(self, text: str, label: str, vocabulary: Vocabulary | Sequence[str]) -> None:
         if len(text) > LONGEST:
             raise UsageError(f"{label}: {len(text)} characters, expected at most {LONGEST}")
-        self.source, self.text = SourceText(text, label), text
+        self.text = text
+        self.source = SourceText(text, label)
         self.vocabulary = vocabulary if isinstance(vocabulary, Vocabulary) else Vocabulary(vocabulary)
         self.nodes = NodeBuilder(self.source, self.vocabulary)
-        self.scanner, self.depth = Scanner(self.source, self.vocabulary), 0
-        self.token, self.end = self.scanner.token(0), 0
+        self.scanner = Scanner(self.source, self.vocabulary)
+        self.depth = 0
+        self.token = self.scanner.token(0)
+        self.end = 0
 
     def assertion(self) -> tree.BooleanExpression:
-        """The whole text as one truth of a table, in which `AllRows` marks what is checked row by row."""
+        """Parses the whole text as one truth of a table, in which `AllRows` marks the checks row by row."""
         return self._planned(self.nodes.truth(self._to_end()))
 
     def condition(self) -> tree.BooleanExpression:
-        """The whole text as one truth per row, without aggregates."""
+        """Parses the whole text as one truth per row, without aggregates."""
         self.nodes.aggregates = False
         return self.nodes.truth(self._to_end())
 
     def row_value(self) -> tree.NumericExpression:
-        """The whole text as one number per row."""
+        """Parses the whole text as one number per row."""
         value = self.nodes.scalar(self._to_end())
         for node in tree.walk(value):
             if isinstance(node, tree.AggregateCall) and node.kind != tree.START:
@@ -50,12 +53,12 @@ class Parser:
         return value
 
     def table_value(self) -> tree.NumericExpression:
-        """The whole text as one number of the table."""
+        """Parses the whole text as one number of the table."""
         value = self.nodes.scalar(self._to_end())
         if value.kind == tree.ROW:
             raise self.source.fault(value.start, "values per row", f"one number, such as max({self.text.strip()})")
         if value.kind == tree.FIXED:
-            raise self.source.fault(value.start, "what no simulation changes", "a column in it")
+            raise self.source.fault(value.start, "a constant", "a column in it")
         return value
 
     def _to_end(self) -> tree.Node:
@@ -83,7 +86,7 @@ class Parser:
         return left
 
     def _chain(self, start: int, first: tree.Node, level: int) -> tree.Node:
-        """Operands joined by operators of one level; `^` takes what is right of it first."""
+        """Parses operands joined by operators of one level; `^` groups from the right."""
         operators: list[Token] = []
         operands = [first]
         while self.token.kind == "operator" and tree.LEVELS.get(self.token.text) == level:
@@ -96,7 +99,7 @@ class Parser:
             return self.nodes.compared(start, self.end, operators, tuple(self.nodes.scalar(node) for node in operands))
         values = [self.nodes.value(node) for node in operands]
         functions = [tree.ARITHMETIC[token.text] for token in operators]
-        if level == tree.LEVELS["^"]:  # an exponent that varies takes one way for every number, be it 2 or not
+        if level == tree.LEVELS["^"]:  # an exponent that varies is treated alike for every number, including 2
             kinds = [value.kind for value in values[1:]]
             functions = [np.power if kind == tree.ROW else each for each, kind in zip(functions, kinds, strict=True)]
         return self.nodes.elementwise(start, self.end, functions, values)
@@ -161,7 +164,7 @@ class Parser:
         return self.nodes.elementwise(sign.start, self.end, [function], [value])
 
     def _planned(self, truth: tree.BooleanExpression) -> tree.BooleanExpression:
-        """`truth` with what is checked row by row marked; all aggregates are outside of the marks."""
+        """Returns `truth` with the checks row by row marked; all aggregates are outside of the marks."""
         if not isinstance(truth, tree.BooleanOperation):
             return tree.AllRows(truth.start, truth.end, truth) if tree.is_row(truth) else truth
         if truth.every:
@@ -212,7 +215,7 @@ class Parser:
         return self._unquoted() or self.source.fault(token.start, shown, expected)
 
     def _unquoted(self) -> UsageError | None:
-        """The error that a column is written here without the quotes that it needs, if so."""
+        """Returns the error of a column that lacks its quotes here; None if there is no such column."""
         for name in self.vocabulary.names:
             start = self.text.find(name, max(0, self.token.start - len(name)))
             if not is_bare(name) and 0 <= start <= self.token.start < start + len(name):

@@ -1,15 +1,15 @@
 """Expressions with one value per row of a table, or per instant of a simulation: conditions, and numbers.
 
 The language is that of `mjrun.probe.assertion`, without comparisons in numbers, and without aggregates in conditions;
-of aggregates, numbers can use `first(x)` alone, since it is known from the first row on. What is more:
+the only aggregate in numbers is `first(x)`, since it is known from the first row on. In addition:
 
     speed(box)                  the column `speed/box`
     xpos(top).z                 the column `xpos/top/z`
     contact(ball, floor)        the column `contact/ball/floor`, the number of contacts between the two
 
-An object is written as a column is, quoted where it needs quotes: `speed('left (upper)')`. Which columns there are, a
-vocabulary tells: those of a table, or all that can be asked for as probes, by each of their names. A number of contacts
-may stand where a comparison may, and holds above zero: `not contact(ball, floor)`.
+An object is written like a column, in quotes if necessary: `speed('left (upper)')`. A vocabulary names the columns:
+those of a table, or all probes of a model, by each of their names. A number of contacts may replace a comparison, and
+holds above zero: `not contact(ball, floor)`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ class Condition(Expression):
     """A condition on each row."""
 
     def holds(self, columns: Mapping[str, Any]) -> np.ndarray:
-        """At which of n rows it holds: `(n,)` bool; `columns` are `(n,)` each, by name. No comparison with NaN does."""
+        """Returns where it holds, `(n,)` bool; `columns` are `(n,)` each, by name. No comparison with NaN holds."""
         with np.errstate(all="ignore"):
             return evaluate_truth(self.root, columns, {})
 
@@ -36,11 +36,11 @@ class RowExpression(Expression):
     """A number per row."""
 
     def evaluator(self) -> "RowEvaluator":
-        """A new evaluation, which has seen no row."""
+        """Returns a new evaluation, to which no rows were added yet."""
         return RowEvaluator(self.root)
 
     def values(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The values `(n,)` float64 on all rows of a table in memory."""
+        """Returns the values `(n,)` float64 on all rows of a table in memory."""
         return self.evaluator().feed(columns)
 
 
@@ -52,7 +52,7 @@ class RowEvaluator:
         self._first: KnownValues | None = None
 
     def feed(self, columns: Mapping[str, np.ndarray]) -> np.ndarray:
-        """The values `(n,)` float64 on the next rows; `columns` are `(n,)` each, by name."""
+        """Returns the values `(n,)` float64 on the next rows; `columns` are `(n,)` each, by name."""
         block = dict(columns)
         count = len(next(iter(block.values())))
         if not count:
@@ -72,41 +72,43 @@ class RowEvaluator:
 
 
 class RisingEdgeDetector:
-    """Where a condition begins to hold, while rows come by in blocks."""
+    """The rows on which a condition begins to hold, in a table that arrives in blocks."""
 
     def __init__(self) -> None:
-        self.indices: list[int] = []  # of rows, counted from the first
-        self._count, self._held = 0, False
+        self.indices: list[int] = []  # counted from the first row
+        self._count = 0
+        self._held = False
 
     def feed(self, holds: np.ndarray) -> None:
-        """Takes the next rows: `(n,)` bool, whether it holds at each."""
+        """Adds the next rows: `(n,)` bool, whether it holds on each."""
         before = np.concatenate([[self._held], holds])
         begins = holds & ~before[:-1]
         self.indices += (self._count + np.flatnonzero(begins)).tolist()
-        self._count, self._held = self._count + len(holds), bool(before[-1])
+        self._count += len(holds)
+        self._held = bool(before[-1])
 
 
 def parse_condition(text: str, vocabulary: Vocabulary, label: str) -> Condition:
-    """The condition that `text` is over the columns that a vocabulary names.
+    """Parses a condition over the columns that a vocabulary names.
 
     Args:
-      label: what messages call the text: `when`, `option("mark_event")`.
+      label: name of the text in messages: `when`, `option("mark_event")`.
 
     Raises:
-      UnknownNameError: a name is that of no column, object or function; the message lists near and valid ones.
-      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+      UnknownNameError: a column, object or function is unknown; the message lists near and valid ones.
+      UsageError: the text is invalid; the message states where, what was found and what is valid.
     """
     return Condition(text, Parser(text, label, vocabulary).condition())
 
 
 def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: str) -> RowExpression:
-    """The number per row that `text` is over a table of `columns`, or of those that a vocabulary names.
+    """Parses a number per row of a table of `columns`, or of those that a vocabulary names.
 
     Args:
-      label: what messages call the text: `option("y")`.
+      label: name of the text in messages: `option("y")`.
 
     Raises:
-      UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
-      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+      UnknownNameError: a column or function is unknown; the message lists near and valid ones.
+      UsageError: the text is invalid; the message states where, what was found and what is valid.
     """
     return RowExpression(text, Parser(text, label, columns).row_value())

@@ -1,4 +1,4 @@
-"""From the text of an expression to its tokens: numbers, names, operators, and errors that point at a character."""
+"""Splits the text of an expression into tokens: numbers, names, operators; errors point at a character."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,15 +8,15 @@ from fnmatch import fnmatchcase
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.probe.expression import CONSTANTS, FUNCTIONS, KEYWORDS, SUCCESSIVE
 
-SHOWN = 72  # characters of an expression that a message shows
-WILDCARDS = "*?"  # in a quoted name that is no column's
+SHOWN = 72  # most characters of an expression that a message shows
+WILDCARDS = "*?"  # in a quoted name that is not a column
 
 _CALLED = {*FUNCTIONS, *SUCCESSIVE}
 _SPACE = re.compile(r"\s*")
 _DIGITS = re.compile(r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _WORD = re.compile(r"[^\W\d]\w*")
 _NAME = re.compile(r"\w+(?:[/:.\-]\w+)*")
-_GOES_ON = re.compile(r"\w|[:.]+\w")  # so a name does not end here
+_CONTINUED = re.compile(r"\w|[:.]+\w")  # after which a name has not ended
 _OPERATOR = re.compile(r"\*\*|<=|>=|==|!=|[-+*/^<>(),]")
 _QUOTED = re.compile(r"""'((?:[^']|'')*)'|`((?:[^`]|``)*)`|"((?:[^"]|"")*)\"""", re.DOTALL)
 _QUOTES = "'`\""
@@ -26,22 +26,22 @@ _COMPONENT = re.compile(r"(?:\.\w+)*")
 
 
 def is_bare(name: str) -> bool:
-    """Whether the column `name` may be written without quotes."""
+    """Returns whether the column `name` may be written without quotes."""
     return bool(_BARE.fullmatch(name)) and not set(name.split(" ")) & {*KEYWORDS} and not _DIGITS.fullmatch(name)
 
 
 def is_word(text: str) -> bool:
-    """Whether `text` could be the name of a function."""
+    """Returns whether `text` could be the name of a function."""
     return bool(_WORD.fullmatch(text))
 
 
 def is_name(text: str) -> bool:
-    """Whether `text` looks like a name."""
+    """Returns whether `text` looks like a name."""
     return bool(_NAME.fullmatch(text))
 
 
 def spelled(name: str) -> str:
-    """The column `name` as an expression spells it: in quotes where it needs them."""
+    """Returns the column `name` as an expression spells it, in quotes if necessary."""
     return name if is_bare(name) else "'" + name.replace("'", "''") + "'"
 
 
@@ -57,7 +57,7 @@ class Token:
 
 @dataclass(frozen=True)
 class ProbeReference:
-    """`group(object, …).component`: `component` has its dots, and no text where there is none."""
+    """A reference `group(object, …).component`; the text of `component` includes its dots, and may be empty."""
 
     group: Token
     objects: tuple[Token, ...]
@@ -66,13 +66,13 @@ class ProbeReference:
 
 @dataclass(frozen=True)
 class SourceText:
-    """A text as it was written, and what messages call it: the option, or `when`."""
+    """A text as written, and its name in messages: the option, or `when`."""
 
     text: str
     label: str
 
     def fault(self, position: int, found: str, expected: str) -> UsageError:
-        """What is wrong with the text, and a line that points at it."""
+        """Returns the error of a fault at `position`, with a line that points at it."""
         first = max(0, position - SHOWN // 2)
         before = ("…" if first else "") + clean(self.text[first:position])
         last = first + SHOWN
@@ -81,25 +81,25 @@ class SourceText:
         return UsageError(f"{self.label}, character {position + 1}: found {found}, expected {expected}{pointer}")
 
     def unknown(self, position: int, kind: str, name: str, valid: Sequence[str], plural: str = "") -> UnknownNameError:
-        """The name at `position` is not among the valid ones."""
+        """Returns the error of an unknown name at `position`."""
         return UnknownNameError(kind, name, valid, where=self.place(position), plural=plural)
 
     def place(self, position: int) -> str:
-        """Where the text is, and where in it."""
+        """Returns the text and the number of its character at `position`."""
         whole = self.text if len(self.text) <= SHOWN else self.text[:SHOWN] + "…"
         return f"{quoted(whole)}, character {position + 1}"
 
 
 class Vocabulary:
-    """The names that an expression may use: here columns, each by its own name.
+    """The names that an expression may use: in this class columns, each by its own name.
 
     Attributes:
-      names: of columns, as messages list them.
+      names: names of columns, as messages list them.
       groups: names that may be called with objects, `speed(box)`.
-      beginnings: of names that may be columns without being listed, `contact/`.
+      beginnings: beginnings of names that may be columns without being listed, `contact/`.
       constants: numbers by name.
-      control_dt: the time between two rows [s], where a row may refer to the one before it as `previous` and `rate` do;
-        such rows are instants, and have no aggregates.
+      control_dt: time between two rows [s], if a row may refer to the previous one with `previous` and `rate`. Such
+        rows are instants, and have no aggregates.
     """
 
     beginnings: tuple[str, ...] = ()
@@ -115,42 +115,44 @@ class Vocabulary:
         return frozenset()
 
     def column(self, name: str) -> str | None:
-        """The name in the table of what is called `name`; None if nothing is."""
+        """Returns the column of the table that is called `name`; None if none is."""
         return self._columns.get(name)
 
     def matching(self, pattern: str) -> tuple[str, ...]:
-        """The columns that a name with wildcards stands for, by their names in the table; by other names if need be."""
+        """Returns the columns that match a name with wildcards; by other names only if none matches by its own."""
         matches = {name: self._columns[name] for name in self.names if fnmatchcase(name, pattern)}
         own = [column for name, column in matches.items() if name == column]
         return tuple(dict.fromkeys(own or matches.values()))
 
     def is_count(self, column: str) -> bool:
-        """Whether `column` is a number that alone says something: that there is any."""
+        """Returns whether `column` is a count, which alone is a condition: that it is above zero."""
         return False
 
     def missing(self, name: str, position: int, source: SourceText) -> UsageError:
-        """The error that nothing is called `name`."""
+        """Returns the error of an unknown column."""
         return source.unknown(position, "column", name, self.names)
 
     def accessed(self, accessor: ProbeReference, source: SourceText) -> str:
-        """The name in the table of the column that `accessor` stands for.
+        """Returns the column of the table that `accessor` refers to.
 
         Raises:
-          UsageError: it stands for none.
+          UsageError: the column does not exist.
         """
         raise NotImplementedError
 
 
 class Scanner:
-    """Cuts the text of `source` into tokens, one at a time."""
+    """Splits the text of `source` into tokens, one at a time."""
 
     def __init__(self, source: SourceText, vocabulary: Vocabulary) -> None:
-        self.source, self.text, self.vocabulary = source, source.text, vocabulary
+        self.source = source
+        self.text = source.text
+        self.vocabulary = vocabulary
         self.bare = {name for name in vocabulary.names if is_bare(name)}
         self.lengths = sorted({len(name) for name in self.bare}, reverse=True)
 
     def token(self, position: int) -> Token:
-        """The token at or after `position`."""
+        """Returns the token at or after `position`."""
         start = self._after_space(position)
         if opening := self._opening(start):
             return self._accessor(opening)
@@ -177,14 +179,14 @@ class Scanner:
     def _column(self, start: int) -> Token | None:
         for end in self._ends(start):
             name = self.text[start:end]
-            column = None if _GOES_ON.match(self.text, end) else self.vocabulary.column(name)
+            column = None if _CONTINUED.match(self.text, end) else self.vocabulary.column(name)
             if column is not None:
                 called = name in _CALLED and self.text[end:].lstrip().startswith("(")
                 return None if called else Token("column", column, start, end)
         return None
 
     def _ends(self, start: int) -> Iterator[int]:
-        """Where a column that begins at `start` may end, the longest first."""
+        """Yields the possible ends of a column that begins at `start`, the longest first."""
         name = _NAME.match(self.text, start)
         if name and name[0].startswith(self.vocabulary.beginnings):
             yield from range(name.end(), start, -1)
@@ -193,7 +195,7 @@ class Scanner:
                 yield start + length
 
     def _word(self, start: int) -> Token | None:
-        """A word of the language; a longer name that begins with it is none."""
+        """Returns the word of the language at `start`; None if it is only the beginning of a longer name."""
         word, name = _WORD.match(self.text, start), _NAME.match(self.text, start)
         if not word or not name:
             return None
@@ -213,16 +215,16 @@ class Scanner:
         return Token("column", column, start, end)
 
     def _quoted(self, start: int) -> tuple[str, int]:
-        """The name in quotes at `start`, and where it ends."""
-        found, quote = _QUOTED.match(self.text, start), self.text[start]
-        if not found:
+        """Returns the name in quotes at `start`, and its end."""
+        quoted_name, quote = _QUOTED.match(self.text, start), self.text[start]
+        if not quoted_name:
             raise self.source.fault(start, "a quote that is not closed", f"another {quote}")
-        return found[0][1:-1].replace(quote * 2, quote), found.end()
+        return quoted_name[0][1:-1].replace(quote * 2, quote), quoted_name.end()
 
     # --- accessors ---------------------------------------------------------------------------------
 
     def _opening(self, start: int) -> Token | None:
-        """The name of a group that is called at `start`, up to its parenthesis."""
+        """Returns the name of a group that is called at `start`, up to its parenthesis."""
         opening = _OPENING.match(self.text, start)
         if not opening or opening[1] in (*_CALLED, *KEYWORDS) or opening[1] not in self.vocabulary.groups:
             return None
@@ -242,15 +244,12 @@ class Scanner:
     def _object(self, position: int) -> Token:
         start = self._after_space(position)
         if self.text[start : start + 1] in (*_QUOTES,):
-            return Token("object", *self._with_start(start))
-        name = _BARE.match(self.text, start)
-        if not name:
+            name, end = self._quoted(start)
+            return Token("object", name, start, end)
+        bare = _BARE.match(self.text, start)
+        if not bare:
             raise self.source.fault(start, self._found(start), "the name of an object")
-        return Token("object", name[0], start, name.end())
-
-    def _with_start(self, start: int) -> tuple[str, int, int]:
-        name, end = self._quoted(start)
-        return name, start, end
+        return Token("object", bare[0], start, bare.end())
 
     def _found(self, position: int) -> str:
         return quoted(self.text[position]) if position < len(self.text) else "the end"

@@ -1,4 +1,4 @@
-"""Choosing what to measure, by name, object and wildcard."""
+"""Selection of probes by name, object and wildcard."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -24,34 +24,34 @@ from mjrun.probe.fields import (
 )
 
 ALIASES = {"sensor": "sensordata"}
-# A bare object may be of another kind than the first that a name stands for.
+# A bare object may be of another kind than the first one of a name.
 FALLBACKS = {
     "xpos": ("geom_xpos", "site_xpos", "cam_xpos", "light_xpos"),
     "xquat": ("geom_xquat", "site_xquat"),
     "xmat": ("geom_xmat", "site_xmat", "cam_xmat"),
 }
-PAIRS = "contact"  # has columns for any two objects too: `contact/ball/floor`
+PAIRS = "contact"  # the group that also has columns for any two objects: `contact/ball/floor`
 PARTS = {part for parts in (*COMPONENTS.values(), *SPATIAL.values()) for part in parts}
 Probe = FieldProbe | InstantProbe | EpisodeProbe
-TIME = "time"  # the first column of every table, whether or not it is asked for
+TIME = "time"  # the first column of every table, selected or not
 
 
 def select(
     model: mujoco.MjModel, probe_names: Iterable[str] = PROBES, episode: EpisodeColumns | None = None
 ) -> list[Probe]:
-    """The probes of these names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
+    """Returns the probes of these names: `qpos`, `qpos[left_*]`, `sensor[imu]`, or a column such as `xpos/hand/z`.
 
     `contact/ball/floor` is the number of contacts between two objects, see `mjrun.probe.contacts.pair`.
 
-    A name without columns in this model (`act` without activations) is passed over when it is asked for
-    as a whole, and so is `time`, which every table has.
+    A whole group without columns in this model (`act` without activations) is ignored, and so is `time`, which every
+    table has.
 
     Args:
-      episode: what a policy that acts adds to what can be measured.
+      episode: columns of episodes, if a policy acts.
 
     Raises:
-      UnknownNameError: a name, object or column that is not there; near and valid names are listed.
-      UsageError: two names give the same column, a field of MjData belongs to no instant, or there is no policy.
+      UnknownNameError: a name, object or column is unknown; the message lists near and valid names.
+      UsageError: two names give the same column, a field cannot be measured at an instant, or no policy acts.
     """
     texts = [text.strip() for text in probe_names if text.strip() != TIME]
     probes = [_select_one(model, episode, text) for text in texts]
@@ -67,12 +67,12 @@ def select(
 
 
 def split(text: str) -> list[str]:
-    """A list of probes at its commas; those in brackets do not count."""
+    """Splits a list of probes at its commas, except those in brackets."""
     return [part for part in re.split(r",(?![^\[]*\])", text) if part.strip()]
 
 
 def available_columns(model: mujoco.MjModel, episode: EpisodeColumns | None = None) -> list[Column]:
-    """Every column that can be measured, but for the contacts between two objects: there are too many pairs."""
+    """Returns every column that can be measured, except contacts between two objects: there are too many pairs."""
     groups = [name for name in DERIVED if name != "energy"]
     fields = [name for name in offered(model) if name != "sensordata"]
     everything = [_whole(model, None, name) for name in (*PROBES, *groups, *fields) if name not in ("contact",)]
@@ -83,26 +83,26 @@ def available_columns(model: mujoco.MjModel, episode: EpisodeColumns | None = No
 def selected_columns(
     model: mujoco.MjModel, probe_names: Iterable[str], episode: EpisodeColumns | None = None
 ) -> list[Column]:
-    """The columns that `probe_names` stand for, see `select`."""
+    """Returns the columns of `probe_names`, see `select`."""
     return [column for probe in select(model, probe_names, episode) for column in probe.columns]
 
 
 def aliases(model: mujoco.MjModel) -> dict[str, str]:
-    """Other names under which columns of `model` may be asked for, `xpos/skin/z` of a geom, and the columns' own."""
+    """Returns the other names of columns of `model`, such as `xpos/skin/z` of a geom, with the columns' own names."""
     others = {**FALLBACKS, **{field: (name,) for name, field in ALIASES.items()}}
     aliases_by_name: dict[str, str] = {}
     for group, candidates in others.items():
         columns = [column.name for candidate in candidates for column in _whole(model, None, candidate).columns]
-        for column in columns:  # the first of a name is meant
+        for column in columns:  # the first of a name counts
             aliases_by_name.setdefault(f"{group}/{column.partition('/')[2]}", column)
     return aliases_by_name
 
 
 def object_of(name: str) -> str:
-    """The object of the column `name`: `left/hand` of `xpos/left/hand/x`."""
+    """Returns the object of the column `name`: `left/hand` of `xpos/left/hand/x`."""
     rest = name.partition("/")[2]
-    found, _, part = rest.rpartition("/")
-    return found if found and (part in PARTS or part.isdigit()) else rest
+    parent, _, part = rest.rpartition("/")
+    return parent if parent and (part in PARTS or part.isdigit()) else rest
 
 
 def _select_one(model: mujoco.MjModel, episode: EpisodeColumns | None, text: str) -> Probe:
@@ -131,7 +131,7 @@ def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> 
 
 
 def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, patterns: Sequence[str]) -> Probe:
-    """The columns of the objects that match any of `patterns`."""
+    """Selects the columns of the objects that match any of `patterns`."""
     for candidate in (name, *FALLBACKS.get(name, ())):
         probe = _whole(model, episode, candidate)
         indices = [i for i, column in enumerate(probe.columns) if any(_matches(column, p) for p in patterns)]
@@ -145,7 +145,7 @@ def _objects(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str, p
 
 
 def _named(model: mujoco.MjModel, episode: EpisodeColumns | None, group: str, rest: str) -> Probe:
-    """The column `group/rest`, else all whose name begins so; a geom's or site's where no body is called that."""
+    """Selects the column `group/rest`, or all that begin with it; of a geom or site if no body has this name."""
     for candidate in (group, *FALLBACKS.get(group, ())):
         probe, text = _whole(model, episode, candidate), f"{candidate}/{rest}"
         names = [column.name for column in probe.columns]

@@ -1,14 +1,13 @@
 """Expressions over the control instants of a task, such as `exp(-norm(goal/x, goal/y)) - 0.1*rate(qpos/hip)`.
 
-The language is that of `mjrun.probe.row_expression`, with the values of one instant: there are no aggregates. What is
-more:
+The language is that of `mjrun.probe.row_expression`, with values of one instant and without aggregates. In addition:
 
     previous(x)         the value of x at the control instant before; at the first instant of an episode, x itself
     rate(x)             (x − previous(x)) / control_dt
     control_dt          the control period [s]
 
-`previous(previous(x))` is the value two control instants ago. Any number of worlds are evaluated at once, and none of
-them changes what another gets, to the last bit.
+`previous(previous(x))` is the value two control instants ago. Any number of worlds are evaluated at once; the values of
+one do not depend on the others, to the last bit.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,11 +24,11 @@ from mjrun.probe.expression import CONSTANTS, BooleanExpression, Expression, Num
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
 
-Ids = Sequence[int] | np.ndarray | None  # of worlds; all of them
+Ids = Sequence[int] | np.ndarray | None  # ids of worlds; None for all
 
 
 class TaskColumns(AvailableProbes):
-    """Every column that can be measured of a model, and those of a task besides: `action/left`, `command/goal/0`."""
+    """Every column that can be measured of a model, and the columns of a task: `action/left`, `command/goal/0`."""
 
     def __init__(self, model: mujoco.MjModel, others: Iterable[str], control_dt: float) -> None:
         super().__init__(model, others)
@@ -46,14 +45,14 @@ class TaskExpression(Expression):
     """A number, or a condition, per control instant."""
 
     def evaluator(self, count: int) -> "TaskEvaluator":
-        """A new evaluation for `count` worlds, none of which has begun."""
+        """Returns a new evaluation for `count` worlds, none of which has begun."""
         return TaskEvaluator(self.root, count)
 
 
 class TaskEvaluator:
     """The values of an expression in several worlds, from one control instant to the next.
 
-    It is called within `np.errstate(all="ignore")`: 1/0 is inf, as in assertions.
+    It must be called within `np.errstate(all="ignore")`: 1/0 is inf, as in assertions.
 
     Attributes:
       root: the expression.
@@ -74,27 +73,27 @@ class TaskEvaluator:
 
     @property
     def previous(self) -> list[tuple[PreviousValue, np.ndarray]]:
-        """The calls of `previous`, inner ones first, with what each remembers of the worlds `(count, …)`."""
+        """The calls of `previous`, inner ones first, each with its values of the worlds `(count, …)`."""
         return [(node, before) for node, _, before in self._previous]
 
     @property
     def memory(self) -> list[np.ndarray]:
-        """What it remembers of each world `(count, …)`."""
+        """The stored values of each world `(count, …)`."""
         return [before for _, _, before in self._previous]
 
     def begin(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
-        """The values at the first control instant of the worlds `ids`, which forget what was before.
+        """Returns the values at the first control instant of the worlds `ids`, and drops their earlier values.
 
         Args:
-          columns: `(k,)` each, by name: those of the k worlds `ids`, or of all of them.
+          columns: columns of the k worlds `ids`, or of all of them, `(k,)` each, by name.
 
         Returns:
-          `(k,)` float64, or bool of a condition.
+          `(k,)` float64, or bool for a condition.
         """
         return self._evaluate(columns, ids, first=True)
 
     def advance(self, columns: Mapping[str, Any], ids: Ids = None) -> np.ndarray:
-        """The values at the next control instant of the worlds `ids`; see `begin`."""
+        """Returns the values at the next control instant of the worlds `ids`; see `begin`."""
         return self._evaluate(columns, ids, first=False)
 
     def _evaluate(self, columns: Mapping[str, Any], ids: Ids, first: bool) -> np.ndarray:
@@ -103,25 +102,25 @@ class TaskEvaluator:
         known: KnownValues = {}
         for node, operand, before in self._previous:
             now = operand(columns, known)
-            known[node] = now if first else np.array(before[worlds])  # of its own: `before` changes now
+            known[node] = now if first else np.array(before[worlds])  # a copy: `before` changes now
             before[worlds] = now
         values = np.asarray(self._evaluation(columns, known), self._type)
         return values if values.shape == (count,) else np.array(np.broadcast_to(values, count))
 
 
 def parse_task_value(text: str, columns: TaskColumns, label: str) -> TaskExpression:
-    """The number per control instant that `text` is.
+    """Parses a number per control instant.
 
     Args:
-      label: what messages call the text: `rewards.distance`.
+      label: name of the text in messages: `rewards.distance`.
 
     Raises:
-      UnknownNameError: a name is that of no column or function; the message lists near and valid ones.
-      UsageError: the text is none of the language; the message says where, what was found and what is valid.
+      UnknownNameError: a column or function is unknown; the message lists near and valid ones.
+      UsageError: the text is invalid; the message states where, what was found and what is valid.
     """
     return TaskExpression(text, Parser(text, label, columns).row_value())
 
 
 def parse_task_condition(text: str, columns: TaskColumns, label: str) -> TaskExpression:
-    """The condition at each control instant that `text` is, see `parse_task_value`."""
+    """Parses a condition at each control instant; see `parse_task_value`."""
     return TaskExpression(text, Parser(text, label, columns).condition())

@@ -1,4 +1,4 @@
-"""What an assertion says of a table."""
+"""The outcomes of assertions about tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PartRows:
-    """A part of an assertion and how many rows it is about.
+    """A part of an assertion, and its number of rows.
 
     Attributes:
-      part: the part, as it is written.
-      rows: the number of rows that it is about.
+      part: text of the part.
+      rows: number of the rows that it decides or uses.
     """
 
     part: str
@@ -19,15 +19,15 @@ class PartRows:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an assertion holds.
+    """The outcome of an assertion.
 
     Attributes:
-      text: the assertion, as it is written.
+      text: text of the assertion.
       passed: whether it holds.
-      message: with which values, and where.
-      rows: how many rows were checked.
-      decided: the number of rows that each alternative of an `or` decides alone, since all others fail there, and the
-        number that each aggregate with a condition is about.
+      message: a sentence with the decisive values and their place.
+      rows: number of checked rows.
+      decided: number of rows that each alternative of an `or` decides alone, since all others fail there, and number of
+        rows that each aggregate with a condition uses.
     """
 
     text: str

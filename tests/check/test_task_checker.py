@@ -53,7 +53,7 @@ def test_what_does_not_fit_the_model_is_found_at_its_line(old: str, new: str, li
 def test_terms_that_would_be_made_of_themselves_are_found(name: str) -> None:
     (finding,) = checked(f"rewards: {{near: {name} + 1}}")
     assert (finding.code, finding.line) == ("MJ801", 9)
-    assert finding.message.startswith(f"rewards.near: '{name}' follows from the task, which therefore cannot use it")
+    assert finding.message.startswith(f"rewards.near: '{name}' is derived from the task, which therefore cannot use it")
 
 
 def test_a_task_that_is_its_own_model_is_found() -> None:

@@ -61,7 +61,7 @@ def test_where_its_files_would_not_be_found_nothing_is_written(tmp_path: Path) -
     target = tmp_path / "b.xml"
     with pytest.raises(FileError, match=r"b.xml: would not load: .*'bodies.xml'|bodies") as caught:
         KeyframeWriter(str(target), source, XML, "rest", model)
-    assert "relative paths in it start from its own folder" in str(caught.value)
+    assert "relative paths in it start from the folder of the model" in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 

@@ -58,7 +58,7 @@ def test_they_are_offered_where_a_policy_acts() -> None:
 
 @pytest.mark.parametrize("text", ["obs", "obs/position/x", "action[hip]", "reward/alive", "return"])
 def test_without_a_policy_an_error_says_so(text: str) -> None:
-    with pytest.raises(UsageError, match="can be measured where a policy acts only: give a policy"):
+    with pytest.raises(UsageError, match="can only be measured if a policy acts: set policy"):
         select(MODEL, [text])
 
 
@@ -67,7 +67,7 @@ def test_expressions_read_them() -> None:
         "reward/alive > 1 and norm('obs/position/*') < action(hip)", AvailableProbes(MODEL, EPISODE.names), "when"
     )
     assert expression.columns == ("reward/alive", "obs/position/x", "obs/position/y", "action/hip")
-    with pytest.raises(UsageError, match="'return' can be measured where a policy acts only"):
+    with pytest.raises(UsageError, match="'return' can only be measured if a policy acts"):
         parse_condition("return > 1", AvailableProbes(MODEL), "when")
     with pytest.raises(UnknownNameError, match=r"no column .reward/alife. .*did you mean .reward/alive."):
         parse("last(reward/alife) > 1", AvailableProbes(MODEL, EPISODE.names))

@@ -61,8 +61,8 @@ def test_a_row_alone_gets_the_bits_that_it_gets_among_others(width: int) -> None
     ):
         value = Parser(text, "text", Vocabulary(names)).row_value()
         whole = evaluate(value, ColumnMatrix(layout, table, {}), {})
-        alone = [evaluate(value, ColumnMatrix(layout, row, {}), {}) for row in table]
-        np.testing.assert_array_equal(alone, whole)
+        alone = [evaluate(value, ColumnMatrix(layout, row[None], {}), {}) for row in table]
+        np.testing.assert_array_equal(np.concatenate(alone), whole)
 
 
 MATRIX = np.random.default_rng(0).normal(size=(5, 6))[:, :4]
