@@ -406,7 +406,7 @@ def test_names_with_slashes_are_told_apart_by_what_there_is() -> None:
         pair("a/b/c", model)
     assert str(caught.value) == (
         "contact/a/b/c may be 'a' and 'b/c' or 'a/b' and 'c'\n"
-        "`body:NAME` and `geom:NAME` say where the name of an object begins"
+        "`body:NAME` and `geom:NAME` show where the name of an object begins"
     )
     with pytest.raises(UnknownNameError, match=r"^no object 'r/tap' \(did you mean 'r/tip'"):
         pair("r/hand/r/tap", model)
