@@ -23,7 +23,7 @@ REACH = 2.0  # of a step, in standard errors before it
 SETTLED = 0.3  # step of the coordinates in standard errors, at which rounds end
 SPURIOUS = 10.0  # times the number of residuals for each point: how often roughness counts as noise
 WIDER = 1000.0  # times the steps that suit smooth motions: with these the first standard errors are estimated
-POLISHED = 2  # batches of states beside the best one, at the end
+POLISHED = 4  # batches of states beside the best one, at the end
 NEAREST = 1e-3  # standard errors between such states and the best one, at least
 
 

@@ -16,10 +16,14 @@ from mjrun.fit.solution import Floats, Solution, loss_weights
 
 EVALUATIONS = 120  # of the residuals, at most
 TOLERANCE = 1e-6  # relative change of the cost at which a search ends
+STAGE_EVALUATIONS = 40  # of stages that others follow, at most
+ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that others follow
+EXPLAINED = 1.25  # reduced χ² with which no other way is tried
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8
 STRONG = 1e-5  # damping with which little gain is no end: it may be that of a direction that hardly shows
 DAMPINGS = (10.0, 100.0, 1000.0)  # times the damping of a step that has failed, all tried at once
 SLOW, STALLED = 0.01, 3  # relative gain of a step, and how many such steps end a search that is far from the noise
+LONG_STALLED = 10  # such steps that end a search which explains the log
 FAR = 100.0  # mean square of residuals from which on a search is far from the noise
 GOOD = 0.5  # share of the promised decrease with which slopes are kept
 
@@ -50,18 +54,23 @@ class GaussNewton:
           evaluations: of the residuals, at most.
           tolerance: relative change of the cost at which it ends.
         """
-        (place,) = yield from self._places([self._problem.start])
-        slopes = yield from self._slopes(place)
-        place, slopes = yield from self._descended(place, slopes, evaluations, tolerance)
-        if not slopes.is_fresh:
-            slopes = yield from self._slopes(place)
-        if evaluations:
+        place, slopes = yield from self._descended(evaluations, tolerance)
+        if self._problem.free:  # otherwise only the states are of use
+            if not slopes.is_fresh:
+                slopes = yield from self._slopes(place)
             slopes = yield from self._sound(place, slopes)
         return self._solution(place, slopes)
 
+    def approach(self, evaluations: int = STAGE_EVALUATIONS) -> Simulating[Solution]:
+        """Searches for a point from which longer stretches are searched: it ends where the model explains the log.
+
+        Slopes of the solution are rough.
+        """
+        return self._solution(*(yield from self._descended(evaluations, ROUGH_TOLERANCE, EXPLAINED)))
+
     def look(self) -> Simulating[Solution]:
         """The start itself, with slopes."""
-        return (yield from self.minimize(evaluations=0))
+        return self._solution(*(yield from self._descended(evaluations=0, tolerance=0.0)))
 
     def _places(self, points: Sequence[Point]) -> Simulating[list[_Place]]:
         all_residuals = yield from self._problem.residuals(points)
@@ -80,13 +89,23 @@ class GaussNewton:
         )
         return Slopes(of_coordinates, of_states)
 
-    def _descended(
-        self, place: _Place, slopes: Slopes, evaluations: int, tolerance: float
-    ) -> Simulating[tuple[_Place, Slopes]]:
-        """Steps downhill until there is no more to gain."""
+    def _descended(self, evaluations: int, tolerance: float, enough: float = 0.0) -> Simulating[tuple[_Place, Slopes]]:
+        """Steps downhill until there is no more to gain.
+
+        Args:
+          enough: reduced χ² at which it ends.
+        """
+        (place,) = yield from self._places([self._problem.start])
+        slopes = yield from self._slopes(place)
         damping, used, slow, has_failed = FIRST_DAMPING, 0, 0, False
-        far = 0.5 * FAR * sum(int(known.sum()) for known in self._problem.known)
-        while used < evaluations and not (slow >= STALLED and place.cost > far):
+        numbers = sum(int(known.sum()) for known in self._problem.known)
+        unknowns = self._problem.free + len(self._problem.parts) * self._problem.size
+        far, explained = 0.5 * FAR * numbers, 0.5 * EXPLAINED * numbers
+        near = 0.5 * enough * max(numbers - unknowns, 0)
+        while used < evaluations and place.cost > near:
+            is_lost = slow >= STALLED and (place.cost > far or enough > 0)
+            if is_lost or (slow >= LONG_STALLED and place.cost < explained):
+                break
             trials = [damping * factor for factor in (DAMPINGS if has_failed else (1.0,))]
             steps = [self._step(place, slopes, trial) for trial in trials]
             points = [point for point, _ in steps]

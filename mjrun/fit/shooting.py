@@ -13,7 +13,7 @@ import numpy as np
 
 from mjrun.fit.ensemble import Ensemble
 from mjrun.fit.free_parameter import FreeParameter, values_at
-from mjrun.fit.gauss_newton import EVALUATIONS, TOLERANCE, GaussNewton
+from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.noise import LEAST_NOISE
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
@@ -24,13 +24,10 @@ from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.unmeasured_states import simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
-GROWTH = 4
-STAGE_EVALUATIONS = 40  # of stages that others follow, at most
+GROWTH = 2
 CONTACT_EVALUATIONS = 8  # within which a motion with contacts is explained, or taken for rough
-ROUGH_TOLERANCE = 1e-4  # relative change of the cost at which stages end that others follow
-EXPLAINED = 1.25  # reduced χ² with which no other way is tried
 OTHERS = 2  # other starts of whole segments, before stretches are tried
-MODEST = 100.0  # reduced χ² below which whole segments from two starts that end alike confirm each other
+MODEST = 100.0  # reduced χ² below which two searches that end alike confirm each other
 ALIKE = 0.01  # relative difference of the costs of two solutions that are taken for one
 SHOTS = 3  # searches where contacts make the motion rough
 BESIDE = 0.1  # of the range of a parameter, between searches where contacts make the motion rough
@@ -76,16 +73,20 @@ class Shooting:
         """The chunks of about `rows` rows."""
         return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
 
-    def guessed(self, parts: Sequence[Chunk], coordinates: Floats | None) -> Floats:
+    def guessed(self, parts: Sequence[Chunk], coordinates: Floats | None, before: Solution | None = None) -> Floats:
         """States to begin with, from what was measured, and else from the model.
 
         Args:
           coordinates: of the parameters; None for the model as it was.
+          before: a solution of shorter stretches, whose states are taken where these begin at the same rows.
         """
-        if not self._starting.all_measured:
+        if self._starting.all_measured:
+            states = np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
+        else:
             values = None if coordinates is None else values_at(self._parameters, coordinates)
-            return simulated_starts(self._predictor, self._starting, parts, values)
-        return np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
+            states = simulated_starts(self._predictor, self._starting, parts, values)
+        solved = {_begin(part): s for part, s in zip(before.chunks, before.states, strict=True)} if before else {}
+        return np.stack([solved.get(_begin(part), guess) for part, guess in zip(parts, states, strict=True)])
 
     def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
         """Residuals and sensitivities at a start, where nothing is minimized."""
@@ -161,12 +162,8 @@ class Shooting:
         """Tries stretches, from other starts too, until the log is explained or two ways end alike."""
         whole = self.cut(segments)
 
-        def is_end(solutions: Sequence[Solution], most: float = np.inf) -> bool:
-            """Keeps the best, and says whether there is no need to go on.
-
-            Args:
-              most: reduced χ² from which on solutions that are alike do not confirm each other.
-            """
+        def is_end(solutions: Sequence[Solution]) -> bool:
+            """Keeps the best, and says whether there is no need to go on."""
             is_same = False
             for each in solutions:
                 is_same |= abs(each.cost - search.best.cost) < ALIKE * each.cost
@@ -174,21 +171,25 @@ class Shooting:
                     search.best = each
                     if advanced:
                         advanced(each)
-            is_same &= search.best.reduced < most
+            is_same &= search.best.reduced < MODEST
             return is_same or self._is_rough or search.best.reduced < EXPLAINED
 
-        for start in starts[1 : 1 + OTHERS]:
+        # Far from the noise, stretches lead there sooner.
+        for start in starts[1 : 1 + OTHERS] if search.best.reduced < MODEST else []:
             search.ways.append("whole segments from another start")
-            if is_end([self._run(self._grown(whole, start, noise))], MODEST):
+            if is_end([self._run(self._grown(whole, start, noise))]):
                 return
         for group in (starts[:1], starts[1:]):
-            places = list(group)
+            places: list[Floats] = list(group)
+            before: list[Solution | None] = [None] * len(group)
             for rows, parts in self.stages(segments) if places else []:
                 search.ways.append(f"stretches of {rows} rows")
-                problems = [self._problem(parts, each, self.guessed(parts, each), noise) for each in places]
-                tasks = [GaussNewton(each).minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE) for each in problems]
-                places = [each.coordinates for each in together(self._predictor, tasks)]
-                if is_end(together(self._predictor, [self._grown(whole, each, noise) for each in places])):
+                guesses = [self.guessed(parts, *each) for each in zip(places, before, strict=True)]
+                problems = [self._problem(parts, *each, noise) for each in zip(places, guesses, strict=True)]
+                ends = together(self._predictor, [GaussNewton(each).approach() for each in problems])
+                places, before = [each.coordinates for each in ends], [*ends]
+                tasks = [self._grown(whole, each.coordinates, noise, before=each) for each in ends]
+                if is_end(together(self._predictor, tasks)):
                     return
 
     def stages(self, segments: Sequence[Segment]) -> list[tuple[int, list[Chunk]]]:
@@ -206,15 +207,22 @@ class Shooting:
         noise: Floats,
         *,
         fixed: bool = False,
+        before: Solution | None = None,
         advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
         """Solutions of whole chunks, from states that fit their first rows; by ensembles where contacts make the motion
-        rough."""
+        rough.
+
+        Args:
+          before: a solution of stretches, whose states are those from which whole chunks begin.
+        """
         if not self._is_rough:
-            states = self.guessed(parts, coordinates)
-            openings = [_opening(part) for part in parts]
-            opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
-            states = (yield from opening.minimize(STAGE_EVALUATIONS, ROUGH_TOLERANCE)).states
+            states = self.guessed(parts, coordinates, before)
+            if before is None:
+                openings = [_opening(part) for part in parts]
+                opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
+                most = CONTACT_EVALUATIONS if self._predictor.has_impacts else STAGE_EVALUATIONS
+                states = (yield from opening.approach(most)).states
             tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
             search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
             if not self._predictor.has_impacts:
@@ -225,6 +233,8 @@ class Shooting:
                 problem = self._problem(parts, nearer, solution.states, noise, fixed=fixed)
                 return (yield from GaussNewton(problem, advanced).minimize(EVALUATIONS, tolerance))
             self._is_rough = True
+            ensembles = yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced)
+            return min(ensembles, solution, key=lambda each: each.cost) if fixed else ensembles
         return (yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced))
 
     def _rough(
@@ -265,6 +275,10 @@ class Shooting:
     def _run(self, task: Simulating[Result]) -> Result:
         (result,) = together(self._predictor, [task])
         return result
+
+
+def _begin(chunk: Chunk) -> tuple[int, int]:
+    return id(chunk.segment), chunk.first_step
 
 
 def _opening(chunk: Chunk, rows: int = SHORTEST) -> Chunk:

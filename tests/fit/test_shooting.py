@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
+from mjrun.fit.gauss_newton import EXPLAINED, GaussNewton
 from mjrun.fit.intervals import intervals
+from mjrun.fit.shooting_problem import together
 from mjrun.fit.solution import with_noise
 from tests.fit.box import FRICTION, box_shooting
 from tests.fit.cart import TRUTH as CART_TRUTH
 from tests.fit.cart import cart_log, cart_shooting
 from tests.fit.logs import NOISE, TRUTH
-from tests.fit.problems import THREE, segments, shooting, solved
+from tests.fit.problems import THREE, predictor_of, segments, shooting, solved
 
 
 def test_without_noise_it_finds_the_truth() -> None:
@@ -64,3 +66,21 @@ def test_stages_are_longer_and_longer_stretches() -> None:
     counts = [len(parts) for _, parts in shoot.stages(segments())]
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] > 1
+
+
+def test_longer_stretches_begin_in_the_states_of_shorter_ones() -> None:
+    """Half of the shorter stretches begin where a longer one does; no stretch begins elsewhere."""
+    shoot, _ = shooting(THREE)
+    (_, short), (_, longer), *_ = shoot.stages(segments())
+    coordinates = np.full(3, 0.5)
+    before = shoot.look(short, coordinates, shoot.guessed(short, None) + 1e-3, np.array([NOISE]))
+    np.testing.assert_array_equal(shoot.guessed(longer, None, before), before.states[::2])
+
+
+def test_a_stage_ends_where_the_model_explains_the_log() -> None:
+    shoot, _ = shooting(THREE)
+    parts = shoot.cut(segments(1.0), 24)
+    problem = shoot._problem(parts, np.full(3, 0.5), shoot.guessed(parts, None), np.array([NOISE]))
+    stage, last = together(predictor_of(shoot), [GaussNewton(problem).approach(), GaussNewton(problem).minimize()])
+    assert last.cost < stage.cost
+    assert last.reduced < stage.reduced <= EXPLAINED
