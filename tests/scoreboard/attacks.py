@@ -1,6 +1,6 @@
-"""What code of an attacker does inside a confined process: it plays an exploited parser. Each operation runs in a fork.
+"""Operations of an attacker's code inside a confined process, which plays an exploited parser; each runs in a fork.
 
-An operation returns what it got, if to get it is the harm, or None if the harm shows outside; what is refused raises.
+An operation returns the stolen content, or None if its harm shows outside; it raises if it is refused.
 """
 
 import ctypes
@@ -24,28 +24,30 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
+from tests.scoreboard.data import inputs_of
+
 PLACE, RESULTS, TARGETS, LIE = "ATTACK_PLACE", "ATTACK_RESULTS", "ATTACK_TARGETS", "ATTACK_LIE"  # of the environment
 SECRET = "hunter2"
 REFUSED = (errno.EACCES, errno.EPERM, errno.ENOSYS)
 LIMIT = 20  # [s] for an operation
-SECCOMP, LANDLOCK, SIGNALS = "seccomp", "Landlock", "Landlock 6"  # what refuses an operation
-MAIN, LOADER, CHILD = "main", "loader", "child"  # where the code runs
+SECCOMP, LANDLOCK, SIGNALS = "seccomp", "Landlock", "Landlock 6"  # the mechanism that refuses an operation
+MAIN, LOADER, CHILD = "main", "loader", "child"  # the place of the code
 IS_X86 = platform.machine() == "x86_64"
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is outside for one operation alone, and for all of them.
+    """The files, processes and sockets outside that an operation attacks.
 
     Attributes:
-      folder: outside, with a file `secret`, which has an attribute, and a folder `empty`.
+      folder: a folder outside, with a file `secret`, which has an attribute, and a folder `empty`.
       readable: a file beside the model.
-      beside: an empty folder beside that of temporary files.
+      beside: an empty folder beside the one of temporary files.
       memory: a file in /dev/shm.
-      pid: a process, whose working directory the folder is, and whose environment has a secret.
-      sockets: of servers: the path of a stream, its abstract name, the path of datagrams, ports of TCP and UDP.
-      key: of shared memory and semaphores.
-      watcher: the process that stands guard.
+      pid: a process that runs in the folder, with a secret in its environment.
+      sockets: addresses of servers: the path of a stream, its abstract name, the path of datagrams, TCP and UDP ports.
+      key: key of shared memory and semaphores.
+      watcher: the process that watches the command.
     """
 
     folder: str
@@ -70,8 +72,10 @@ class Operation:
     """One operation.
 
     Attributes:
-      by: what refuses it.
-      free: whether it may be tried in a process that is not confined, to see that it works.
+      name: a few words for the list of failures.
+      act: the operation itself.
+      by: the mechanism that refuses it.
+      free: true if it may be tried in a process that is not confined, to see that it works.
     """
 
     name: str
@@ -92,7 +96,7 @@ def operation(name: str, by: str = LANDLOCK, *, free: bool = True) -> Callable[[
 
 
 def call(x86: int, arm: int, *arguments: object) -> int:
-    """A system call by its numbers."""
+    """Makes a system call by its number on each machine."""
     numbers = {"x86_64": x86, "aarch64": arm}
     library = ctypes.CDLL(None, use_errno=True)
     result = library.syscall(ctypes.c_long(numbers[platform.machine()]), *arguments)
@@ -102,7 +106,7 @@ def call(x86: int, arm: int, *arguments: object) -> int:
 
 
 def reached(x86: int, arm: int, *arguments: object) -> str | None:
-    """Calls the kernel with arguments that make no sense: to be told so is to have reached it."""
+    """Makes a system call with invalid arguments: an error about them shows that it was reached."""
     try:
         return f"{call(x86, arm, *arguments)}"
     except OSError as error:
@@ -180,7 +184,7 @@ def np_folder() -> str:
 
 
 def _own(name: str) -> Path:
-    """A new name in the folder of the outputs."""
+    """Returns a new name in the folder of the outputs."""
     return Path(os.environ[RESULTS]).with_name(f"{name}-{os.getpid()}")
 
 
@@ -196,7 +200,7 @@ def _scratch(path: str) -> str:
 
 
 def _flags(path: str) -> str:
-    """Sets the flag that a file is left out of backups (FS_IOC_SETFLAGS)."""
+    """Sets the flag that excludes a file from backups (FS_IOC_SETFLAGS)."""
     fcntl.ioctl(os.open(path, os.O_RDONLY), 0x40086602, struct.pack("i", 0x40))
     return "set"
 
@@ -237,7 +241,7 @@ def signal_by_owner(at: Target) -> None:
 
 
 def _vector() -> object:
-    """A piece of memory of one byte that no process has (struct iovec)."""
+    """Returns one byte of memory that no process has (struct iovec)."""
     return struct.pack("QQ", 8, 1)
 
 
@@ -296,7 +300,7 @@ def _terminal(request: int, value: bytes) -> str | None:
     except OSError as error:
         if error.errno in REFUSED:
             raise
-        return str(error)  # of the terminal, which was asked
+        return str(error)  # from the terminal, which was reached
     return None if request & 0xFFFFFFFF == 0x5412 else "done"
 
 
@@ -318,40 +322,13 @@ def change_settings(at: Target) -> str:
 
 
 # The kernel
-for _name, *_call in (
-    ("bpf", 321, 280, 99, None, 0),
-    ("perf_event_open", 298, 241, None, 0, -1, -1, 0),
-    ("userfaultfd", 323, 282, 0x7FFFFFFF),
-    ("a new user namespace", 272, 97, 0x10000000),
-    ("a new namespace by clone", 56, 220, 0x10000000 | 0x200, None, None, None, None),
-    ("clone3", 435, 435, None, 0),
-    ("setns", 308, 268, -1, 0),
-    ("mount", 165, 40, None, None, None, 0, None),
-    ("umount", 166, 39, None, 0),
-    ("fsopen", 430, 430, None, 0),
-    ("open_tree", 428, 428, -1, b"", 0),
-    ("move_mount", 429, 429, -1, b"", -1, b"", 0),
-    ("mount_setattr", 442, 442, -1, b"", 0, None, 0),
-    ("pivot_root", 155, 41, None, None),
-    ("chroot", 161, 51, None),
-    ("swapon", 167, 224, None, 0),
-    ("sethostname", 170, 161, None, 5),
-    ("settimeofday", 164, 170, 8, None),
-    ("clock_settime", 227, 112, 0, 8),
-    ("init_module", 175, 105, None, 0, None),
-    ("delete_module", 176, 106, None, 0),
-    ("kexec_load", 246, 104, 0, 99, None, 0),
-    ("syslog", 103, 116, 99, None, 0),
-    ("quotactl", 179, 60, 99, None, 0, None),
-    ("setxattrat, a call of later kernels", 463, 463, -1, None, 0, None, None, 0),
-    ("file_setattr, a call of later kernels", 469, 469, -1, None, None, 0, 0),
-):
-    operation(_name, SECCOMP)(lambda at, numbers=tuple(_call): reached(*numbers))  # type: ignore[misc]
+for _name, _call in inputs_of(__name__)["CALLS"].items():
+    operation(_name, SECCOMP)(lambda at, numbers=_call: reached(*numbers))  # type: ignore[misc]
 
 
 @operation("set limits of a superuser", SECCOMP)
 def raise_limits(at: Target) -> str:
-    """Takes what only a superuser may: a negative priority, which a capability allows."""
+    """Sets a negative priority, which only a superuser may."""
     os.setpriority(os.PRIO_PROCESS, 0, -5)
     return "set"
 
@@ -399,7 +376,7 @@ def _attempts(watcher: int) -> Iterator[dict[str, object]]:
 
 
 def attack(watcher: int, results: int | None = None) -> None:
-    """Tries all operations that there are targets for, and writes what came of each, and a daemon that is left."""
+    """Tries all operations that have targets, writes the result of each, and leaves a daemon."""
     own = os.open(os.environ[RESULTS], os.O_WRONLY | os.O_APPEND | os.O_CREAT) if results is None else results
     for attempt in _attempts(watcher):
         os.write(own, json.dumps(attempt).encode() + b"\n")
@@ -417,7 +394,7 @@ def attack(watcher: int, results: int | None = None) -> None:
     os.write(own, json.dumps({"name": "a daemon", "pid": int(os.read(into, 20))}).encode() + b"\n")
 
 
-# What code may write on the board before its process dies, as the statements that do; `at` is the target.
+# Statements that write false entries on the status board before the process dies; `at` is the target.
 LIES = {
     "folders": "board.write(ProcessStatus(folders=[at.folder]))",
     "children": "board.write(ProcessStatus(children=[at.pid, -at.pid]))",
@@ -429,7 +406,7 @@ LIES = {
 
 
 def attacked(arguments: list[str]) -> int:
-    """Runs a command line, whose code is an attacker's from the moment it is confined, where PLACE says."""
+    """Runs a command line, with the attacker's code at PLACE from the moment it is confined."""
     from mjrun import child_process, shared_status
     from mjrun.cli import crash_monitor, simulation_command
     from mjrun.cli.main import run
@@ -455,7 +432,7 @@ def attacked(arguments: list[str]) -> int:
                 results.append(os.open(os.environ[RESULTS], os.O_WRONLY | os.O_APPEND | os.O_CREAT))
             if place == MAIN:
                 attack(begun[0], results[0])
-                if arguments[0] == "view":  # which waits for its user
+                if arguments[0] == "view":  # it waits for its user
                     os._exit(0)
         load()
 

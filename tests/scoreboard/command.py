@@ -1,9 +1,10 @@
 """mjrun run many times, quickly: a process that has imported everything forks for each run.
 
-A forked run has its own session, folder, streams, limits and signals, as a command started from a shell has; what a
-fork cannot show, imports and the start of the interpreter, takes a command of its own.
+A forked run has a session, folder, streams, limits and signals like a command started from a shell. Imports and the
+start of the interpreter, which a fork does not show, are tried by `RealCommand`.
 """
 
+import ctypes
 import json
 import os
 import pkgutil
@@ -11,36 +12,45 @@ import re
 import resource
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+from mjrun.confinement import landlock, seccomp
 from tests.scoreboard.file_operations import Fault, Watcher, listener, watched
 
 ROOT = Path(__file__).resolve().parents[2]
 MIB = 2**20
-# C0 and C1 controls but newline, tab and carriage return: what could move a terminal's cursor or change its state.
+VARIABLES = {"PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1"}
+# C0 and C1 controls except newline, tab and carriage return: they could move a terminal's cursor or change its state.
 CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 MJRUN = "mjrun.cli.main:run"
 EXIT_CODES = {0, 1, 2, 3, 4, 5, 6, 7, 8}
+# Modules that the quick parts import again and again.
+QUICK_IMPORTS = (
+    *("yaml", "orjson", "mjrun.cli.commands.info", "mjrun.cli.commands.trace", "mjrun.cli.commands.run"),
+    *("mjrun.outputs.perform", "mjrun.outputs.trace", "mjrun.formats.tables.csv", "mjrun.document.run"),
+)
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a run ended.
+    """The result of a run.
 
     Attributes:
+      arguments: the command line after `mjrun`.
       code: its exit code, or minus the signal that killed it; None if it did not end in time.
-      seconds: of wall time.
-      operations: on the files of a folder that was watched, in their order, each with the name of its file.
+      stdout, stderr: the bytes it printed.
+      seconds: wall time.
+      operations: on the files of a watched folder, in their order, each with the name of its file.
     """
 
     arguments: tuple[str, ...]
@@ -52,34 +62,50 @@ class Ended:
 
     @property
     def message(self) -> str:
-        """What it said on standard error."""
+        """The text on standard error."""
         return self.stderr.decode("utf-8", "replace")
 
     @property
+    def output(self) -> str:
+        """The text on both streams."""
+        return self.message + self.stdout.decode("utf-8", "replace")
+
+    @property
     def faults(self) -> list[str]:
-        """What no run may show: a traceback, a bug, a signal, a hang, no word about a failure, control bytes."""
-        found = []
+        """Faults that no run may have: a traceback, a bug, a signal, a hang, a silent failure, control bytes."""
+        faults = []
         if self.code is None:
-            found.append(f"did not end in {self.seconds:.1f} s")
+            faults.append(f"did not end in {self.seconds:.1f} s")
         elif self.code < 0:
-            found.append(f"killed by {signal.Signals(-self.code).name}")
+            faults.append(f"killed by {signal.Signals(-self.code).name}")
         elif self.code not in EXIT_CODES:
-            found.append(f"exit code {self.code}")
+            faults.append(f"exit code {self.code}")
         if self.code and not self.stderr.strip() and not self.stdout.strip():
-            found.append("failed without a word")
+            faults.append("failed without a word")
         if "Traceback (most recent call last)" in self.message:
-            found.append("a traceback")
+            faults.append("a traceback")
         if CONTROL.search(self.message):
-            found.append("control bytes on standard error")
-        return found
+            faults.append("control bytes on standard error")
+        return faults
+
+    def faults_unless(self, codes: Collection[int]) -> list[str]:
+        """Returns the faults, with one more if the exit code is none of these."""
+        if self.code in codes:
+            return self.faults
+        return [*self.faults, f"exit code {self.code}, not {' or '.join(map(str, sorted(codes)))}"]
 
     def __str__(self) -> str:
         last = next((line for line in reversed(self.message.splitlines()) if line.strip()), "")
         return f"mjrun {' '.join(self.arguments)[:200]}: code {self.code}, {self.seconds:.1f} s: {last[:200]}"
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Returns all files below a folder, hidden ones too, by their path in it."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
 def modules_of_mjrun() -> list[str]:
-    """All that a run may import of mjrun, and what that imports in turn; not what OpenGL needs."""
+    """Returns all modules of mjrun and of libraries that a run may import, except those that need OpenGL."""
     names = [module.name for module in pkgutil.walk_packages([str(ROOT / "mjrun")], "mjrun.")]
     left_out = ("__main__", "gym", "backend_trial", "worker")
     return ["yaml", "orjson", "PIL.Image", "rich.table", "pyarrow.parquet"] + [
@@ -88,13 +114,13 @@ def modules_of_mjrun() -> list[str]:
 
 
 class CommandServer:
-    """Runs command lines in processes forked from one that has imported mjrun, MuJoCo and numpy already.
+    """Runs command lines in processes forked from one that has already imported mjrun, MuJoCo and numpy.
 
     Args:
-      limit: seconds of wall time that a run may take before it is killed and counts as hanging.
-      memory: address space in MiB that a run may have; None for no limit.
+      limit: seconds of wall time after which a run is killed and counts as hanging.
+      memory: address space of a run in MiB; None for no limit.
       imports: modules to import once, for measures that run the same commands again and again.
-      prefix: a command that runs the server, and all that it runs, in its way.
+      without_landlock: runs everything as on a kernel without Landlock.
     """
 
     def __init__(
@@ -102,14 +128,15 @@ class CommandServer:
         limit: float = 20.0,
         memory: int | None = None,
         imports: Sequence[str] = (),
-        prefix: Sequence[str] = (),
+        *,
+        without_landlock: bool = False,
     ) -> None:
         self._limit, self._memory = limit, memory
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1"}
+        setting = ["--without-landlock"] * without_landlock
         self._process = subprocess.Popen(
-            [*prefix, sys.executable, "-m", "tests.scoreboard.command", *imports],
+            [sys.executable, "-m", "tests.scoreboard.command", *setting, *imports],
             cwd=ROOT,
-            env=environment,
+            env={**os.environ, **VARIABLES},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -118,9 +145,7 @@ class CommandServer:
     def __enter__(self) -> "CommandServer":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._process.communicate(timeout=60)
 
     def run(
@@ -141,16 +166,15 @@ class CommandServer:
           arguments: after `mjrun`.
           folder: the working directory.
           environment: variables to set.
-          limit: seconds, in place of the server's.
-          call: the function that gets the arguments as a list and returns the exit code, `module:name`: mjrun, or what
-            it is compared with.
-          fault: of the file system, with `number` 0 only to list what is done to its folder.
+          limit: seconds, instead of the server's limit.
+          call: `module:name` of the function that gets the arguments as a list and returns the exit code.
+          fault: a fault of the file system; `number` 0 only lists the operations on its folder.
           kill_after: seconds after which the process gets SIGKILL.
-          file_size: bytes that a file may have, as `ulimit -f` sets.
-          redirected: a file in place of a standard stream, by its number; an empty name closes it.
+          file_size: largest size of a file in bytes, as `ulimit -f` sets it.
+          redirected: a file instead of a standard stream, by its number; an empty name closes the stream.
 
         Raises:
-          OSError: the kernel cannot watch, as a fault needs it.
+          OSError: the kernel cannot watch a process, which faults require.
         """
         line = tuple(map(str, arguments))
         with tempfile.TemporaryDirectory() as streams:
@@ -167,7 +191,7 @@ class CommandServer:
                 "file_size": file_size,
                 "files": {str(number): path for number, path in (redirected or {}).items()},
             }
-            for name in ("stdout", "stderr"):  # it may be killed before it opens them
+            for name in ("stdout", "stderr"):  # the run may be killed before it opens them
                 Path(streams, name).touch()
             assert self._process.stdin
             assert self._process.stdout
@@ -183,12 +207,16 @@ class CommandServer:
 
 def serve() -> None:
     """Answers requests, one line of JSON each, until standard input ends."""
+    names = sys.argv[1:]
+    if "--without-landlock" in names:
+        names.remove("--without-landlock")
+        _refuse_landlock()
     import mujoco  # noqa: F401
     import numpy as np  # noqa: F401
 
     import mjrun.cli.main  # noqa: F401
 
-    for name in sys.argv[1:]:
+    for name in names:
         import_module(name)
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:
@@ -197,8 +225,23 @@ def serve() -> None:
         answers.flush()
 
 
+def _refuse_landlock() -> None:
+    """Makes the kernel answer this process and its children as one without Landlock does."""
+    steps = [
+        (seccomp.LOAD, 0, 0, seccomp.NUMBER),
+        (seccomp.JUMP_IF_EQUAL, 0, 1, landlock.CREATE_RULESET),
+        (seccomp.RETURN, 0, 0, seccomp.UNKNOWN),
+        (seccomp.RETURN, 0, 0, seccomp.ALLOW),
+    ]
+    program = seccomp.Program(len(steps), b"".join(struct.pack("HBBI", *step) for step in steps))
+    library = ctypes.CDLL(None, use_errno=True)
+    library.prctl(seccomp.NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    if library.prctl(seccomp.SET_SECCOMP, seccomp.FILTER, ctypes.byref(program), 0, 0):
+        raise OSError(ctypes.get_errno(), "seccomp")
+
+
 def _run(request: dict[str, Any]) -> dict[str, object]:
-    """Runs mjrun as a request says; returns the answer."""
+    """Runs mjrun as requested, and returns the answer."""
     began = time.monotonic()
     watching, watched_by = socket.socketpair() if request["fault"] else (None, None)
     child = os.fork()
@@ -224,7 +267,7 @@ def _run(request: dict[str, Any]) -> dict[str, object]:
 
 
 def _wait(child: int, limit: float, kill_after: float | None, watcher: Watcher | None) -> int | None:
-    """Its exit code; None if it did not end in time. What it has left running in its session is killed."""
+    """Returns the exit code, None if it did not end in time. Kills the processes left in its session."""
     began = time.monotonic()
     pause = 0.002
     while True:
@@ -251,7 +294,7 @@ def _wait(child: int, limit: float, kill_after: float | None, watcher: Watcher |
 
 
 def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
-    """Turns this process into a run of mjrun; does not return."""
+    """Turns this process into a run of mjrun, and does not return."""
     code = 255
     try:
         os.setsid()
@@ -284,7 +327,7 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         if watched_by:
             watched(watched_by)
         arguments = list(request["arguments"])
-        # What is killed, or fails, at a moment of our choice has nobody else between itself and us.
+        # A run that is killed, or fails, at a chosen moment has no process that watches it.
         alone = request["fault"] or request["kill_after"] is not None or request["call"] != MJRUN
         code = call(arguments) if alone else crash_monitor.watched(lambda: call(arguments))
     except SystemExit as ending:

@@ -1,7 +1,8 @@
-"""The same command makes the same: twice, by any number of processes, in another folder and another environment."""
+"""The same command gives identical results: twice, with any number of processes, in another folder or environment."""
 
 import hashlib
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -10,41 +11,70 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+import h5py
 import numpy as np
+from imageio_ffmpeg import get_ffmpeg_exe
+from pyarrow import feather, parquet
 
 from mjrun.options.sweep import PARTS
-from tests.scoreboard.command import ROOT, CommandServer, Ended
-from tests.scoreboard.makings import MAKINGS, Making, furnish
-from tests.scoreboard.measure import Measure, Tally
+from tests.scoreboard.command import QUICK_IMPORTS, ROOT, VARIABLES, CommandServer, Ended
+from tests.scoreboard.data import inputs_of
+from tests.scoreboard.measure import Tally, measured
 
-LIMIT = 600.0  # seconds, on a machine that does much else
+LIMIT = 600.0  # [s], on a busy machine
+SCENES = ROOT / "scenes"
 QUICK = ("trace parquet", "contacts", "sweep")
-JOBS = (1, 2, 4)
-PICTURES = (".mp4", ".gif", ".apng", ".mkv", ".webm", ".png")  # of which the decoded frames are promised
-STABLE = (".mkv", ".webm", ".png")  # of which the bytes are promised too, by the same command, which they hold
+IMPORTS = (*QUICK_IMPORTS, "pyarrow.parquet", "scipy.stats", "mjrun.study.study")
+VIDEOS = (".mp4", ".gif", ".apng", ".mkv", ".webm", ".png")  # their decoded frames are promised
+STABLE = (".mkv", ".webm", ".png")  # so are their bytes, by the same command, which they contain
 BYTES = ", the bytes"
-# What says when, where and how long; and how many processes did the work, which changes nothing else.
+# Keys for the time, place and duration, and for the number of processes, which changes nothing else.
 VOLATILE = {"command", "wall", "path", "files", "created", "seconds", "file", "jobs", "output", "films", "document"}
-GERMAN = "de_DE.UTF-8"  # a comma in numbers, wherever a locale decides
+GERMAN = "de_DE.UTF-8"  # has a comma in numbers, wherever a locale decides
 
+INPUTS = inputs_of(__name__)
+MAKINGS: dict[str, str] = INPUTS["MAKINGS"]  # command lines by name
+JOBS = "{jobs}"  # in a command line: the number of processes
 Made = dict[str, str]  # the digest of each file, and of standard output
 
 
-def run(quick: bool) -> Tally:
+def furnish(folder: Path) -> Path:
+    """Makes a folder with all files that the command lines read."""
+    folder.mkdir(parents=True)
+    for path in (path for path in SCENES.iterdir() if path.suffix in (".xml", ".yaml", ".csv")):
+        shutil.copy(path, folder)
+    for name in ("policies", "studies", "cameras"):
+        shutil.copytree(SCENES / name, folder / name)
+    (folder / "model.xml").write_text(INPUTS["MODEL"])
+    (folder / "run.yaml").write_text(INPUTS["RUN"])
+    rows = [f"{0.01 * row:.2f},{0.3 * math.sin(0.1 * row)!r}" for row in range(120)]
+    (folder / "swing.csv").write_text("\n".join(["time,qpos/hinge", *rows, ""]))
+    return folder
+
+
+@measured(
+    "determinism: twice, jobs 1/2/4, other folder, locale, time zone, hash seed, umask",
+    "identical traces, tables, pixels and decoded frames",
+    150,
+)
+def determinism(quick: bool) -> Tally:
     tally = Tally()
-    with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT) as server:
+    with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT, imports=IMPORTS) as server:
         folder = furnish(Path(scratch, "first"))
         other = furnish(Path(scratch, "another folder", "ünd deeper"))
-        environments = _environments(Path(scratch), tally)
-        for making in MAKINGS:
-            if not quick or making.name in QUICK:
-                _try(server, making, folder, other, environments, tally, quick=quick)
+        environments = {} if quick else _environments(Path(scratch), tally)
+        for making in QUICK if quick else MAKINGS:
+            _try(server, making, folder, other, environments, tally, quick=quick)
     return tally
+
+
+def _arguments(making: str, jobs: int = 2) -> list[str]:
+    return MAKINGS[making].replace(JOBS, str(jobs)).split(" ")
 
 
 def _try(
     server: CommandServer,
-    making: Making,
+    making: str,
     folder: Path,
     other: Path,
     environments: Mapping[str, Mapping[str, str]],
@@ -52,33 +82,31 @@ def _try(
     *,
     quick: bool,
 ) -> None:
-    expected = _made(server.run(*making.arguments(), folder=folder), folder)
-    tally.expect(bool(expected), f"{making.name}: it failed, or made nothing")
+    has_jobs = JOBS in MAKINGS[making]
+    expected = _made(server.run(*_arguments(making), folder=folder), folder)
+    tally.expect(bool(expected), f"{making}: it failed, or made nothing")
     if not expected:
         return
 
-    def same(found: Made | None, how: str, *, same_command: bool = True) -> None:
-        found = found or {"its exit code": ""}
-        names = [name for name in sorted({*expected, *found}) if same_command or not name.endswith(BYTES)]
-        differing = [name for name in names if expected.get(name) != found.get(name)]
-        tally.expect(not differing, f"{making.name}, {how}: {', '.join(differing[:5])} differ")
+    def same(made: Made | None, how: str, *, same_command: bool = True) -> None:
+        made = made or {"its exit code": ""}
+        names = [name for name in sorted({*expected, *made}) if same_command or not name.endswith(BYTES)]
+        differing = [name for name in names if expected.get(name) != made.get(name)]
+        tally.expect(not differing, f"{making}, {how}: {', '.join(differing[:5])} differ")
 
-    if not quick or not making.has_jobs:
-        same(_made(server.run(*making.arguments(), folder=folder), folder), "again")
-        same(_made(server.run(*making.arguments(), folder=other), other), "in another folder")
-    for jobs in JOBS if making.has_jobs else ():
+    if not quick or not has_jobs:
+        same(_made(server.run(*_arguments(making), folder=folder), folder), "again")
+        same(_made(server.run(*_arguments(making), folder=other), other), "in another folder")
+    for jobs in (1, 2, 4) if has_jobs else ():
         if jobs != 2 and not (quick and jobs > 1):
-            same(
-                _made(server.run(*making.arguments(jobs), folder=folder), folder),
-                f"{jobs} processes",
-                same_command=False,
-            )
-    for name, environment in {} if quick else environments.items():
+            made = _made(server.run(*_arguments(making, jobs), folder=folder), folder)
+            same(made, f"{jobs} processes", same_command=False)
+    for name, environment in environments.items():
         same(_made(_run_afresh(making, folder, environment), folder), name)
 
 
 def _environments(scratch: Path, tally: Tally) -> dict[str, dict[str, str]]:
-    """Variables that must change nothing, by what they are; `UMASK` stands for that of the process."""
+    """Returns variables that must change nothing, with a description; `UMASK` is the umask of the process."""
     found = {
         "another time zone, hash seed 1, LC_ALL=C, umask 077": {
             "TZ": "Pacific/Apia",
@@ -96,27 +124,27 @@ def _environments(scratch: Path, tally: Tally) -> dict[str, dict[str, str]]:
     if target.exists():
         found["another time zone, hash seed 2, a German locale"] = {**numbers, "LOCPATH": str(scratch)}
     else:
-        tally.left_out.append("a German locale: localedef cannot make it here")
+        tally.leave_out("a German locale: localedef cannot make it here")
     return found
 
 
-def _run_afresh(making: Making, folder: Path, environment: Mapping[str, str]) -> Ended:
-    """Runs a command line in an interpreter of its own, with the locale that the environment says for all of C."""
+def _run_afresh(making: str, folder: Path, environment: Mapping[str, str]) -> Ended:
+    """Runs a command line in a new interpreter, with the locale of the environment for all of C."""
     start = "import locale, sys; locale.setlocale(locale.LC_ALL, ''); from mjrun.cli.main import run; "
     ended = subprocess.run(
-        [sys.executable, "-c", start + "sys.exit(run(sys.argv[1:]))", *making.arguments()],
+        [sys.executable, "-c", start + "sys.exit(run(sys.argv[1:]))", *_arguments(making)],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1", **environment},
+        env={**os.environ, **VARIABLES, **environment},
         umask=int(environment["UMASK"], 8),
         capture_output=True,
         timeout=LIMIT,
         check=False,
     )
-    return Ended(tuple(making.arguments()), ended.returncode, ended.stdout, ended.stderr, 0)
+    return Ended(tuple(_arguments(making)), ended.returncode, ended.stdout, ended.stderr, 0)
 
 
 def _made(ended: Ended, folder: Path) -> Made | None:
-    """What a run has made, which is removed; None if it failed."""
+    """Returns the digests of the outputs of a run, and removes them; None if it failed."""
     made: Made = {}
     if ended.arguments[:1] in (("info",), ("check",), ("schema",)) or b"time," in ended.stdout[:5]:
         made["standard output"] = _digest(ended.stdout.replace(str(folder).encode(), b""))
@@ -126,7 +154,7 @@ def _made(ended: Ended, folder: Path) -> Made | None:
             continue
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
             if file.is_file() and file.parent.name != PARTS:  # points are divided by measured seconds
-                made[str(file.relative_to(folder))] = digest(file)
+                made[str(file.relative_to(folder))] = _file_digest(file)
                 if file.suffix in STABLE:
                     made[f"{file.relative_to(folder)}{BYTES}"] = _digest(file.read_bytes())
         if path.is_dir():
@@ -136,8 +164,8 @@ def _made(ended: Ended, folder: Path) -> Made | None:
     return None if ended.code else made
 
 
-def digest(path: Path) -> str:
-    """Of what a file holds, as far as it is promised: less what says when and where it was made."""
+def _file_digest(path: Path) -> str:
+    """Returns a digest of the promised content of a file: without the time and place of its making."""
     match path.suffix:
         case ".json":
             return _digest(json.dumps(_plain(json.loads(path.read_text())), sort_keys=True).encode())
@@ -148,7 +176,7 @@ def digest(path: Path) -> str:
                 return _digest(*(arrays[name].tobytes() for name in sorted(arrays.files) if arrays[name].ndim))
         case ".h5":
             return _hdf5_digest(path)
-        case suffix if suffix in PICTURES:
+        case suffix if suffix in VIDEOS:
             return _frames_digest(path)
         case _:
             return _digest(path.read_bytes())
@@ -161,16 +189,12 @@ def _plain(value: object) -> object:
 
 
 def _table_digest(path: Path) -> str:
-    from pyarrow import feather, parquet
-
     table = parquet.read_table(path) if path.suffix == ".parquet" else feather.read_table(path)
-    kept = [name for name in table.column_names if name != "wall"]
-    return _digest(repr(kept).encode(), *(repr(table[name].to_pylist()).encode() for name in kept))
+    names = [name for name in table.column_names if name != "wall"]
+    return _digest(repr(names).encode(), *(repr(table[name].to_pylist()).encode() for name in names))
 
 
 def _hdf5_digest(path: Path) -> str:
-    import h5py
-
     parts: list[bytes] = []
     with h5py.File(path) as file:
         file.visititems(
@@ -180,8 +204,6 @@ def _hdf5_digest(path: Path) -> str:
 
 
 def _frames_digest(path: Path) -> str:
-    from imageio_ffmpeg import get_ffmpeg_exe
-
     command = [get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "framemd5", "-"]
     return _digest(subprocess.run(command, capture_output=True, check=True).stdout)
 
@@ -191,11 +213,3 @@ def _digest(*parts: bytes) -> str:
     for part in parts:
         whole.update(part)
     return whole.hexdigest()
-
-
-MEASURE = Measure(
-    "determinism: twice, jobs 1/2/4, other folder, locale, time zone, hash seed, umask",
-    "identical traces, tables, pixels and decoded frames",
-    150,
-    run,
-)

@@ -1,4 +1,4 @@
-"""What a process and its children do to the files of a folder, seen from outside, and faults in it.
+"""Operations of a process and its children on the files of a folder, watched from outside, and faults in them.
 
 The kernel (Linux's seccomp) stops each system call that changes files, and asks the process that watches: Python, C and
 C++ writers and a statically linked encoder are reached alike. The watcher counts the calls of one folder, and makes
@@ -24,13 +24,11 @@ from tests.scoreboard.data import inputs_of
 
 INPUTS = inputs_of(__name__)
 ERRORS = INPUTS["ERRORS"]
-REMOVAL = (
-    "unlink"  # counted, and where a process may be killed; a file that cannot be removed stays, as nobody can help
-)
+REMOVAL = "unlink"  # counted, and a process may be killed there; it never fails, since nothing could be done about it
 
 
 class Call(NamedTuple):
-    """A system call: its number on each machine (-1: there is none), and which arguments name the file.
+    """A system call: its number on each machine (-1 for none), and the arguments that name the file.
 
     `descriptor` is the index of an argument that is an open file; otherwise `path` is that of the path, and `folder`
     that of the descriptor it is relative to, or -1.
@@ -73,7 +71,7 @@ CALLS = (
     Call("unlink", 263, 35, path=1, folder=0),  # unlinkat
     Call("unlink", 84, -1, path=0),  # rmdir
 )
-FLAGS = {2: 1, 257: 2, 56: 2}  # which argument of an opening call has the flags that say whether it is to write
+FLAGS = {2: 1, 257: 2, 56: 2}  # the argument of an opening call with its flags
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 MACHINES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}  # AUDIT_ARCH_* of the kernel
 
@@ -88,12 +86,12 @@ PATH_MAX = 4096
 
 @dataclass(frozen=True)
 class Fault:
-    """What is to happen at one of the operations on a folder.
+    """A fault at one of the operations on a folder.
 
     Attributes:
-      folder: whose files count; what is done elsewhere goes on undisturbed.
-      number: of the operation, from 1 on; 0: none, they are only listed.
-      kind: `once`: it fails; `from then on`: so do all that follow, but removals; `kill`: the process is killed.
+      folder: the folder; operations elsewhere are not disturbed.
+      number: number of the operation, from 1 on; 0 only lists the operations.
+      kind: `once`: it fails; `from then on`: so do all that follow, except removals; `kill`: the process is killed.
     """
 
     folder: str
@@ -102,14 +100,14 @@ class Fault:
 
 
 def watched(channel: socket.socket) -> None:
-    """Lets this process and all its children be watched, by whom the other end of `channel` belongs to.
+    """Lets the process at the other end of `channel` watch this process and all its children.
 
     Raises:
-      OSError: the kernel cannot do it.
+      OSError: the kernel cannot watch a process.
     """
     machine = platform.machine()
     if machine not in MACHINES:
-        raise OSError(errno.ENOSYS, f"not known of {machine}")
+        raise OSError(errno.ENOSYS, f"unknown system calls of {machine}")
     program = _filter(machine)
     code = ctypes.create_string_buffer(program, len(program))
     header = struct.pack("HxxxxxxP", len(program) // 8, ctypes.addressof(code))
@@ -127,7 +125,7 @@ def watched(channel: socket.socket) -> None:
 
 
 def listener(channel: socket.socket) -> int | None:
-    """The descriptor by which to watch the process at the other end of `channel`; None if it cannot be."""
+    """Returns the descriptor that watches the process at the other end of `channel`; None if it cannot be watched."""
     data, descriptors, _, _ = socket.recv_fds(channel, 1, 1)
     return descriptors[0] if data and descriptors else None
 
@@ -137,9 +135,9 @@ class Watcher:
     """Answers the kernel's questions.
 
     Attributes:
-      listener: the descriptor that they come by.
-      process: what `kill` kills.
-      operations: those on the folder, in their order, each with the name of its file.
+      listener: the descriptor of the questions.
+      process: the process that `kill` kills.
+      operations: operations on the folder, in their order, each with the name of its file.
     """
 
     listener: int
@@ -148,7 +146,7 @@ class Watcher:
     operations: list[tuple[str, str]] = field(default_factory=list)
 
     def answer(self, seconds: float) -> None:
-        """Answers for so long, or until nothing is asked any more."""
+        """Answers for `seconds`, or until there are no more questions."""
         poll = select.poll()
         poll.register(self.listener, select.POLLIN)
         while any(event & select.POLLIN for _, event in poll.poll(1000 * seconds)):
@@ -166,11 +164,11 @@ class Watcher:
                 return
 
     def _error(self, thread: int, number: int, arguments: Sequence[int]) -> int:
-        """What the call fails with; 0 to let it happen."""
+        """Returns the error of the call; 0 lets it happen."""
         call = _BY_NUMBER[number]
         try:
             path = _path(thread, call, arguments)
-        except OSError:  # it has died meanwhile, or the path is none
+        except OSError:  # it has died meanwhile, or the path is invalid
             return 0
         fault, folder = self.fault, self.fault.folder
         if not path.startswith(f"{folder}/"):
@@ -192,10 +190,10 @@ class Watcher:
 
 
 def _path(thread: int, call: Call, arguments: Sequence[int]) -> str:
-    """Of the file that a call is about.
+    """Returns the path of the file of a call.
 
     Raises:
-      OSError: it cannot be told.
+      OSError: it cannot be read.
     """
     process = f"/proc/{thread}"
     if call.descriptor >= 0:
@@ -214,7 +212,7 @@ def _path(thread: int, call: Call, arguments: Sequence[int]) -> str:
 
 
 def _filter(machine: str) -> bytes:
-    """The kernel's program: it asks about these calls, where they are no writes to the standard streams."""
+    """Returns the kernel's program, which asks about these calls, except writes to the standard streams."""
     numbers = [number for call in CALLS if (number := getattr(call, machine)) >= 0]
     write = numbers[0]
     program = [
@@ -224,7 +222,7 @@ def _filter(machine: str) -> bytes:
         (LOAD, 0, 0, 0),  # the number of the call
     ]
     for number in numbers:
-        if number in FLAGS:  # whether it opens to write
+        if number in FLAGS:  # asks where it opens to write
             body = [(LOAD, 0, 0, 16 + 8 * FLAGS[number]), (ANY_OF, 0, 1, WRITING), (RETURN, 0, 0, NOTIFY)]
         elif number == write:
             body = [(LOAD, 0, 0, 16), (EQUAL, 2, 0, 1), (EQUAL, 1, 0, 2), (RETURN, 0, 0, NOTIFY)]

@@ -1,4 +1,4 @@
-"""Hostile files, each with the command that meets it and what must come of that."""
+"""Hostile input files, each with the command that reads it and the result that it must have."""
 
 import shutil
 import tempfile
@@ -6,17 +6,24 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.scoreboard.command import CONTROL, CommandServer, Ended
+import numpy as np
+
+from tests.scoreboard.command import CONTROL, CommandServer, Ended, contents
 from tests.scoreboard.data import inputs_of
 from tests.scoreboard.measure import Tally
 
 CANARY = "code_has_run"  # a file that code from a hostile file would make
-SECRET = "DISCLOSED-b7f1"  # stands in a file outside the folder, and must be in no message
+SECRET = "DISCLOSED-b7f1"  # the content of a file outside the folder; it must be in no message
 BETWEEN = "between.txt"  # the name of that file
 
-# What most of the commands import as they run.
 INPUTS = inputs_of(__name__)
-IMPORTS = INPUTS["IMPORTS"]
+IMPORTS = INPUTS["IMPORTS"]  # modules that most of the commands import as they run
+MODEL, TASK, TAGS, WRONG = INPUTS["MODEL"], INPUTS["TASK"], INPUTS["TAGS"], INPUTS["WRONG"]
+LAUGHS = "a0: &a0 [lol, lol, lol, lol, lol, lol, lol, lol, lol]\n" + "".join(
+    f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
+)
+TIME = np.arange(20) * 0.01
+CSV = "time,qpos/hinge,ctrl/motor\n" + "".join(f"{t},{np.sin(t)},{np.cos(t)}\n" for t in TIME)
 
 Content = bytes | str | Callable[[Path], object]
 
@@ -26,14 +33,14 @@ class Form:
     """One hostile form.
 
     Attributes:
-      name: in a few words, for the list of failures.
-      arguments: of mjrun.
-      codes: the exit code that is expected; several where more than one is right.
-      files: what is written before, by path: content, or a function that makes it there.
-      says: words that the message must have.
+      name: a few words for the list of failures.
+      arguments: the command line after `mjrun`.
+      codes: the exit codes that are right.
+      files: the files to write first, by path: content, or a function that writes it there.
+      says: words that the message must contain.
       changes: paths, or folders, whose files a run may change.
       limit: seconds that it may take on a busy machine.
-      quick: whether it belongs to the part that the tests run.
+      quick: true for the part that the tests run.
     """
 
     name: str
@@ -59,21 +66,18 @@ def write(folder: Path, files: Mapping[str, Content]) -> None:
             path.write_bytes(content)
 
 
-def contents(folder: Path) -> dict[str, bytes]:
-    """The files in a folder, by path."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+def changed(good: str, change: str | tuple[str, str]) -> str:
+    """Returns a text that a valid one becomes: `change` with `{good}` filled in, or one text replaced by another."""
+    return change.replace("{good}", good) if isinstance(change, str) else good.replace(*change)
 
 
 def faults(form: Form, ended: Ended, before: Mapping[str, bytes], after: Mapping[str, bytes]) -> list[str]:
-    """What is wrong with how a run ended."""
-    found = [each for each in ended.faults if not (ended.code in form.codes and each.startswith("exit code"))]
-    if ended.code is not None and ended.code not in form.codes:
-        found.append(f"expected code {' or '.join(map(str, form.codes))}")
+    """Returns the faults of a run."""
+    found = ended.faults if ended.code is None else ended.faults_unless(form.codes)
     found += [f"does not say {word!r}" for word in form.says if word not in ended.message]
-    output = ended.stdout.decode("utf-8", "replace") + ended.message
     if CONTROL.search(ended.stdout.decode("utf-8", "replace")):
         found.append("control bytes on standard output")
-    if SECRET in output:
+    if SECRET in ended.output:
         found.append("shows what another file holds")
     if CANARY in after:
         found.append("has run code of the file")
@@ -85,7 +89,7 @@ def faults(form: Form, ended: Ended, before: Mapping[str, bytes], after: Mapping
 
 
 def try_forms(forms: Iterable[Form], base: Mapping[str, Content], tally: Tally, memory: int = 6144) -> None:
-    """Runs each form in a folder of its own, with the files of `base` in it, and counts it."""
+    """Runs each form in a new folder with the files of `base`, and counts it."""
     with tempfile.TemporaryDirectory() as top, CommandServer(memory=memory, imports=IMPORTS) as server:
         Path(top, BETWEEN).write_text(f"{SECRET}\n")
         template = Path(top, "template")

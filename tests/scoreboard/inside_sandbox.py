@@ -1,4 +1,4 @@
-"""Code that runs inside `--untrusted`, as that of an exploited parser: nothing outside changes, is read or reached."""
+"""Code of an exploited parser inside `--untrusted`: nothing outside is changed, read or reached."""
 
 import ctypes
 import fcntl
@@ -24,14 +24,14 @@ from tests.scoreboard import attacks
 from tests.scoreboard.attacks import CHILD, LANDLOCK, LISTEN, LOADER, MAIN, OPERATIONS, SECRET, SIGNALS, Target
 from tests.scoreboard.command import CONTROL, CommandServer, Ended
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.measure import Measure, Tally
+from tests.scoreboard.measure import Tally, measured
 from tests.scoreboard.outside_files import LIMIT, MODEL, TASK
 
 ATTACKED = "tests.scoreboard.attacks:attacked"
 TRACE = ("trace", "model.xml", "--steps", "2", "-o", "../out/t.csv")
 INPUTS = inputs_of(__name__)
 SWEEP = INPUTS["SWEEP"]
-# Where the code runs: the place in the process, and the command.
+# Kinds of processes in which the code runs: the place, and the command.
 PLACES: dict[str, tuple[str, tuple[str, ...]]] = {
     "the process": (MAIN, TRACE),
     "the thread that loads": (LOADER, TRACE),
@@ -51,11 +51,14 @@ QUICK = (MAIN, LOADER)
 
 @dataclass
 class World:
-    """What is outside, for as long as a run lasts.
+    """The files, processes, servers and terminal outside, during a run.
 
     Attributes:
-      targets: by operation.
-      watched: folders in which nothing may change.
+      folder: the folder of all files.
+      targets: the target of each operation.
+      victims: the process of each operation that must not be reached.
+      servers: sockets that must not be reached.
+      terminal: the terminal that is standard input.
     """
 
     folder: Path
@@ -65,7 +68,7 @@ class World:
     terminal: int
 
     def state(self, name: str) -> object:
-        """All that an operation could change outside."""
+        """Returns the state of everything that an operation could change outside."""
         at, victim = self.targets[name], self.victims[name]
         files = [
             _described(path) for top in (at.folder, at.beside) for path in (Path(top), *sorted(Path(top).rglob("*")))
@@ -80,12 +83,12 @@ class World:
 
     @property
     def typed(self) -> int:
-        """Bytes that wait in the terminal to be read."""
+        """Number of bytes that wait in the terminal."""
         return struct.unpack("i", fcntl.ioctl(self.terminal, termios.FIONREAD, bytes(4)))[0]
 
     @property
     def reached(self) -> list[str]:
-        """The servers that something came to."""
+        """The servers that received something."""
         names = []
         for server in self.servers:
             with suppress(BlockingIOError):
@@ -116,7 +119,7 @@ def _described(path: Path) -> object:
 
 
 def _flags(path: Path) -> bytes:
-    """The flags of a file (FS_IOC_GETFLAGS), where its file system has them."""
+    """Returns the flags of a file (FS_IOC_GETFLAGS), where its file system supports them."""
     if not path.is_file():
         return b""
     with path.open("rb") as file, suppress(OSError):
@@ -126,7 +129,7 @@ def _flags(path: Path) -> bytes:
 
 @contextmanager
 def world(names: list[str]) -> Iterator[World]:
-    """A model's folder, and what is outside of it, in a new temporary folder."""
+    """Makes a model's folder, and the world outside it, in a new temporary folder."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         memory = Path(stack.enter_context(tempfile.TemporaryDirectory(dir="/dev/shm")))
@@ -186,10 +189,16 @@ def _end(victim: "subprocess.Popen[bytes]") -> None:
     victim.wait()
 
 
-def measure(quick: bool) -> Tally:
+@measured(
+    "code that runs inside --untrusted",
+    "0 files, processes, sockets or terminals outside read, changed or reached, nothing left running; by an exploited "
+    "parser in each kind of process, and by the filter of system calls alone",
+    400,
+)
+def inside_sandbox(quick: bool) -> Tally:
     tally = Tally()
     if sys.platform != "linux" or not seccomp.is_known():
-        tally.left_out.append("all of it: there is no filter of system calls for this machine")
+        tally.leave_out("all of it: there is no filter of system calls for this machine")
         return tally
     known = [name for name, each in OPERATIONS.items() if landlock.version() >= (6 if each.by == SIGNALS else 1)]
     by_filter = [name for name, each in OPERATIONS.items() if each.by not in (LANDLOCK, SIGNALS)]
@@ -206,8 +215,7 @@ def measure(quick: bool) -> Tally:
                 if not quick or lie == "folders":
                     _try_lie(tally, server, lie)
         if not quick or not landlock.version():
-            prefix = (sys.executable, "-m", "tests.scoreboard.without_landlock")
-            without = stack.enter_context(CommandServer(LIMIT, prefix=prefix))
+            without = stack.enter_context(CommandServer(LIMIT, without_landlock=True))
             _try_confined(tally, without, "the process, without Landlock", MAIN, TRACE, by_filter)
     return tally
 
@@ -215,7 +223,7 @@ def measure(quick: bool) -> Tally:
 def _run(
     server: CommandServer, made: World, place: str, command: tuple[str, ...], *, untrusted: bool = True, lie: str = ""
 ) -> tuple[Ended, dict[str, list[dict[str, object]]]]:
-    """A run, and what its attackers have written of each operation, one or, in several processes, more."""
+    """Runs a command; returns the run, and the results of each operation, one from each attacked process."""
     results = made.folder / "out/attempts"
     targets = {name: asdict(target) for name, target in made.targets.items()}
     environment = {
@@ -237,7 +245,7 @@ def _run(
 
 
 def _try_free(tally: Tally, server: CommandServer) -> None:
-    """Without `--untrusted` each operation does its harm, or its being refused shows nothing."""
+    """Tries each operation without `--untrusted`: it must do harm, or its refusal shows nothing."""
     names = [name for name, each in OPERATIONS.items() if each.free]
     with world(names) as made:
         before = {name: made.state(name) for name in names}
@@ -249,7 +257,7 @@ def _try_free(tally: Tally, server: CommandServer) -> None:
                 works = made.typed > 0
             if not works:
                 why = attempt[0].get("refused", "nothing changes") if attempt else "it did not run"
-                tally.left_out.append(f"{name}, to see that it works without --untrusted: {why}")
+                tally.leave_out(f"{name}, to see that it works without --untrusted: {why}")
         tally.expect(len(attempts) > len(names), f"without --untrusted: {len(attempts)} operations were tried: {run}")
         for daemon in attempts.get("a daemon", []):
             os.kill(int(str(daemon["pid"])), signal.SIGKILL)
@@ -278,21 +286,12 @@ def _try_confined(
 
 
 def _try_lie(tally: Tally, server: CommandServer, lie: str) -> None:
-    """What stands on the board when the process dies leads to no harm."""
+    """Tries false entries on the status board of a process that dies: they must do no harm."""
     name = "kill a process"
     with world([name]) as made:
         before = made.state(name)
         run, _ = _run(server, made, MAIN, TRACE, lie=lie)
         tally.expect(made.state(name) == before, f"a lie, {lie}: something has changed: {run}")
-        said = run.code in (5, 70) and "crashed" in run.message and not CONTROL.search(run.message)
-        tally.expect(said, f"a lie, {lie}: {run}")
+        reported = run.code in (5, 70) and "crashed" in run.message and not CONTROL.search(run.message)
+        tally.expect(reported, f"a lie, {lie}: {run}")
         shutil.rmtree(made.folder / "out", ignore_errors=True)
-
-
-MEASURE = Measure(
-    "code that runs inside --untrusted",
-    "0 files, processes, sockets or terminals outside read, changed or reached, nothing left running; by an exploited "
-    "parser in each kind of process, and by the filter of system calls alone",
-    400,
-    measure,
-)

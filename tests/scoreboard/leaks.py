@@ -1,44 +1,60 @@
-"""Many runs in a row, in one process and in many, leave nothing behind: no descriptor, process, thread, file or memory.
+"""Memory that grows with the work, and resources that many runs in a row leave behind.
 
-The runs fail too, in every way that is told by an exit code: what fails is cleared away as well.
+The runs fail too, with every exit code, since a failed run must release its resources as well.
 """
 
 import ctypes
 import json
 import os
+import subprocess
+import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from tests.scoreboard.command import CommandServer
+from tests.scoreboard.command import ROOT, CommandServer
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.makings import furnish
-from tests.scoreboard.measure import Measure, Tally
+from tests.scoreboard.determinism import furnish
+from tests.scoreboard.measure import Tally, measured
 
 RUNS, QUICK_RUNS = 200, 12
-LIMIT = 3600.0  # seconds, for all runs in a row on a machine that does much else
-GRACE = 5.0  # seconds in which what a run has started has to be gone
-SUBREAPER = 36  # of prctl: orphans come to us
+LIMIT = 3600.0  # [s] for all runs in a row on a busy machine
+GRACE = 5.0  # [s] after which all processes of a run must be gone
+SUBREAPER = 36  # of prctl: makes orphans children of this process
 SHARED = Path("/dev/shm")
+PAUSE = 0.05  # [s] between two samples of memory
+MOST = 10 * 2**20  # bytes of growth
+MOST_MODELS = 64 * 2**20  # the same where each unit has a model: the memory that malloc keeps varies by a third of it
 
-DRAWN = "--size 64x48 --camera side --quality draft"
-# Command lines and the exit codes that they must have, by turns; those that draw or start processes come last.
 INPUTS = inputs_of(__name__)
+# Command lines and the exit codes that they must have; heavy ones render or start processes.
 LINES: tuple[tuple[str, int], ...] = INPUTS["LINES"]
 HEAVY: tuple[tuple[str, int], ...] = INPUTS["HEAVY"]
-WILD = INPUTS["WILD"]
+MODEL = INPUTS["GROWING_MODEL"]
+DRIVEN = MODEL.replace("</worldbody>", '</worldbody><actuator><motor name="motor" joint="up"/></actuator>')
+# A small process starts the command, because the peak of a process includes that of the one it was before exec.
+START = (
+    "import resource, subprocess, sys; code = subprocess.call(sys.argv[2:]); "
+    "open(sys.argv[1], 'w').write(str(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)); sys.exit(code)"
+)
 
 
-def run(quick: bool) -> Tally:
+@measured(
+    "200 runs in a row, in one process and in many",
+    "no leaked descriptors, threads, processes, temporary files, shared memory; no `MUJOCO_LOG.TXT`",
+    400,
+)
+def leaks(quick: bool) -> Tally:
     tally = Tally()
     with tempfile.TemporaryDirectory() as scratch, CommandServer(LIMIT) as server:
         for how in ("one process",) if quick else ("one process", "many processes"):
             folder, temporary = furnish(Path(scratch, how)), Path(scratch, f"{how} temporary")
             temporary.mkdir()
-            (folder / "wild.xml").write_text(WILD)
+            (folder / "wild.xml").write_text(INPUTS["WILD"])
             (folder / "broken.xml").write_text("<mujoco><worldbody>")
             count = QUICK_RUNS if quick else RUNS
             call = "tests.scoreboard.leaks:" + how.replace(" ", "_")
@@ -50,20 +66,20 @@ def run(quick: bool) -> Tally:
             )
             report = folder / "report.json"
             tally.expect(ended.code == 0 and report.exists(), f"{how}: {ended}")
-            for line, leaks in json.loads(report.read_text()) if report.exists() else ():
-                tally.expect(not leaks, f"{how}: {line}: {leaks}")
+            for line, leaked in json.loads(report.read_text()) if report.exists() else ():
+                tally.expect(not leaked, f"{how}: {line}: {leaked}")
     return tally
 
 
 def one_process(arguments: Sequence[str]) -> int:
-    """Runs the lines by turns in this process; the first time of each is a warm-up."""
+    """Runs the lines in turn in this process; the first run of each is a warm-up."""
     from mjrun.cli.main import run as run_mjrun
 
     return _in_a_row(arguments, run_mjrun, warms_up=True)
 
 
 def many_processes(arguments: Sequence[str]) -> int:
-    """Runs the lines by turns, each in a process of its own."""
+    """Runs the lines in turn, each in a separate process."""
     from mjrun.cli.main import run as run_mjrun
 
     def run_in_child(line: Sequence[str]) -> int:
@@ -92,23 +108,23 @@ def _in_a_row(arguments: Sequence[str], run_line: Callable[[Sequence[str]], int]
     for index in range(count):
         line, expected = lines[index % len(lines)]
         code = run_line(line.split(" "))
-        leaks = [] if code == expected else [f"exit code {code}, not {expected}"]
-        leaks += _leaks(before)
+        leaked = [] if code == expected else [f"exit code {code}, not {expected}"]
+        leaked += _leaks(before)
         new = _names(".") - known
-        if index >= len(lines):  # what each line makes is there by now
-            leaks += [f"file {name}" for name in sorted(new)]
+        if index >= len(lines):  # all lines have written their files by now
+            leaked += [f"file {name}" for name in sorted(new)]
         known |= new
         before = _state()
-        results.append((line, ", ".join(leaks)))
+        results.append((line, ", ".join(leaked)))
     Path(report).write_text(json.dumps(results))
     return 0
 
 
 def _state() -> dict[str, set[str]]:
-    """What this process, and the machine for it, holds."""
+    """Returns the resources that this process, and the machine for it, holds."""
     return {
         "descriptors": {str(number) for number in range(len(_names("/proc/self/fd")))},
-        "threads": {str(number) for number in range(threading.active_count())},  # libraries keep pools of their own
+        "threads": {str(number) for number in range(threading.active_count())},  # libraries have their own pools
         "processes": _children(),
         "temporary files": _names(tempfile.gettempdir()),
         "shared memory": _ownerless(),
@@ -121,7 +137,7 @@ def _names(folder: str | Path) -> set[str]:
 
 
 def _leaks(before: dict[str, set[str]]) -> list[str]:
-    """What there is more than before, and stays: others, whose memory is shared too, come and go."""
+    """Returns the resources that are new and stay; shared memory of other programs comes and goes."""
     deadline = time.monotonic() + GRACE
     more = {kind: now - before[kind] for kind, now in _state().items()}
     while any(more.values()) and time.monotonic() < deadline:
@@ -131,7 +147,7 @@ def _leaks(before: dict[str, set[str]]) -> list[str]:
 
 
 def _children() -> set[str]:
-    """The processes that have not ended, orphans of others among them; those that have are reaped."""
+    """Returns the processes that have not ended, including orphans; zombies do not count."""
     found = set[str]()
     for task in _names("/proc/self/task"):
         with suppress(OSError):
@@ -145,7 +161,7 @@ def _children() -> set[str]:
 
 
 def _ownerless() -> set[str]:
-    """What lies in shared memory and no process has mapped."""
+    """Returns the names in shared memory that no process has mapped."""
     if not SHARED.is_dir() or not (names := _names(SHARED)):
         return set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
@@ -155,9 +171,106 @@ def _ownerless() -> set[str]:
     return names
 
 
-MEASURE = Measure(
-    "200 runs in a row, in one process and in many",
-    "no leaked descriptors, threads, processes, temporary files, shared memory; no `MUJOCO_LOG.TXT`",
-    400,
-    run,
+@dataclass(frozen=True)
+class Growing:
+    """A command line whose work grows.
+
+    Attributes:
+      what: the unit of work.
+      line: the command line after `mjrun`; `{n}` is the number of units, `{seconds}` as many thousandths of a second.
+      warm: number of units after the warm-up, when buffers are full.
+      whole: number of units in all.
+    """
+
+    what: str
+    line: str
+    warm: int
+    whole: int
+
+    @property
+    def most(self) -> int:
+        """Bytes of growth that are allowed."""
+        return MOST_MODELS if self.what.startswith("models") else MOST
+
+    def arguments(self, count: int) -> list[str]:
+        """Returns the arguments after `mjrun` for a number of units."""
+        seconds = f"{count // 1000}.{count % 1000:03}"
+        return self.line.replace("{n}", str(count)).replace("{seconds}", seconds).split(" ")
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The memory of a command line.
+
+    Attributes:
+      largest: peak of the largest of its processes [bytes], by the kernel's count.
+      together: largest sum of their private memory that was seen [bytes].
+    """
+
+    largest: int
+    together: int
+
+
+@measured(
+    "memory: 10,000 frames, 1,000,000 rows, 10,000 points and episodes",
+    "≤ 10 MiB more after the warm-up, ≤ 64 MiB where each point or episode has a model",
+    60,
 )
+def memory(quick: bool) -> Tally:
+    tally = Tally()
+    for case in (Growing(*each) for each in INPUTS["QUICK" if quick else "CASES"]):
+        peaks: list[Peak] = []
+        for count in (case.warm, case.whole):
+            with tempfile.TemporaryDirectory() as folder:
+                code, peak = _peak(case.arguments(count), Path(folder))
+            tally.expect(code == 0, f"{case.line}: {count:,} {case.what}: exit code {code}")
+            peaks.append(peak)
+        for name in ("largest", "together"):
+            first, last = (getattr(peak, name) for peak in peaks)
+            sizes = f"{first / 2**20:.1f} MiB for {case.warm:,}, {last / 2**20:.1f} MiB for {case.whole:,} {case.what}"
+            tally.expect(last - first <= case.most, f"{case.line}: {sizes} ({name})")
+    return tally
+
+
+def _peak(arguments: list[str], folder: Path) -> tuple[int, Peak]:
+    """Returns the exit code of a command line, and its memory."""
+    (folder / "model.xml").write_text(DRIVEN)
+    (folder / "task.yaml").write_text(INPUTS["TASK"])
+    (folder / "large.xml").write_text(INPUTS["LARGE"])
+    (folder / "varied.yaml").write_text(INPUTS["VARIED"])
+    largest = folder / "largest"
+    process = subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", START, str(largest), sys.executable, "-m", "mjrun", *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    together, deadline = 0, time.monotonic() + LIMIT
+    while process.poll() is None:
+        together = max(together, sum(map(_private, _descendants(process.pid))))
+        if time.monotonic() > deadline:
+            os.killpg(process.pid, 9)
+        time.sleep(PAUSE)
+    return process.returncode, Peak(1024 * int(largest.read_text() or 0) if largest.exists() else 0, together)
+
+
+def _descendants(pid: int) -> list[int]:
+    """Returns the process and all that it has started."""
+    found = [pid]
+    for each in found:
+        with suppress(OSError):
+            for tasks in Path(f"/proc/{each}/task").iterdir():
+                found += map(int, (tasks / "children").read_text().split())
+    return found
+
+
+def _private(pid: int) -> int:
+    """Returns the anonymous memory of a process [bytes], its share where it is shared; 0 if it has ended."""
+    with suppress(OSError):
+        for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss_Anon:"):
+                return 1024 * int(line.split()[1])
+    return 0

@@ -1,12 +1,13 @@
-"""Mutations by seed: of MJCF as a tree, of documents as a tree and as a text, of tables as bytes, and expressions.
+"""Mutations by seed: of MJCF as a tree, of documents as a tree and as a text, of tables as bytes, and of expressions.
 
-The same seed gives the same case, wherever and whenever.
+The same seed always gives the same case.
 """
 
 import random
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -14,71 +15,12 @@ from tests.scoreboard.data import inputs_of
 
 Tree = dict[object, object] | list[object] | str | float | bool | None
 
-NUMBERS = ("0", "1", "-1", "nan", "inf", "1e308", "-1e-320", "1e999", "2147483648", "-0", ".5", "1e-3", "007", "1 ", "")
 INPUTS = inputs_of(__name__)
-WORDS = INPUTS["WORDS"]
-VALUES: tuple[object, ...] = (
-    None,
-    True,
-    False,
-    0,
-    -1,
-    1,
-    0.5,
-    1e308,
-    float("nan"),
-    float("inf"),
-    2**70,
-    "",
-    "x",
-    "nan",
-    "1e-3",
-    "0x10",
-    "1:30",
-    "1.5.2",
-    [],
-    {},
-    [[]],
-    [None],
-    {"": None},
-    {"x": {"x": {"x": 1}}},
-    [1, 2, 3, 4, 5],
-    ["x", 1, None],
-    "x" * 3000,
-    "../../x",
-    "/dev/null",
-    "uniform(0, 1)",
-    "normal(0)",
-    "log:1..2",
-    "1..",
-    "..",
-    "{x}",
-    "${x}",
-    "*",
-    "qpos[*]",
-    "a=b",
-    "true",
-    "~",
-    "2020-01-01",
-    "\x1b[2J",
-    "\u202e",
-    "-",
-    "=",
-    "@",
-    "640x",
-    "0x0",
-    "99999x99999",
-    "free:distance=nan",
-    "1/0",
-    "30000/0",
-)
-COLUMNS = INPUTS["COLUMNS"]
-FUNCTIONS = INPUTS["FUNCTIONS"]
-TOKENS = INPUTS["TOKENS"]
+NUMBERS, WORDS, TOKENS = INPUTS["NUMBERS"], INPUTS["WORDS"], INPUTS["TOKENS"]
 
 
 def mjcf(seed: int, sources: Sequence[str]) -> str:
-    """A model with one to four things about it changed.
+    """Returns a model with one to four changes.
 
     Args:
       sources: models to choose from.
@@ -91,7 +33,7 @@ def mjcf(seed: int, sources: Sequence[str]) -> str:
 
 
 def document(seed: int, sources: Sequence[str]) -> str:
-    """A YAML document with one to three things about it changed."""
+    """Returns a YAML document with one to three changes."""
     draw = random.Random(f"document {seed}")
     tree: Tree = yaml.safe_load(draw.choice(sources))
     for _ in range(draw.randint(1, 3)):
@@ -101,7 +43,7 @@ def document(seed: int, sources: Sequence[str]) -> str:
 
 
 def data(seed: int, sources: Sequence[bytes]) -> bytes:
-    """A file with some of its bytes changed, cut out, put in or doubled."""
+    """Returns a file with some of its bytes changed, removed, inserted or doubled."""
     draw = random.Random(f"data {seed}")
     content = bytearray(draw.choice(sources))
     for _ in range(draw.randint(1, 6)):
@@ -127,7 +69,7 @@ def data(seed: int, sources: Sequence[bytes]) -> bytes:
 
 
 def expression(seed: int) -> str:
-    """An expression, most of the time nearly right."""
+    """Returns an expression that is usually almost right."""
     draw = random.Random(f"expression {seed}")
     text = _term(draw, draw.randint(1, 5))
     for _ in range(draw.choice((0, 0, 1, 2, 4))):
@@ -145,15 +87,15 @@ def expression(seed: int) -> str:
 
 
 def _term(draw: random.Random, depth: int) -> str:
-    """A random expression, nested so deep at most."""
+    """Returns a random expression of at most this depth."""
     if depth <= 0:
-        return draw.choice((*COLUMNS, *NUMBERS[:8]))
+        return draw.choice((*INPUTS["COLUMNS"], *NUMBERS[:8]))
     match draw.randrange(6):
         case 0:
             return f"{_term(draw, depth - 1)} {draw.choice(TOKENS[:14])} {_term(draw, depth - 2)}"
         case 1 | 2:
             arguments = ", ".join(_term(draw, depth - 1 - i) for i in range(draw.choice((1, 1, 1, 2, 3, 0))))
-            return f"{draw.choice(FUNCTIONS)}({arguments})"
+            return f"{draw.choice(INPUTS['FUNCTIONS'])}({arguments})"
         case 3:
             return f"({_term(draw, depth - 1)})"
         case 4:
@@ -166,7 +108,7 @@ def _term(draw: random.Random, depth: int) -> str:
 
 
 def _elements(root: ET.Element) -> list[tuple[ET.Element, ET.Element]]:
-    """All elements but the root, each with its parent."""
+    """Returns all elements except the root, each with its parent."""
     return [(parent, child) for parent in root.iter() for child in parent]
 
 
@@ -212,7 +154,7 @@ def _attributes(root: ET.Element) -> list[tuple[ET.Element, str]]:
 
 
 def _change(draw: random.Random, root: ET.Element) -> None:
-    """Another value of the same kind, or of another."""
+    """Replaces a value by one of the same kind, or of another."""
     for element, name in draw.sample(all_of := _attributes(root), min(1, len(all_of))):
         parts = element.attrib[name].split()
         if parts and all(_is_number(part) for part in parts):
@@ -248,9 +190,8 @@ def _copy_attribute(draw: random.Random, root: ET.Element) -> None:
 
 
 def _set_option(draw: random.Random, root: ET.Element) -> None:
-    names = ("timestep", "integrator", "cone", "solver", "iterations", "gravity", "jacobian", "impratio", "density")
     values = (*NUMBERS, "RK4", "implicit", "elliptic", "CG", "PGS", "sparse", "0 0 -9", "discrete")
-    ET.SubElement(root, "option", {draw.choice(names): draw.choice(values)})
+    ET.SubElement(root, "option", {draw.choice(INPUTS["OPTIONS"]): draw.choice(values)})
 
 
 def _add_keyframe(draw: random.Random, root: ET.Element) -> None:
@@ -285,7 +226,7 @@ _MJCF_MUTATIONS: tuple[Callable[[random.Random, ET.Element], None], ...] = (
 
 
 def _places(tree: Tree) -> Iterator[tuple[dict[object, object] | list[object], object]]:
-    """Every place in a tree: its container, and its key or index."""
+    """Yields every place in a tree: its container, and its key or index."""
     if isinstance(tree, dict):
         items: Sequence[tuple[object, object]] = list(tree.items())
     elif isinstance(tree, list):
@@ -297,11 +238,22 @@ def _places(tree: Tree) -> Iterator[tuple[dict[object, object] | list[object], o
         yield from _places(value)  # type: ignore[arg-type]
 
 
+def _value(draw: random.Random) -> Tree:
+    """Draws a value, in new lists and mappings."""
+    return _thawed(draw.choice(INPUTS["VALUES"]))
+
+
+def _thawed(value: Any) -> Tree:
+    if isinstance(value, dict):
+        return {key: _thawed(each) for key, each in value.items()}
+    return [_thawed(each) for each in value] if isinstance(value, tuple) else value
+
+
 def _changed(draw: random.Random, tree: Tree) -> Tree:
-    """The tree with one thing changed."""
+    """Returns the tree with one change."""
     places = list(_places(tree))
     if not places or draw.random() < 0.02:
-        return draw.choice(VALUES)  # type: ignore[return-value]
+        return _value(draw)
     container, key = draw.choice(places)
     other_container, other = draw.choice(places)
     elsewhere = other_container[other]  # type: ignore[index]
@@ -311,7 +263,7 @@ def _changed(draw: random.Random, tree: Tree) -> Tree:
         case 0:
             del container[key]  # type: ignore[arg-type]
         case 1 | 2 | 3:
-            container[key] = draw.choice(VALUES)  # type: ignore[index]
+            container[key] = _value(draw)  # type: ignore[index]
         case 4:
             container[key] = elsewhere  # type: ignore[index]
         case 5 if isinstance(container, dict):
@@ -324,48 +276,13 @@ def _changed(draw: random.Random, tree: Tree) -> Tree:
 
 
 def _text_changed(draw: random.Random, text: str) -> str:
-    """The text with something put in that YAML itself is particular about."""
-    parts = (
-        "\t",
-        ": ",
-        "- ",
-        "&a ",
-        "*a ",
-        "!!python/object:os.system ",
-        "!x ",
-        "---\n",
-        "...\n",
-        "|\n",
-        ">-\n",
-        "? ",
-        "{",
-        "[",
-        "}",
-        "]",
-    )
-    parts += (
-        "'",
-        '"',
-        "#",
-        "%YAML 9.9\n",
-        "\0",
-        "\x85",
-        "\u2028",
-        "\ufeff",
-        "<<: *a\n",
-        "model: x\n",
-        "\n",
-        "=",
-        "@",
-        "`",
-        "\x1b",
-    )
+    """Returns the text with inserted parts that have a meaning in YAML."""
     for _ in range(draw.randint(1, 3)):
         at = draw.randrange(len(text) + 1)
-        text = text[:at] + draw.choice(parts) + text[at:]
+        text = text[:at] + draw.choice(INPUTS["YAML_PARTS"]) + text[at:]
     return text
 
 
 def texts(paths: Sequence[Path]) -> list[str]:
-    """The contents of files."""
+    """Returns the contents of files."""
     return [path.read_text() for path in paths]

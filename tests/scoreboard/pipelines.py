@@ -1,4 +1,4 @@
-"""Pipelines, nasty file names and the locale C: mjrun is quiet and right in all of them."""
+"""Pipelines, difficult file names and locales: mjrun is quiet and right in all of them."""
 
 import os
 import re
@@ -9,84 +9,21 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.scoreboard.command import CONTROL, ROOT, CommandServer, Ended
+from tests.scoreboard.command import CONTROL, QUICK_IMPORTS, VARIABLES, CommandServer, Ended
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.measure import Measure, Tally
+from tests.scoreboard.measure import Tally, measured
 
 LIMIT = 120.0  # [s]
-CLOSED = 141  # of a command whose reader has gone
-DIFFERENT = 1  # of `mjrun diff`
-SCENE = """<mujoco><statistic extent="2"/><worldbody><light pos="0 0 3"/><geom type="plane" size="3 3 .1"/>
-<body name="Pöl 棒" pos="0 0 1"><joint name="Gelenk-é" axis="0 1 0"/>
-<geom type="capsule" size="0.05" fromto="0 0 0 0.5 0 0"/></body></worldbody></mujoco>"""
-SMALL = "--size 64x64 --duration 0.1"
-
-# Lines of bash, and what of standard output must be right: the number of its lines, or the bytes that it begins with.
-# All are run with `set -o pipefail`, may end with 0 or 141, and say nothing on standard error.
-SHORTENED: dict[str, int | bytes] = {
-    "mjrun trace scene.xml --duration 20 --csv | head -n 3": 3,
-    "mjrun trace scene.xml --duration 20 --csv | head -n 1": 1,
-    "mjrun trace scene.xml --duration 20 --format jsonl | head -n 2": 2,
-    "mjrun trace scene.xml --duration 20 --csv | head -c 4": b"time",
-    "mjrun image scene.xml -q --size 64x64 -o - | head -c 4": b"\x89PNG",
-    f"mjrun video scene.xml -q {SMALL} --duration 5 -o - | head -c 8 | tail -c 4": b"ftyp",
-    f"mjrun video scene.xml -q {SMALL} --format rgb -o - | head -c 3 | wc -c": b"3",
-    "mjrun plot table.csv -q -o - | head -c 4": b"\x89PNG",
-    "mjrun info scene.xml | head -n 1": 1,
-    "mjrun info scene.xml --json | head -n 1": b"{",
-    "mjrun check scene.xml --json | head -n 1": b"{",
-    "mjrun diff table.csv table.csv --json | head -n 1": b"{",
-    "mjrun diff table.csv other.csv | head -n 1": 1,
-    "mjrun bench scene.xml --budget 0.2 -q --json | head -n 1": b"{",
-    "mjrun schema run | head -n 1": b"{",
-    "mjrun doctor | head -n 1": 1,
-    "mjrun --help | head -n 1": 1,
-    "mjrun video --help | head -n 2": 2,
-    "mjrun sweep scene.xml -q --duration 0.1 --vary opt.timestep=0.001,0.002 --metric 'a=max(time)' -o study --csv"
-    " | head -n 1": 1,
-}
-# The same, but to the end: these must end with 0, and print these very bytes if there are any.
-WHOLE: dict[str, bytes | None] = {
-    "mjrun trace scene.xml --duration 0.1 --csv | mjrun diff table.csv -": None,
-    "mjrun trace scene.xml --duration 0.1 --csv | tail -n +2 | wc -l": b"51\n",
-    "mjrun trace scene.xml --duration 0.1 --csv | mjrun plot - -q -o plot.png && head -c 4 plot.png": b"\x89PNG",
-    "mjrun trace scene.xml --duration 0.1 --csv | tee copy.csv | cmp - table.csv": b"",
-    "cat scene.xml | mjrun trace - --duration 0.1 --csv | cmp - table.csv": b"",
-    "mjrun info - --json < scene.xml | python -c 'import json, sys; print(len(json.load(sys.stdin)))' | wc -l": b"1\n",
-    "mjrun video scene.xml -q --size 64x64 --duration 0.1 --fps 20 --format rgb -o - | wc -c": b"24576\n",
-    "mjrun image scene.xml -q --size 64x64 -o - > picture.png && mjrun diff picture.png picture.png": None,
-    "printf '%s\\0' scene.xml | xargs -0 mjrun check -q": b"",
-    "for i in 1 2; do mjrun trace scene.xml --duration 0.1 --csv; done | wc -l": b"104\n",
-    "mjrun trace scene.xml --duration 0.1 --csv 2>/dev/null | cmp - table.csv": b"",
-    "mjrun trace scene.xml --duration 0.1 --csv < /dev/null | cmp - table.csv": b"",
-    "mjrun trace scene.xml --duration 0.1 --csv <&- | cmp - table.csv": b"",
-    "(trap '' PIPE; mjrun trace scene.xml --duration 0.1 --csv | cmp - table.csv)": b"",
-}
-QUICK_LINES = 1
-
-NAMES: dict[str, bytes] = {
-    "plain": b"plain",
-    "spaces": b" a  b ",
-    "newline": b"two\nlines",
-    "leading dash": b"-o",
-    "quotes": b'it\'s "q" `x`',
-    "UTF-8": "Kübel 模型 é".encode(),
-    "not UTF-8": b"caf\xe9\xff",
-    "pattern": b"%05d",
-    "percent": b"100%s%%",
-    "very long": b"n" * 240,
-    "command": b"$(touch pwned); touch pwned &",
-    "wildcards": b"*?[a-z]{1,2}",
-    "escapes": "\x1b[31mred\x07\x9b".encode(),
-    "assignment": b"a=b,c:d;e#f@1",
-    "backslashes": b"C:\\new\\table",
-    "dots": b"..x...y..",
-}
-QUICK_NAMES = ("newline", "not UTF-8")
-
+CLOSED = 141  # exit code of a command whose reader is gone
+DIFFERENT = 1  # exit code of `mjrun diff`
 INPUTS = inputs_of(__name__)
+SCENE = INPUTS["SCENE"]
+SHORTENED: dict[str, int | bytes] = INPUTS["SHORTENED"]
+WHOLE: dict[str, bytes | None] = INPUTS["WHOLE"]
+NAMES: dict[str, str | bytes] = INPUTS["NAMES"]
 LOCALES: dict[str, dict[str, str]] = INPUTS["LOCALES"]
-IN_LOCALES = INPUTS["IN_LOCALES"]
+QUICK_LINES = 1
+QUICK_NAMES = ("newline", "not UTF-8")
 
 
 @dataclass
@@ -97,7 +34,7 @@ class Pipelines:
     tally: Tally
 
     def make_inputs(self, *, with_tables: bool) -> None:
-        """What the pipelines read."""
+        """Writes the files that the pipelines read."""
         for name in ("scene.xml", "Kübel 模型.xml"):
             (self.folder / name).write_text(SCENE)
         for name, timestep in () if not with_tables else (("table.csv", "0.002"), ("other.csv", "0.001")):
@@ -105,7 +42,7 @@ class Pipelines:
             assert made.returncode == 0, made.stderr
 
     def shortened(self, line: str, expected: int | bytes) -> None:
-        """A command whose reader goes away early."""
+        """Tries a command whose reader leaves early."""
         done = self._bash(line)
         is_right = (
             done.stdout.count(b"\n") == expected if isinstance(expected, int) else done.stdout.startswith(expected)
@@ -114,12 +51,12 @@ class Pipelines:
         self._expect(line, done, done.returncode in codes and is_right and not done.stderr)
 
     def whole(self, line: str, expected: bytes | None) -> None:
-        """Commands that go on to the end."""
+        """Tries commands that run to the end."""
         done = self._bash(line)
         self._expect(line, done, done.returncode == 0 and expected in (None, done.stdout) and not done.stderr)
 
     def in_locale(self, line: str, name: str) -> None:
-        """A command that does the same in every locale, also when it fails."""
+        """Tries a command in another locale: its output and messages must be the same."""
         here, there = self._bash(line), self._bash(line, LOCALES[name])
         errors = re.sub(rb"(?m)^bash: warning: setlocale: .*\n", b"", there.stderr)  # the shell's own
         same = [there.returncode == here.returncode, there.stdout == here.stdout, errors == here.stderr]
@@ -130,7 +67,7 @@ class Pipelines:
         script = f'set -o pipefail\nmjrun() {{ {python} -m mjrun "$@"; }}\npython() {{ {python} "$@"; }}\n'
         if "xargs" in line:
             line = line.replace("mjrun", f"{python} -m mjrun")
-        variables = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120", "NO_COLOR": "1", **(environment or {})}
+        variables = {**os.environ, **VARIABLES, **(environment or {})}
         return subprocess.run(
             ["bash", "-c", script + line],
             cwd=self.folder,
@@ -146,22 +83,22 @@ class Pipelines:
 
 @dataclass
 class Names:
-    """Runs commands on models, and into outputs, of a name."""
+    """Runs commands on models and outputs with difficult names."""
 
     server: CommandServer
     folder: Path
     tally: Tally
 
     def try_all(self, label: str, quick: bool) -> None:
-        """Every command that takes or makes a file, with files of one name; the numbers do not depend on it."""
+        """Tries every command that reads or writes a file, with one name; the numbers must not depend on it."""
         stem = os.fsdecode(NAMES[label])
         folder = self.folder / label
         folder.mkdir()
         (folder / f"{stem}.xml").write_text(SCENE)
-        # As everywhere, a name that begins with a dash is an option unless something stands before it.
+        # As everywhere, a name that begins with a dash is an option unless a folder precedes it.
         model = f"./{stem}.xml" if stem.startswith("-") else f"{stem}.xml"
         short = ("--duration", "0.1")
-        if label in ("not UTF-8", "backslashes"):  # which MuJoCo cannot open
+        if label in ("not UTF-8", "backslashes"):  # MuJoCo cannot open them
             self._succeeds(folder, "info", model, code=3)
             (folder / model).rename(folder / "scene.xml")
             model = "scene.xml"
@@ -206,25 +143,23 @@ class Names:
         self.tally.expect(holds and not ended.faults and not shown, f"{ended} {ended.faults}")
 
 
-def run(quick: bool) -> Tally:
-    """Tries all of it."""
+@measured("pipelines, file names, locales", "quiet and right", 200)
+def pipelines(quick: bool) -> Tally:
+    """Tries all lines, locales and names; quickly, one line and two names."""
     tally = Tally()
     with tempfile.TemporaryDirectory() as name:
-        pipelines = Pipelines(Path(name, "pipelines"), tally)
-        pipelines.folder.mkdir()
-        pipelines.make_inputs(with_tables=not quick)
+        runner = Pipelines(Path(name, "pipelines"), tally)
+        runner.folder.mkdir()
+        runner.make_inputs(with_tables=not quick)
         for line, expected in list(SHORTENED.items())[: QUICK_LINES if quick else None]:
-            pipelines.shortened(line, expected)
+            runner.shortened(line, expected)
         for line, whole in () if quick else WHOLE.items():
-            pipelines.whole(line, whole)
-        for line in () if quick else IN_LOCALES:
+            runner.whole(line, whole)
+        for line in () if quick else INPUTS["IN_LOCALES"]:
             for locale in LOCALES:
-                pipelines.in_locale(line, locale)
-        with CommandServer(limit=LIMIT) as server:
+                runner.in_locale(line, locale)
+        with CommandServer(LIMIT, imports=QUICK_IMPORTS) as server:
             names = Names(server, Path(name), tally)
             for label in QUICK_NAMES if quick else NAMES:
                 names.try_all(label, quick)
     return tally
-
-
-MEASURE = Measure("pipelines, file names, locales", "quiet and right", 200, run)

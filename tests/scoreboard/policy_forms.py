@@ -12,10 +12,11 @@ from onnx import TensorProto, helper
 
 from tests.policy.leapp_packages import package
 from tests.policy.networks import linear, value, write
-from tests.scoreboard.document_forms import LAUGHS, TAGS, TASK
-from tests.scoreboard.input_forms import BETWEEN, CANARY, Content, Form
+from tests.scoreboard.data import inputs_of
+from tests.scoreboard.input_forms import BETWEEN, CANARY, LAUGHS, TAGS, TASK, Content, Form
 from tests.scoreboard.table_forms import Bomb, archive, npy
 
+INPUTS = inputs_of(__name__)
 EVAL = ("eval", "task.yaml", "--episodes", "1", "--jobs", "1", "-o", "new", "--policy")
 TRACE = ("trace", "task.yaml", "-o", "new.csv", "--policy")
 CHECK = ("check", "task.yaml", "--policy")
@@ -28,7 +29,7 @@ def good(path: Path) -> None:
 
 
 def _saved(change: Callable[[onnx.ModelProto], object]) -> Callable[[Path], None]:
-    """A good network but for a change in its description."""
+    """Makes a valid network with a change in its description."""
 
     def make(path: Path) -> None:
         good(path)
@@ -40,7 +41,7 @@ def _saved(change: Callable[[onnx.ModelProto], object]) -> Callable[[Path], None
 
 
 def _external(place: str, offset: str = "0", length: str = "4") -> Callable[[Path], None]:
-    """A network whose weights are in another file."""
+    """Makes a network whose weights are in another file."""
 
     def change(model: onnx.ModelProto) -> None:
         weights = model.graph.initializer[0]
@@ -69,7 +70,7 @@ def _dims(*sizes: int) -> Callable[[Path], None]:
 
 
 def _huge_constant(path: Path) -> None:
-    """A network that makes 8 TB of zeros."""
+    """Writes a network that computes 8 TB of zeros."""
     nodes = [
         helper.make_node("ConstantOfShape", ["n"], ["zeros"]),
         helper.make_node("ReduceSum", ["zeros"], ["sum"], keepdims=0),
@@ -121,7 +122,7 @@ def _named(name: str) -> Callable[[Path], object]:
 
 
 def networks() -> Iterator[tuple[str, Content, tuple[int, ...]]]:
-    """Networks in ONNX: what is wrong, what makes them, and how it ends."""
+    """Yields ONNX networks: the fault, the content, and the exit codes."""
     yield "empty", b"", (7,)
     yield "text", "model: m.xml\n", (7,)
     yield "a pickle", pickle.dumps(Bomb()), (7,)
@@ -131,17 +132,7 @@ def networks() -> Iterator[tuple[str, Content, tuple[int, ...]]]:
     for place in (5, 20, 60, 90):
         flip = _bytes(lambda content, at=place: content[:at] + bytes([content[at] ^ 255]) + content[at + 1 :])
         yield f"byte {place} flipped", flip, (2, 7)
-    outside = {
-        "above": f"../{BETWEEN}",
-        "by absolute path": "/etc/passwd",
-        "through a folder": f"sub/../../{BETWEEN}",
-        "through a link": "link.bin",
-        "of a device": "/dev/zero",
-        "of no name": "",
-        "with a NUL": "a\0b",
-        "that is not there": "weights.bin",
-    }
-    for what, place in outside.items():
+    for what, place in INPUTS["WEIGHTS_OUTSIDE"].items():
         yield f"external data {what}", _external(place), (7,)
     yield "external data far behind", _external("near.bin", offset=str(2**62)), (7,)
     yield "external data of 2^62 bytes", _external("near.bin", length=str(2**62)), (7,)
@@ -187,45 +178,14 @@ def networks() -> Iterator[tuple[str, Content, tuple[int, ...]]]:
 
 
 def packages() -> Iterator[tuple[str, dict[str, Content], tuple[int, ...]]]:
-    """LEAPP packages: what is wrong, their files, and how it ends."""
+    """Yields LEAPP packages: the fault, the files, and the exit codes."""
 
     def changed(old: str, new: str) -> dict[str, Content]:
         return {"pack": lambda path: package(path, lambda text: text.replace(old, new))}
 
     axes = ", ".join(f"[{', '.join(f'n{i}' for i in range(10))}]" for _ in range(12))
-    changes = {
-        "element names of 10^12 combinations": ("[[hip, knee]]", f"[{axes}]"),
-        "a network above": ("model_path: policy.onnx", f"model_path: ../{BETWEEN}"),
-        "a network by absolute path": ("model_path: policy.onnx", "model_path: /etc/passwd"),
-        "a network that is none": ("model_path: policy.onnx", "model_path: walk.yaml"),
-        "a network without a path": ("model_path: policy.onnx", "model_path: [1]"),
-        "a NUL in a path": ("model_path: policy.onnx", 'model_path: "a\\0b"'),
-        "other sums": ("sha256sum: ", "sha256sum: 00"),
-        "code as the backend": ("backend: onnx", "backend: python"),
-        "a list as the backend": ("backend: onnx", "backend: [1, {a: b}]"),
-        "a list as a type": ("dtype: float32", "dtype: [1]"),
-        "a type nobody knows": ("dtype: float32", 'dtype: "\\e[2J"'),
-        "a shape of words": ("shape: [1, 2]", "shape: [a]"),
-        "a shape below 0": ("shape: [1, 2]", "shape: [-1, 2]"),
-        "a shape of 2^70": ("shape: [1, 2]", f"shape: [1, {2**70}]"),
-        "a shape of 2^62": ("shape: [1, 2]", f"shape: [{2**31}, {2**31}]"),
-        "a shape of other size": ("shape: [1, 2]", "shape: [1, 3]"),
-        "a frequency of 0": ("frequency: 50.0", "frequency: 0"),
-        "an infinite frequency": ("frequency: 50.0", "frequency: .inf"),
-        "a frequency of words": ("frequency: 50.0", 'frequency: "\\e[2J"'),
-        "a tiny frequency": ("frequency: 50.0", "frequency: 1e-300"),
-        "a huge frequency": ("frequency: 50.0", "frequency: 1e300"),
-        "flows from nowhere": ("observer/features: [", "nothing/features: ["),
-        "flows into themselves": ("observer/features: [policy/features]", "policy/target: [policy/features]"),
-        "initial values above": ("walk_initial_values.safetensors", f"../{BETWEEN}"),
-        "initial values that are no tensors": ("walk_initial_values.safetensors", "policy.onnx"),
-        "a name of escape sequences": ("name: joint_pos", 'name: "\\e[2J\\e]0;owned\\a"'),
-        "a name that is a list": ("name: joint_pos", "name: [1]"),
-        "a kind that is a mapping": ("kind: target/joint/position", "kind: {a: b}"),
-        "joints that are not there": ("[[hip, knee]]", '[["\\e[2J", knee]]'),
-    }
-    for what, (old, new) in changes.items():
-        yield what, changed(old, new), (2, 7)
+    for what, (old, new) in INPUTS["PACKAGES"].items():
+        yield what, changed(old, new.replace("AXES", axes)), (2, 7)
     for tag in TAGS[:3]:
         yield f"the tag {tag.split()[0]}", changed("frequency: 50.0", f"frequency: {tag}"), (2, 7)
     yield "aliases that explode", {"pack/walk.yaml": f"{LAUGHS}models: *a9\npipeline: *a9\n"}, (7,)
@@ -246,7 +206,7 @@ def _tensors(header: object, content: bytes = bytes(8)) -> bytes:
 
 
 def tensors() -> Iterator[tuple[str, bytes]]:
-    """Files of initial values of a package that are broken."""
+    """Yields broken files of initial values of a package."""
     entry = {"dtype": "F32", "shape": [1, 2], "data_offsets": [0, 8]}
     yield "empty", b""
     yield "a header of 2^63 bytes", struct.pack("<Q", 2**63) + b"{}"
@@ -265,7 +225,7 @@ def tensors() -> Iterator[tuple[str, bytes]]:
 
 
 def statistics() -> Iterator[tuple[str, str, Content]]:
-    """Files of statistics that cannot be."""
+    """Yields invalid files of statistics."""
 
     def npz(**changes: np.ndarray) -> bytes:
         arrays = {"mean": np.zeros(1), "var": np.ones(1), **changes}

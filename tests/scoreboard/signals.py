@@ -1,5 +1,7 @@
-"""SIGINT and SIGTERM at random moments of every command, in processes of their own: they end, and leave nothing."""
+"""SIGINT and SIGTERM at random moments of every command, run as users run it: it ends, and leaves nothing behind."""
 
+import contextlib
+import os
 import random
 import shutil
 import signal
@@ -7,102 +9,140 @@ import subprocess
 import sys
 import tempfile
 import time
+import uuid
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.scoreboard.command import ROOT, Ended
-from tests.scoreboard.measure import Measure, Tally
-from tests.scoreboard.real_command import RealCommand, contents, noise
+from tests.scoreboard.command import ROOT, VARIABLES, Ended, contents
+from tests.scoreboard.data import inputs_of
+from tests.scoreboard.measure import Tally, measured
 
 SEED = 17
 MOMENTS = 10  # of each case
 AT_MOST = 1.0  # [s] from the signal to the end, on a quiet machine
-PULSES = 10  # how often an empty Python can start and end meanwhile, on a busy one
+PULSES = 10  # how often an empty Python can start and end in that time, on a busy one
 HANG = 90.0  # [s]
-ENDLESS = 3.0  # [s] in which moments of what never ends are drawn
-SMALL = ("--size", "160x120")
-METRIC = ("--metric", "most=max(qpos/hinge)", "-o", "study")
-
-SCENE = """<mujoco><statistic extent="2"/><worldbody><light pos="0 0 3"/><geom type="plane" size="3 3 .1"/>
-<body name="pole" pos="0 0 1"><joint name="hinge" axis="0 1 0" damping="0.1"/>
-<geom type="capsule" size="0.05" fromto="0 0 0 0.5 0 0"/></body></worldbody></mujoco>"""
+ENDLESS = 3.0  # [s] in which moments of endless cases are drawn
 MANY = '<mujoco><worldbody><replicate count="{}" offset="0.1 0 0"><geom size="0.01"/></replicate></worldbody></mujoco>'
-DOCUMENT = """model: scene.xml
-duration: 0.3
-videos: [{output: out.mp4, size: 160x120, fps: 10}]
-images: [{output: out.png, size: 160x120, time: 0.2}]
-traces: [{output: out.csv}, {output: out.npz}]
-"""
 HANGING = "#!/bin/sh\nsleep 600 &\nexec sleep 600\n"  # an ffmpeg with a child that holds its standard error
+MARK = "MJRUN_SCOREBOARD_RUN"
+NOISE = ("Traceback (most recent call last)", "Exception ignored", "KeyboardInterrupt", "Fatal Python error")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A command line, and what it writes.
+    """A command line, and its outputs.
 
     Attributes:
-      arguments: after `mjrun`.
-      replaces: older outputs, which are there before it starts.
-      resumes: whether it keeps what is known in a folder, which the same command continues.
-      endless: whether it never ends by itself.
-      hanging_encoder: whether its ffmpeg never ends.
+      line: the command line after `mjrun`.
+      replaces: older outputs that exist before it starts.
+      resumes: true if it keeps results in a folder, from which the same command continues.
+      endless: true if it never ends by itself.
+      hanging_encoder: true if its ffmpeg never ends.
     """
 
-    arguments: tuple[str, ...]
+    line: str
     replaces: tuple[str, ...] = ()
     resumes: bool = False
     endless: bool = False
     hanging_encoder: bool = False
 
 
-CASES = {
-    "trace": Case(("trace", "scene.xml", "--duration", "30", "-o", "out.csv"), ("out.csv",)),
-    "trace, npz": Case(("trace", "scene.xml", "--duration", "20", "-o", "out.npz"), ("out.npz",)),
-    "video": Case(("video", "scene.xml", "--duration", "0.5", *SMALL, "-o", "out.mp4"), ("out.mp4",)),
-    "video, folder": Case(("video", "scene.xml", "--duration", "0.3", *SMALL, "-o", "out/"), ("out/000000.png",)),
-    "video, pattern": Case(("video", "scene.xml", "--duration", "0.3", *SMALL, "-o", "f%03d.png"), ("f000.png",)),
-    "video, AV1": Case(
-        ("video", "scene.xml", "--duration", "0.3", "--codec", "av1", *SMALL, "-o", "out.mkv"), ("out.mkv",)
-    ),
-    "video, Filament": Case(
-        ("video", "scene.xml", "--duration", "0.2", "--renderer", "filament", *SMALL, "-o", "out.mp4"), ("out.mp4",)
-    ),
-    "video, hanging encoder": Case(
-        ("video", "scene.xml", "--duration", "0.3", *SMALL, "-o", "out.mp4"),
-        ("out.mp4",),
-        endless=True,
-        hanging_encoder=True,
-    ),
-    "image": Case(("image", "scene.xml", "--size", "800x600", "-o", "out.png"), ("out.png",)),
-    "image, Filament": Case(("image", "scene.xml", "--renderer", "filament", "-o", "out.png"), ("out.png",)),
-    "run": Case(("run", "all.yaml"), ("out.mp4", "out.png", "out.csv", "out.npz")),
-    "sweep": Case(
-        ("sweep", "scene.xml", "--duration", "3", "--vary", "joint/hinge.damping=0..1:40", "--jobs", "2", *METRIC),
-        resumes=True,
-    ),
-    "fit": Case(
-        ("fit", "scene.xml", "log.csv", "--free", "joint/hinge.damping=0..1", "--starts", "2", "-o", "out.xml"),
-        ("out.xml",),
-    ),
-    "eval": Case(
-        ("eval", "gym:InvertedPendulum-v5", "--policy", "random", "--episodes", "8", "-o", "results"), resumes=True
-    ),
-    "plot": Case(("plot", "log.csv", "-o", "out.png"), ("out.png",)),
-    "diff": Case(("diff", "log.csv", "log.csv")),
-    "check": Case(("check", "scene.xml", "large.xml")),
-    "bench": Case(("bench", "scene.xml", "--budget", "1")),
-    "info": Case(("info", "scene.xml")),
-    "compiling": Case(("info", "large.xml")),
-    "compiling for ever": Case(("trace", "endless.xml", "-o", "out.csv"), ("out.csv",), endless=True),
-}
-QUICK = (("compiling for ever", 1.2, signal.SIGTERM), ("trace", 0.1, signal.SIGINT))  # of what cannot have ended
+INPUTS = inputs_of(__name__)
+SCENE, DOCUMENT = INPUTS["SCENE"], INPUTS["DOCUMENT"]
+CASES = {name: Case(**settings) for name, settings in INPUTS["CASES"].items()}
+QUICK = (("compiling for ever", 1.2, signal.SIGTERM), ("trace", 0.1, signal.SIGINT))  # before they can have ended
 
-Whole = tuple[Ended, dict[str, bytes]]  # a run that nothing disturbed, and the files that are there then
+
+@dataclass
+class RealCommand:
+    """One run of mjrun in a new interpreter, which starts at once.
+
+    All processes that a run starts inherit its mark, by which they are found later.
+
+    Attributes:
+      arguments: the command line after `mjrun`.
+      folder: the working folder.
+      environment: variables to set.
+      temporary: its folder for temporary files, which must be empty in the end.
+    """
+
+    arguments: tuple[str | bytes, ...]
+    folder: Path
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._mark = uuid.uuid4().hex
+        self._home = tempfile.TemporaryDirectory()
+        self.temporary = Path(self._home.name, "tmp")
+        self.temporary.mkdir()
+        variables = {**os.environ, **VARIABLES, "TMPDIR": str(self.temporary), MARK: self._mark}
+        self._began = time.monotonic()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is signal.SIG_IGN:  # as in the background of a shell; runs inherit it
+                signal.signal(number, signal.SIG_DFL)
+        with self._stream("stdout").open("wb") as stdout, self._stream("stderr").open("wb") as stderr:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "mjrun", *self.arguments],
+                cwd=self.folder,
+                env={**variables, **self.environment},
+                stdin=subprocess.DEVNULL,
+                stdout=stdout,
+                stderr=stderr,
+                start_new_session=True,
+            )
+
+    def __enter__(self) -> "RealCommand":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Kills all processes that still run."""
+        for pid in self.running():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        self.process.wait()
+        self._home.cleanup()
+
+    def wait(self, limit: float) -> Ended:
+        """Returns the result, waiting for at most `limit` [s]."""
+        try:
+            code: int | None = self.process.wait(limit)
+        except subprocess.TimeoutExpired:
+            code = None
+        out, err = (self._stream(name).read_bytes() for name in ("stdout", "stderr"))
+        line = tuple(os.fsdecode(argument) for argument in self.arguments)
+        return Ended(line, code, out, err, time.monotonic() - self._began)
+
+    def running(self) -> list[int]:
+        """Returns the processes of this run that have not ended."""
+        mark, found = f"{MARK}={self._mark}".encode(), list[int]()
+        for environment in Path("/proc").glob("[0-9]*/environ"):
+            with contextlib.suppress(OSError):
+                if mark in environment.read_bytes():
+                    found.append(int(environment.parent.name))
+        return found
+
+    def leftovers(self, grace: float) -> list[str]:
+        """Returns what an ended run has left: processes after `grace` [s], temporary files, hidden files."""
+        deadline = time.monotonic() + grace
+        while self.running() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        found = [f"process {pid}: {_command_line(pid)}" for pid in self.running()]
+        found += [f"temporary file {path.name}" for path in self.temporary.iterdir()]
+        found += [f"file {path.relative_to(self.folder)}" for path in self.folder.rglob(".*.part")]
+        return found
+
+    def _stream(self, name: str) -> Path:
+        return Path(self._home.name, name)
+
+
+Whole = tuple[Ended, dict[str, bytes]]  # an undisturbed run, and the files after it
 
 
 @dataclass
 class Signals:
-    """Sends signals to runs of cases."""
+    """Runs cases and sends them signals."""
 
     folder: Path
     tally: Tally = field(default_factory=Tally)
@@ -110,7 +150,7 @@ class Signals:
     slowest: float = 0
 
     def make_inputs(self, *, with_log: bool) -> None:
-        """The files that the cases read, the log of measurements only on request."""
+        """Writes the files that the cases read; the log of measurements only on request."""
         inputs = self.folder / "inputs"
         inputs.mkdir()
         (inputs / "scene.xml").write_text(SCENE)
@@ -127,7 +167,7 @@ class Signals:
             assert ended.code == 0, ended
 
     def undisturbed(self, case: Case) -> Whole:
-        """The case, left alone."""
+        """Runs a case without a signal."""
         with self._start(case) as run:
             ended = run.wait(HANG)
             self.tally.expect(ended.code == 0 and not run.leftovers(5), f"undisturbed: {ended}")
@@ -165,8 +205,8 @@ class Signals:
             self.tally.expect(not faults, f"{name}, {number.name} at {moment:.2f} s: {'; '.join(faults)}: {ended}")
 
     def _resumption(self, folder: Path, case: Case, whole: Whole | None) -> list[str]:
-        """What is wrong with what the same command makes of what it finds."""
-        with RealCommand(case.arguments, folder) as run:
+        """Returns the faults of the same command continuing from the files that it finds."""
+        with RealCommand(tuple(case.line.split()), folder) as run:
             ended = run.wait(HANG)
             if ended.code != 0:
                 return [f"not continued: {ended}"]
@@ -182,18 +222,18 @@ class Signals:
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_bytes(b"old")
         encoder = {"IMAGEIO_FFMPEG_EXE": str(folder / "hanging")} if case.hanging_encoder else {}
-        return RealCommand(case.arguments, folder, encoder)
+        return RealCommand(tuple(case.line.split()), folder, encoder)
 
 
 def _pulse() -> float:
-    """How long an empty Python takes to start and end now [s]."""
+    """Measures how long an empty Python takes to start and end now [s]."""
     began = time.monotonic()
     subprocess.run([sys.executable, "-c", "pass"], check=True)
     return time.monotonic() - began
 
 
 def _in_python(ended: Ended) -> bool:
-    """Whether the signal came before Python had read the first line of mjrun, about which nobody can do anything."""
+    """Tells whether the signal came before Python had read the first line of mjrun, which mjrun cannot handle."""
     lines = [line for line in ended.message.splitlines() if line.lstrip().startswith("File ")]
     return bool(noise(ended)) and not any(f'"{ROOT}/mjrun/' in line for line in lines)
 
@@ -203,30 +243,39 @@ def _changes(before: dict[str, bytes], after: dict[str, bytes]) -> str:
     return ", ".join(f"{name} ({len(after[name])} bytes)" if name in after else f"{name} (gone)" for name in names)
 
 
-def run(quick: bool) -> Tally:
-    """Draws the moments of each case from the time that it takes."""
-    generator = random.Random(SEED)
-    with tempfile.TemporaryDirectory() as folder:
-        signals = Signals(Path(folder))
-        signals.make_inputs(with_log=not quick)
-        for name, moment, number in QUICK if quick else ():
-            signals.send(name, number, moment, None)
-        for name, case in {} if quick else CASES.items():
-            whole = None if case.endless else signals.undisturbed(case)
-            longest = ENDLESS if whole is None else whole[0].seconds
-            for part in range(MOMENTS):
-                number = generator.choice([signal.SIGINT, signal.SIGTERM])
-                signals.send(name, number, longest * (part + generator.random()) / MOMENTS, whole)
-    if signals.too_early:
-        signals.tally.left_out.append(
-            f"{signals.too_early} signals came before Python had read the first line of mjrun, and Python ended"
-        )
-    return signals.tally
+def noise(ended: Ended) -> list[str]:
+    """Returns the messages of Python itself in the output of a run."""
+    return [word for word in NOISE if word in ended.message]
 
 
-MEASURE = Measure(
+def _command_line(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")[:200]
+    except OSError:
+        return "(gone)"
+
+
+@measured(
     "SIGINT, SIGTERM",
     "ends within 1 s (a busy machine: in the time of ten empty Pythons), 130/143, nothing half-written, no orphan",
     200,
-    run,
 )
+def signals(quick: bool) -> Tally:
+    """Draws the moments of each case from the time that it takes."""
+    generator = random.Random(SEED)
+    with tempfile.TemporaryDirectory() as folder:
+        sender = Signals(Path(folder))
+        sender.make_inputs(with_log=not quick)
+        for name, moment, number in QUICK if quick else ():
+            sender.send(name, number, moment, None)
+        for name, case in {} if quick else CASES.items():
+            whole = None if case.endless else sender.undisturbed(case)
+            longest = ENDLESS if whole is None else whole[0].seconds
+            for part in range(MOMENTS):
+                number = generator.choice([signal.SIGINT, signal.SIGTERM])
+                sender.send(name, number, longest * (part + generator.random()) / MOMENTS, whole)
+    if sender.too_early:
+        sender.tally.leave_out(
+            f"{sender.too_early} signals came before Python had read the first line of mjrun, and Python ended"
+        )
+    return sender.tally

@@ -1,25 +1,23 @@
-"""Mutated models, documents, tables and expressions: whatever comes of them is one of ours.
+"""Mutated models, documents, tables and expressions: the result is success or one of our errors.
 
-Cases are numbered, and the number is the seed: a case that fails is there again in the next run. What ever failed is
-kept as a small text in `tests.scoreboard.crashers`.
+Cases are numbered, and the number is the seed: a case that fails occurs again in the next run. Cases that once failed
+are kept, as small as possible, as CRASHERS.
 """
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
 from tests.scoreboard import mutations
-from tests.scoreboard.command import ROOT, CommandServer, Ended, modules_of_mjrun
-from tests.scoreboard.crashers import CRASHERS
+from tests.scoreboard.command import QUICK_IMPORTS, CommandServer, modules_of_mjrun
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.measure import Measure, Tally
+from tests.scoreboard.every_model import SCENES, SHARED
+from tests.scoreboard.measure import Tally, measured, side_by_side
 
-SCENES = ROOT / "scenes"
-SHARED = ROOT.parent / "shared" / "models"
 LIMIT = 120.0  # [s] of one run on a busy machine
 MEMORY = 6144  # [MiB] of addresses
 COUNTS = {"model": 900, "document": 900, "table": 420, "expression": 500}
@@ -43,53 +41,42 @@ class _Case:
     file: str
     content: str | bytes
     arguments: Sequence[str]
-    codes: frozenset[int] = DONE
+    codes: Collection[int] = DONE
 
 
-def run(quick: bool) -> Tally:
-    """Tries all cases, or a few; two servers work at once."""
+@measured("structural fuzz", "0 exceptions of other classes than ours: no 70, traceback, signal or hang", 2500)
+def structural_fuzz(quick: bool) -> Tally:
+    """Tries all cases with two servers that work at once; quickly, a few cases."""
     tally = Tally()
     counts = QUICK if quick else COUNTS
     turns = range(1 if quick else 2)
     if not quick and not SHARED.is_dir():
-        tally.left_out.append("mutations of the models of ../shared/models: the folder is not here")
-
-    def half(turn: int) -> list[tuple[str, list[str]]]:
-        return list(_try_all(counts, turn, len(turns)))
-
-    with ThreadPoolExecutor(len(turns)) as threads:
-        for ended, faults in chain.from_iterable(threads.map(half, turns)):
-            tally.expect(not faults, f"{ended}: {'; '.join(faults)}")
+        tally.leave_out("mutations of the models of ../shared/models: the folder is not here")
+    for ended, faults in side_by_side(partial(_try_all, counts, len(turns)), turns):
+        tally.expect(not faults, f"{ended}: {'; '.join(faults)}")
     return tally
 
 
-def _try_all(counts: dict[str, int], turn: int, turns: int) -> Iterator[tuple[str, list[str]]]:
+def _try_all(counts: dict[str, int], turns: int, turn: int) -> Iterator[tuple[str, list[str]]]:
     imports = (*modules_of_mjrun(), *LIBRARIES) if counts is COUNTS else QUICK_IMPORTS
     with CommandServer(LIMIT, MEMORY, imports) as server, tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _prepare(folder, server, with_tables=counts["table"] > 0)
-        crashers = (_Case(f"crasher {i}", *crasher) for i, crasher in enumerate(CRASHERS))
+        crashers = (_Case(f"crasher {i}", *crasher) for i, crasher in enumerate(INPUTS["CRASHERS"]))
         cases = chain(crashers, *(KINDS[kind](folder, count) for kind, count in counts.items()))
         for i, case in enumerate(cases):
             if i % turns == turn:
-                ended = _try(server, folder, case)
-                faults = list(ended.faults)
-                if ended.code not in case.codes:
-                    faults.append(f"exit code {ended.code}, not {' or '.join(map(str, sorted(case.codes)))}")
-                yield f"{case.name}: {ended}", faults
-
-
-def _try(server: CommandServer, folder: Path, case: _Case) -> Ended:
-    if case.file:
-        content = case.content if isinstance(case.content, bytes) else case.content.encode("utf-8", "surrogateescape")
-        (folder / case.file).write_bytes(content)
-    ended = server.run(*case.arguments, folder=folder)
-    shutil.rmtree(folder / "out", ignore_errors=True)
-    return ended
+                if case.file:
+                    text = case.content
+                    content = text.encode("utf-8", "surrogateescape") if isinstance(text, str) else text
+                    (folder / case.file).write_bytes(content)
+                ended = server.run(*case.arguments, folder=folder)
+                shutil.rmtree(folder / "out", ignore_errors=True)
+                yield f"{case.name}: {ended}", ended.faults_unless(case.codes)
 
 
 def _prepare(folder: Path, server: CommandServer, with_tables: bool) -> None:
-    """Writes what the cases are about: scenes, a pendulum, and tables of it."""
+    """Writes the inputs of the cases: scenes, a pendulum, and tables of it."""
     for path in SCENES.iterdir():
         if path.name not in ("pendulum.xml", "schema"):
             (folder / path.name).symlink_to(path)
@@ -102,7 +89,7 @@ def _prepare(folder: Path, server: CommandServer, with_tables: bool) -> None:
 
 def _models(folder: Path, count: int) -> Iterator[_Case]:
     paths = sorted(SCENES.glob("*.xml")) + (sorted(SHARED.rglob("*.xml")) if SHARED.is_dir() and count > 99 else [])
-    # A mutation stands elsewhere, so its model must need no other file.
+    # A mutation is written to another folder, so its model must need no other file.
     sources = [text for text in mutations.texts(paths) if "file=" not in text and len(text) < 40_000]
     for seed in range(count):
         commands: Sequence[tuple[Sequence[str], frozenset[int]]] = (
@@ -177,5 +164,3 @@ KINDS: dict[str, Callable[[Path, int], Iterator[_Case]]] = {
     "table": _tables,
     "expression": _expressions,
 }
-QUICK_IMPORTS = INPUTS["QUICK_IMPORTS"]
-MEASURE = Measure("structural fuzz", "0 exceptions that are not ours: no 70, traceback, signal or hang", 2500, run)

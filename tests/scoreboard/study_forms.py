@@ -4,9 +4,10 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -14,21 +15,20 @@ import pyarrow.parquet
 
 from tests.scoreboard.command import ROOT
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.document_forms import WRONG
-from tests.scoreboard.input_forms import BETWEEN, Content, Form
-from tests.scoreboard.table_forms import CSV
+from tests.scoreboard.input_forms import BETWEEN, CSV, WRONG, Content, Form
 
 INPUTS = inputs_of(__name__)
 STUDY = INPUTS["STUDY"]
 TASK = ("sweep", "plan.jsonl", "--task", "1/1")
 COLLECT = ("sweep", "plan.jsonl", "--collect")
 AGAIN = ("sweep", "study")
+POINTS = ("sweep", "m.xml", "--steps", "2", "--points", "p.csv", "--metric", "x=last(qpos/hinge)", "--dry-run")
 PLOT = ("plot", "study", "-o", "new.svg")
 
 
 @cache
 def _made(model: str) -> tuple[dict[str, bytes], bytes]:
-    """The folder of a study that was run, and the plan of one that was not."""
+    """Returns the files of a finished study, and the plan of one that was not run."""
     with TemporaryDirectory() as folder:
         Path(folder, "m.xml").write_text(model)
         command = (sys.executable, "-m", "mjrun")
@@ -40,8 +40,8 @@ def _made(model: str) -> tuple[dict[str, bytes], bytes]:
         return files, Path(folder, "plan.jsonl").read_bytes()
 
 
-def _lines(plan: bytes, change: Callable[[dict[str, object]], object]) -> bytes:
-    """A plan of which every line is changed."""
+def _lines(plan: bytes, change: Callable[[dict[str, Any]], object]) -> bytes:
+    """Returns a plan with every line changed."""
     lines = []
     for text in plan.splitlines():
         line = json.loads(text)
@@ -54,9 +54,6 @@ def _plans(plan: bytes) -> Iterator[tuple[str, bytes | str, tuple[int, ...]]]:
     def changed(**values: object) -> bytes:
         return _lines(plan, lambda line: line.update(values))
 
-    def study(**values: object) -> bytes:
-        return _lines(plan, lambda line: line["study"].update(values))  # type: ignore[attr-defined]
-
     yield "empty", b"", (2,)
     yield "text", "plan\n", (2,)
     yield "null", "null\n", (2,)
@@ -67,37 +64,26 @@ def _plans(plan: bytes) -> Iterator[tuple[str, bytes | str, tuple[int, ...]]]:
     yield "cut off", plan[: len(plan) // 3], (2,)
     yield "a table", CSV, (2,)
     yield "an integer of 5,000 digits", plan.replace(b'"points": [0]', b'"points": [' + b"9" * 5000 + b"]"), (2,)
-    yield "another version", changed(schema="mjrun-plan-9"), (2,)
-    yield "an unknown key", changed(evil=1), (2,)
-    yield "other chunks", plan + changed(folder="elsewhere"), (2,)
-    for name in ("mjrun", "mujoco", "numpy", "model", "files", "code", "simulation", "metrics", "engine"):
-        other = _lines(plan, lambda line, name=name: line["identity"].update({name: "\x1b[2J"}))  # type: ignore[attr-defined]
-        yield f"another hash of {name}", other, (2,)
-    yield "no hashes", changed(identity={}), (2,)
-    yield "hashes that are a list", changed(identity=[]), (2,)
-    yield "other names", changed(names=["\x1b[2J"]), (2,)
-    yield "names that climb", changed(names=["../../x"]), (2,)
-    yield "a name of code", changed(names=["controller"], values=[["evil.py:act"]]), (2,)
-    yield "a name of a file", changed(names=["ctrl_from"], values=[[f"../{BETWEEN}"]]), (2, 7)
-    yield "a model elsewhere as a value", changed(names=["model"], values=[[f"../{BETWEEN}"]]), (0, 2)
-    yield "no names", changed(names=[]), (2,)
-    yield "more values than names", changed(values=[["1", "2"]]), (2,)
-    yield "values of words", changed(values=[["\x1b[2J"]]), (2, 8)
-    yield "values of no number", changed(values=[["nan"]]), (2, 8)
-    yield "values of 1e300", changed(values=[["1e300"]]), (0, 2, 8)
-    yield "points below 0", changed(points=[-7]), (0, 2)
-    yield "a point of 2^70", changed(points=[2**70]), (0, 2)
-    yield "more points than values", changed(points=[1, 2, 3]), (2,)
-    yield "a study that is a text", changed(study="m.xml"), (2,)
-    yield "a study of nothing", changed(study={}), (2,)
-    yield "a study without end", study(steps=10**30), (2,)
-    yield "a study with code", study(controller="evil.py:act"), (2,)
-    yield "a study of another model", study(model=f"../{BETWEEN}"), (3,)
-    yield "a study of a model that is not there", study(model="nowhere.xml"), (3,)
-    yield "metrics of code", study(metrics={"x": "__import__('os')"}), (2,)
-    yield "a metric of escape sequences", study(metrics={"\x1b[2J": "last(qpos/hinge)"}), (2,)
+    for what, (values, codes) in INPUTS["PLANS"].items():
+        if what == "no hashes":
+            yield "other chunks", plan + changed(folder="elsewhere"), (2,)
+            for name in ("mjrun", "mujoco", "numpy", "model", "files", "code", "simulation", "metrics", "engine"):
+                yield f"another hash of {name}", _lines(plan, partial(_with_other_hash, name=name)), (2,)
+        study = values.get("study")
+        if isinstance(study, dict) and study:
+            yield what, _lines(plan, partial(_with_settings, settings=study)), codes
+        else:
+            yield what, changed(**values), codes
     for place in ("../../above", "/proc/self/nothing", "m.xml", "a\0b", "", "n" * 300):
         yield f"the folder {place[:20]!a}", changed(folder=place), (2, 7)
+
+
+def _with_other_hash(line: dict[str, Any], name: str) -> None:
+    line["identity"][name] = "\x1b[2J"
+
+
+def _with_settings(line: dict[str, Any], settings: dict[str, object]) -> None:
+    line["study"].update(settings)
 
 
 def _deep(plan: bytes) -> bytes:
@@ -105,7 +91,7 @@ def _deep(plan: bytes) -> bytes:
 
 
 def _part(**columns: object) -> Callable[[bytes], Content]:
-    """A part of which columns are changed; None takes one away."""
+    """Makes a part with changed columns; None removes one."""
 
     def make(content: bytes) -> Content:
         table = pyarrow.parquet.read_table(pyarrow.BufferReader(content))
@@ -117,7 +103,7 @@ def _part(**columns: object) -> Callable[[bytes], Content]:
 
 
 def _parts() -> Iterator[tuple[str, Callable[[bytes], Content], tuple[int, ...]]]:
-    """What becomes of the first part of a study that is continued: its points are simulated again, or an error."""
+    """Yields changes of the first part of a continued study: its points are simulated again, or it is refused."""
     yield "empty", lambda content: b"", (0,)
     yield "cut off", lambda content: content[: len(content) // 2], (0,)
     yield "text", lambda content: CSV, (0,)
@@ -198,21 +184,7 @@ def forms(model: str) -> Iterator[Form]:
         yield Form(f"results.parquet, {what}", PLOT, (7,), {**study, "study/results.parquet": content})
     for number, value in enumerate(WRONG):
         text = f"qpos/hinge\n{value}\n"
-        line = ("sweep", "m.xml", "--steps", "2", "--points", "p.csv", "--metric", "x=last(qpos/hinge)", "--dry-run")
-        yield Form(f"points, {value}", line, (0, 2, 7) if number in (2, 3, 4) else (2, 7), {"p.csv": text})
-    foreign = {
-        "a name that climbs": "../../x\n1\n",
-        "escape sequences": "\x1b[2J\n1\n",
-        "a name twice": "seed,seed\n1,2\n",
-        "no points": "seed\n",
-        "a model elsewhere": f"model\n../{BETWEEN}\n",
-        "code": "controller\nevil.py:act\n",
-        "short rows": "seed,key\n1\n",
-        "a NUL": "seed\n\0\n",
-        "Latin-1": "seed\n\xf6\n".encode("latin-1"),
-        "100,000 columns": ",".join(f"qpos/x{i}" for i in range(10**5)) + "\n",
-    }
-    for what, content in foreign.items():
-        line = ("sweep", "m.xml", "--steps", "2", "--points", "p.csv", "--metric", "x=last(qpos/hinge)", "--dry-run")
-        codes = (0, 2) if what == "a model elsewhere" else (2, 3, 7)  # which is read when its point is simulated
-        yield Form(f"points, {what}", line, codes, {"p.csv": content}, quick=len(what) % 3 == 0)
+        yield Form(f"points, {value}", POINTS, (0, 2, 7) if number in (2, 3, 4) else (2, 7), {"p.csv": text})
+    for what, content in INPUTS["POINTS"].items():
+        codes = (0, 2) if what == "a model elsewhere" else (2, 3, 7)  # it is read when its point is simulated
+        yield Form(f"points, {what}", POINTS, codes, {"p.csv": content}, quick=len(what) % 3 == 0)

@@ -15,12 +15,10 @@ import pyarrow.parquet
 import scipy.io
 
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.input_forms import CANARY, Content, Form
+from tests.scoreboard.input_forms import CANARY, CSV, TIME, Content, Form
 
-ROWS = 20
-TIME = np.arange(ROWS) * 0.01
+ROWS = len(TIME)
 COLUMNS = {"time": TIME, "qpos/hinge": np.sin(TIME), "ctrl/motor": np.cos(TIME)}
-CSV = "time,qpos/hinge,ctrl/motor\n" + "".join(f"{t},{np.sin(t)},{np.cos(t)}\n" for t in TIME)
 LINES = CSV.splitlines()
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 

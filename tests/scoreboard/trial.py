@@ -1,23 +1,21 @@
-"""A command that writes, disturbed: what must be there afterwards."""
+"""A command that writes, disturbed, and the files that must exist afterwards."""
 
 import json
 import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from tests.scoreboard.command import CommandServer, Ended
+from tests.scoreboard.command import CommandServer, Ended, contents
 from tests.scoreboard.file_operations import Fault
-from tests.scoreboard.measure import Tally
+from tests.scoreboard.measure import Tally, lanes, side_by_side
 from tests.scoreboard.writing_commands import (
     COMMANDS,
     QUICK,
     Command,
     Reference,
     command_server,
-    contents,
     make_inputs,
     new_folder,
     run_first,
@@ -28,14 +26,12 @@ ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films
 
 
 def try_commands(disturb: "Callable[[Trial], None]", quick: bool) -> Tally:
-    """Disturbs each command that writes, two of them side by side; or only the quick ones."""
+    """Disturbs each command that writes, two of them at once; or only the quick ones."""
     commands = [command for command in COMMANDS if not quick or command.name in QUICK]
-    lanes = [commands] if quick else [commands[::2], commands[1::2]]
-    with ThreadPoolExecutor(len(lanes)) as threads:
-        one, *others = threads.map(lambda lane: _tried(lane, disturb, quick), lanes)
-    for other in others:
-        one.add(other)
-    return one
+    tally = Tally()
+    for each in side_by_side(lambda lane: [_tried(lane, disturb, quick)], lanes(commands, quick)):
+        tally.add(each)
+    return tally
 
 
 def _tried(commands: Sequence[Command], disturb: "Callable[[Trial], None]", quick: bool) -> Tally:
@@ -49,12 +45,15 @@ def _tried(commands: Sequence[Command], disturb: "Callable[[Trial], None]", quic
 
 
 class Trial:
-    """Runs one command again and again, with an older version of its outputs there before, or none.
+    """Runs one command again and again, with or without an older version of its outputs.
 
     Attributes:
-      folder: of the case; it holds `out`, `inputs`, and `temporary`, for temporary files.
-      older, nothing: what is there before; new: what the command makes of `older`, and fresh of `nothing`.
-      code: its exit code; seconds: how long it took; prints: whether on standard output.
+      folder: the folder of the case, with `out`, `inputs`, and `temporary` for temporary files.
+      older: the files before a run that replaces outputs; nothing: those before a run that replaces none.
+      new: the files after a run on `older`; fresh: those after a run on `nothing`.
+      code: the exit code of an undisturbed run.
+      seconds: its duration.
+      prints: true if it writes to standard output.
     """
 
     def __init__(self, command: Command, folder: Path, server: CommandServer, tally: Tally) -> None:
@@ -66,7 +65,7 @@ class Trial:
 
         run_first(command, self.out, server)
         self.nothing = self._keep("nothing")
-        made = [self._make_new() for _ in range(2)]  # what differs depends on the wall clock
+        made = [self._make_new() for _ in range(2)]  # differences depend on the wall clock
         self.new = self.fresh = Reference(*made)
         if command.other:
             run_first(command, self.out, server)
@@ -74,11 +73,11 @@ class Trial:
         else:
             self.start(with_older=False)
         self.older = self._keep("older")
-        if command.in_steps:  # and keeps what was there before
+        if command.in_steps:  # it keeps the older files
             self.new = Reference(self._make_new(with_older=True), self._make_new(with_older=True))
 
     def start(self, *, with_older: bool = True) -> None:
-        """Makes everything as it is before the command."""
+        """Restores the files before the command."""
         self._with_older = with_older
         new_folder(self.temporary)
         self.out.mkdir(exist_ok=True)
@@ -87,30 +86,29 @@ class Trial:
         shutil.copytree(self._kept[with_older], self.out, symlinks=True, dirs_exist_ok=True)
 
     def run(self, fault: Fault | None = None, environment: Mapping[str, str] | None = None, **how: object) -> Ended:
-        """Runs the command, in the way that `CommandServer.run` describes."""
+        """Runs the command; the arguments are those of `CommandServer.run`."""
         variables = {"TMPDIR": str(self.temporary), **(environment or {})}
         arguments = self.command.arguments
         return self._server.run(*arguments, folder=self.out, environment=variables, fault=fault, **how)  # type: ignore
 
     def operations(self) -> list[str]:
-        """What the command does to its folder; nothing where the kernel cannot tell, which is noted."""
+        """Returns the operations on the folder; none, with a note, where the kernel cannot watch them."""
         try:
             return [operation for operation, _ in self.watch().operations]
         except OSError as error:
-            if str(error) not in self.tally.left_out:
-                self.tally.left_out.append(str(error))
+            self.tally.leave_out(str(error))
             return []
 
     def watch(self, number: int = 0, kind: str = "once") -> Ended:
-        """Runs the command with a fault, or to list what it does to its folder.
+        """Runs the command with a fault, or to list the operations on its folder.
 
         Raises:
-          OSError: the kernel cannot do it.
+          OSError: the kernel cannot watch a process.
         """
         return self.run(Fault(str(self.folder), number, kind))
 
     def judge(self, ended: Ended, case: str, codes: Sequence[int] = (CANNOT_WRITE,)) -> None:
-        """Counts a case in which something may have failed: everything is old, or new, and it is said which."""
+        """Counts a case that may have failed: all files are old, or new, and the message names the new ones."""
         problems = ended.faults
         if ended.code == self.code:
             problems += self._differences(self._after, "new")
@@ -119,7 +117,7 @@ class Trial:
         elif ended.code not in (*codes, *([ENCODER] if self.command.name in ENCODED else [])):
             problems.append(f"exit code {ended.code}")
         elif "the next run" in ended.message:
-            self.judge_next(f"{case}, told that the next run mends it", problems)
+            self.judge_next(f"{case}, with a message that the next run repairs it", problems)
             return
         else:
             problems += self._differences(self._before, "old")
@@ -128,14 +126,14 @@ class Trial:
         self._count(ended, case, [*problems, *self._left_over()])
 
     def judge_made(self, ended: Ended, case: str, code: int | None) -> None:
-        """Counts a case in which everything must be made, whatever the exit code."""
+        """Counts a case that must write all files, whatever the exit code."""
         problems = [fault for fault in ended.faults if "without a word" not in fault]
         if ended.code != code:
             problems.append(f"exit code {ended.code}, not {code}")
         self._count(ended, case, [*problems, *self._differences(self._after, "new"), *self._left_over()])
 
     def judge_next(self, case: str, problems: Sequence[str] = ()) -> None:
-        """Counts a case after which the same command, undisturbed, makes everything and removes what was left."""
+        """Counts a case after which the same command, undisturbed, writes all files and removes leftovers."""
         ended = self.run()
         problems = [*problems, *ended.faults]
         if ended.code != self.code:
@@ -143,7 +141,7 @@ class Trial:
         self._count(ended, case, [*problems, *self._differences(self._after, "new"), *self._left_over()])
 
     def torn(self) -> list[str]:
-        """What is neither old nor new, or gone; hidden files do not count, which the next run removes."""
+        """Returns faults of files that are neither old nor new, or gone; the next run removes hidden files."""
         now, problems = contents(self.out), self._mixture(None)
         for folder in self.command.whole:
             inside = {name: content for name, content in now.items() if name.startswith(f"{folder}/")}
@@ -177,9 +175,9 @@ class Trial:
         return Reference(contents(self.out), contents(self.out))
 
     def _count(self, ended: Ended, case: str, problems: Sequence[str]) -> None:
-        said = "; ".join(ended.message.splitlines()[-3:])[-300:]
+        last = "; ".join(ended.message.splitlines()[-3:])[-300:]
         listed = "; ".join(problems[:4])
-        self.tally.expect(not problems, f"{self.command.name}: {case}: {listed} (code {ended.code}: {said})")
+        self.tally.expect(not problems, f"{self.command.name}: {case}: {listed} (code {ended.code}: {last})")
 
     def _differences(self, reference: Reference, which: str) -> list[str]:
         now = contents(self.out)
@@ -193,7 +191,7 @@ class Trial:
         ]
 
     def _mixture(self, message: str | None) -> list[str]:
-        """What is neither old nor new; and of new files, those that `message` does not name."""
+        """Returns faults of files that are neither old nor new, and of new files that `message` does not name."""
         now, problems = contents(self.out), list[str]()
         problems += [
             f"{name} is missing" for name in self._before.first if name in self._after.first and name not in now
@@ -203,9 +201,9 @@ class Trial:
                 continue
             if self._after.holds(name, content):
                 if message is not None and not self.command.in_steps and self._name(name) not in message:
-                    problems.append(f"{name} is new, which is not said")
+                    problems.append(f"{name} is new, and the message does not name it")
             elif self.command.in_steps and name.endswith("study.json") and _is_document(content):
-                pass  # it tells how far the study is
+                pass  # it counts the finished points
             elif name in self._before.first or name in self._after.first:
                 problems.append(f"{name} is neither old nor new")
         return problems
@@ -224,13 +222,13 @@ class Trial:
         return any(name in message for name in names | {"temporary", "plan.jsonl"})
 
     def _name(self, path: str) -> str:
-        """What messages call a file: frames by their pattern."""
+        """Returns the name of a file in messages, which name frames by their pattern."""
         name = Path(path).name
         return "f_%04d.png" if self.command.name == "pattern" and name.startswith("f_") else name
 
 
 def _same_study(name: str, content: bytes, other: bytes) -> bool:
-    """Whether two documents tell of the same study, whichever part of it was known before the last run."""
+    """Tells whether two documents describe the same study, whichever part was known before the last run."""
     if not (name.endswith("study.json") and _is_document(content)):
         return False
     studies = [json.loads(content), json.loads(other)]
@@ -240,7 +238,7 @@ def _same_study(name: str, content: bytes, other: bytes) -> bool:
 
 
 def _is_document(content: bytes) -> bool:
-    """Whether a document of JSON is whole."""
+    """Tells whether a text is a complete JSON object."""
     try:
         return isinstance(json.loads(content), dict)
     except ValueError:

@@ -7,17 +7,19 @@ import zipfile
 from collections.abc import Iterator
 from functools import partial
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.assets import CUBE, MESH, TEXTURE
 from tests.scoreboard.forms.file_contents import archive, png, stl
 from tests.scoreboard.forms.form import EITHER, LOADED, REFUSED, Content, Form, mjcf
 from tests.scoreboard.forms.texts import ESCAPES, HINGE
 
+INPUTS = inputs_of(__name__)
 MODEL = mjcf(HINGE)
 MESHED = mjcf(MESH.replace("{0}", "m.stl"))
 
 
 def _member(name: str, content: bytes, mode: int) -> bytes:
-    """An archive of a model and a member of this mode, such as a link."""
+    """Returns an archive of a model and a member of this mode, such as a link."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as opened:
         opened.writestr("model.xml", mjcf(MESH.replace("{0}", name)))
@@ -28,7 +30,7 @@ def _member(name: str, content: bytes, mode: int) -> bytes:
 
 
 def _bomb(name: str, megabytes: int) -> bytes:
-    """An archive with a member of zeros."""
+    """Returns an archive with a member of zeros."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as opened:
         if name != "model.xml":
@@ -49,7 +51,7 @@ def _doubled() -> bytes:
 
 
 def _changed(whole: bytes, signature: bytes, offset: int, value: bytes) -> bytes:
-    """An archive with some bytes changed in each record that begins so."""
+    """Returns an archive with some bytes changed in each record of this signature."""
     changed, at = bytearray(whole), whole.find(signature)
     while at >= 0:
         changed[at + offset : at + offset + len(value)] = value
@@ -89,28 +91,9 @@ def _forms(model: str) -> Iterator[Form]:
     yield make("a model of two names", _doubled())
     yield make("20,000 members", archive({"model.xml": MODEL, **{f"m{i}": "" for i in range(20000)}}))
     yield make("a folder of 1,000 levels", archive({"a/" * 1000 + "model.xml": MODEL}), EITHER)
-    for name in (
-        "../model.xml",
-        "/model.xml",
-        "../../../../tmp/model.xml",
-        "a/../model.xml",
-        "C:\\model.xml",
-        "..\\model.xml",
-        "model.xml\n.xml",
-        "./model.xml",
-        "\u202elmx.xml",
-        "-model.xml",
-        "x" * 5000 + ".xml",
-    ):
+    for name in INPUTS["MODEL_NAMES"]:
         yield make(f"a model that is called {name[:40]!r}", archive({name: MODEL}), EITHER)
-    for name in (
-        "../m.stl",
-        "/etc/passwd",
-        "../../../../../../etc/passwd",
-        "..\\m.stl",
-        "a/../../m.stl",
-        "file:///etc/passwd",
-    ):
+    for name in INPUTS["MESH_NAMES"]:
         yield make(f"a mesh at {name}", archive({"model.xml": mjcf(MESH.replace("{0}", name))}), REFUSED)
         yield make(f"a mesh within at {name}", archive({"model.xml": mjcf(MESH.replace("{0}", name)), name: stl()}))
         yield make(f"an include of {name}", archive({"model.xml": mjcf(f'<include file="{name}"/>')}), REFUSED)

@@ -2,27 +2,16 @@
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.file_contents import FACES, VERTICES, gmsh, hfield, msh, obj, png, png_chunk, skin, stl
 from tests.scoreboard.forms.form import EITHER, Codes, Content, Form, simple
 
-BODY = '<worldbody><geom type="mesh" mesh="m"/></worldbody>'
-MESH = (
-    '<asset><mesh name="m" file="{0}"/></asset>'
-    '<worldbody><body><freejoint/><geom type="mesh" mesh="m"/></body></worldbody>'
-)
-GMSH = '<worldbody><flexcomp name="f" type="gmsh" file="{0}" dim="3"/></worldbody>'
-FLEX = '<worldbody><flexcomp name="f" type="mesh" file="{0}" dim="2"/></worldbody>'
-SKIN = '<worldbody><body name="b"><geom size="1"/></body></worldbody><deformable><skin file="{0}"/></deformable>'
-FIELD = (
-    '<asset><hfield name="h" file="{0}" size="1 1 1 1"/></asset><worldbody><geom type="hfield" hfield="h"/></worldbody>'
-)
-TEXTURE = (
-    '<asset><texture name="t" type="2d" file="{0}"/><material name="m" texture="t"/></asset>'
-    '<worldbody><geom size="1" material="m"/></worldbody>'
-)
-CUBE = '<asset><texture name="t" type="cube" file="{0}" gridsize="3 4" gridlayout=".U..LFRB.D.."/></asset>'
+INPUTS = inputs_of(__name__)
+NAMINGS: Mapping[str, str] = INPUTS["NAMINGS"]  # models that name the file {0}
+MESH, GMSH, FLEX, SKIN, FIELD, TEXTURE, CUBE = NAMINGS.values()
+INLINE = '<asset><mesh name="m" vertex="{}"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
 NAN, INF = float("nan"), float("inf")
 FRACTIONS = (0.0, 0.02, 0.1, 0.3, 0.5, 0.9, 0.99)
 
@@ -75,17 +64,7 @@ def _truncated() -> Iterator[Form]:
 def _meshes() -> Iterator[Form]:
     for count in (0, 1, 3, 5, 1000, 2**31 - 1, 2**32 - 1):
         yield _form(f"an STL that claims {count} faces", MESH, "m.stl", stl(count=count))
-    for counts in (
-        (-1, 0, 0, 4),
-        (4, -1, 0, 4),
-        (4, 0, 0, -4),
-        (2**31 - 1, 0, 0, 4),
-        (4, 0, 0, 2**31 - 1),
-        (4, 4, 4, 4),
-        (0, 0, 0, 0),
-        (2**30, 2**30, 2**30, 2**30),
-        (4, 0, 2**31 - 1, 4),
-    ):
+    for counts in INPUTS["MESH_COUNTS"]:
         yield _form(f"a mesh that claims {counts}", MESH, "m.msh", msh(counts=counts))
     for what, bad in (("NaN", NAN), ("infinity", INF), ("1e38", 1e38), ("1e-38", 1e-38), ("-0", -0.0)):
         vertices = ((bad, 0.0, 0.0), *VERTICES[1:])
@@ -100,16 +79,11 @@ def _meshes() -> Iterator[Form]:
     ):
         for name, make in (("m.stl", stl), ("m.obj", obj), ("m.msh", msh)):
             yield _form(f"{what} as {name}", MESH, name, make(vertices), drawn=True)
-    for what, faces in (
-        ("out of range", ((0, 1, 99),)),
-        ("negative", ((0, 1, -1),)),
-        ("far out", ((0, 1, 2**31 - 1),)),
-        ("far below", ((0, 1, -(2**31)),)),
-        ("degenerate", ((0, 0, 0),)),
-        ("no faces", ()),
-        ("double", FACES * 2),
-        ("reversed", tuple(f[::-1] for f in FACES)),
-    ):
+    for what, faces in {
+        **INPUTS["FACES"],
+        "double": FACES * 2,
+        "reversed": tuple(face[::-1] for face in FACES),
+    }.items():
         for name, naming, make in (("m.msh", MESH, msh), ("m.obj", MESH, obj), ("f.obj", FLEX, obj)):
             yield _form(f"faces {what} in {name}", naming, name, make(VERTICES, faces))
     lines = "".join(f"v {x} {y} {z}\n" for x, y, z in VERTICES)
@@ -137,60 +111,20 @@ def _meshes() -> Iterator[Form]:
     yield _form("a mesh in another format", MESH, "m.dae", "<COLLADA/>")
     yield _form("a PNG as STL", MESH, "m.stl", png())
     yield _form("an STL as PNG", TEXTURE, "t.png", stl())
-    for nodes, elements in (
-        (0, 1),
-        (-1, 1),
-        (3, 1),
-        (5, 1),
-        (2**31 - 1, 1),
-        (10**12, 1),
-        (4, 0),
-        (4, -1),
-        (4, 2),
-        (4, 2**31 - 1),
-        (4, 10**12),
-    ):
+    for nodes, elements in INPUTS["GMSH_COUNTS"]:
         for version in ("4.1", "2.2"):
             text = gmsh(nodes, elements, version)
             yield _form(f"{nodes} nodes and {elements} elements of Gmsh {version}", GMSH, "g.msh", text)
-    for what, old, new in (
-        ("version 9", "4.1", "9.9"),
-        ("binary", "0 8", "1 8"),
-        ("NaN", "0 0 1", "0 0 nan"),
-        ("an element of node 9", "1 1 2 3 4", "1 1 2 3 9"),
-        ("node -1", "1 1 2 3 4", "1 1 2 3 -1"),
-        ("no end", "$EndElements", ""),
-        ("no elements", "$Elements", "$Other"),
-    ):
+    for what, (old, new) in INPUTS["GMSH_CHANGES"].items():
         yield _form(f"{what} in Gmsh", GMSH, "g.msh", gmsh().replace(old, new))
-    for vertices in (
-        "0 0 0",
-        "0 0",
-        "0 0 0 1 0 0 0 1 0 0 0 1 1",
-        "0 0 0 " * 4,
-        "nan 0 0 1 0 0 0 1 0 0 0 1",
-        "1e300 0 0 1 0 0 0 1 0 0 0 1",
-    ):
-        inner = f'<asset><mesh name="m" vertex="{vertices}"/></asset>{BODY}'
-        yield simple(f"vertices {vertices}", inner)
-    for faces in ("0 1", "0 1 9", "0 1 -1", "0 0 0", "0 1 2 3", "0 1 99999999999"):
-        inner = f'<asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1" face="{faces}"/></asset>{BODY}'
-        yield simple(f"faces {faces}", inner)
+    for vertices in INPUTS["VERTEX_LISTS"]:
+        yield simple(f"vertices {vertices}", INLINE.format(vertices))
+    for faces in INPUTS["FACE_LISTS"]:
+        yield simple(f"faces {faces}", INLINE.format(f'0 0 0 1 0 0 0 1 0 0 0 1" face="{faces}'))
 
 
 def _skins_and_fields() -> Iterator[Form]:
-    for counts in (
-        (-1, 0, 4, 1),
-        (4, 0, -1, 1),
-        (4, 0, 4, -1),
-        (4, 0, 4, 0),
-        (4, 4, 4, 1),
-        (2**31 - 1, 0, 4, 1),
-        (4, 0, 2**31 - 1, 1),
-        (4, 0, 4, 2**31 - 1),
-        (4, 3, 4, 1),
-        (0, 0, 0, 0),
-    ):
+    for counts in INPUTS["SKIN_COUNTS"]:
         yield _form(f"a skin that claims {counts}", SKIN, "s.skn", skin(counts), drawn=True)
     for what, content in {
         "faces out of range": skin(faces=((0, 1, 99), *FACES[1:])),
@@ -207,18 +141,7 @@ def _skins_and_fields() -> Iterator[Form]:
         "a bone that is not UTF-8": skin(bone=b"\xff\xfe"),
     }.items():
         yield _form(f"{what} in a skin", SKIN, "s.skn", content, drawn=True)
-    for rows, columns in (
-        (0, 0),
-        (1, 1),
-        (-1, 3),
-        (2, -3),
-        (2**31 - 1, 1),
-        (65536, 65536),
-        (3, 2),
-        (2, 2),
-        (6, 1),
-        (2**16 + 1, 2**16),
-    ):
+    for rows, columns in INPUTS["FIELD_SIZES"]:
         yield _form(f"a height field of {rows} by {columns}", FIELD, "h.bin", hfield(rows, columns))
     for what, value in (("NaN", NAN), ("infinity", INF), ("minus infinity", -INF), ("1e38", 1e38)):
         yield _form(f"{what} in a height field", FIELD, "h.bin", hfield(values=(0, 1, 2, 3, 4, value)), drawn=True)
@@ -239,18 +162,7 @@ def _textures() -> Iterator[Form]:
         content = lambda width=width, height=height: _bomb(width, height)  # noqa: E731
         yield _form(f"a PNG of {width} by {height}", TEXTURE, "t.png", content, EITHER)
         yield _form(f"a PNG of {width} by {height} as a height field", FIELD, "h.png", content, EITHER)
-    for width, height in (
-        (0, 0),
-        (0, 4),
-        (4, 0),
-        (2**31 - 1, 1),
-        (1, 2**31 - 1),
-        (2**31 - 1, 2**31 - 1),
-        (2**32 - 1, 1),
-        (65535, 65535),
-        (5, 4),
-        (3, 4),
-    ):
+    for width, height in INPUTS["PNG_SIZES"]:
         content = png(width, height, pixels=(b"\0" + b"\x80" * 12) * 4)
         for role, naming in (("texture", TEXTURE), ("height field", FIELD)):
             yield _form(f"a PNG that claims {width} by {height} as a {role}", naming, "t.png", content)
@@ -281,30 +193,20 @@ def _textures() -> Iterator[Form]:
         yield _form(f"a texture with {what}", TEXTURE, "t.png", content, drawn=True)
     for suffix in ("ktx", "hdr", "bmp", "tga", "jpg", "exr", "xyz"):
         yield _form(f"a texture.{suffix}", TEXTURE, f"t.{suffix}", bytes(1000))
-    for width, height in ((4, 4), (12, 16), (3, 4), (4, 3), (1, 1), (2, 12)):
+    for width, height in INPUTS["CUBE_SIZES"]:
         yield _form(f"a cube of {width} by {height}", CUBE, "t.png", png(width, height), drawn=True)
-    for layout in ("", "x", "R" * 12, "." * 12, "R" * 5000, "RLUDFB" * 2):
-        yield simple(
-            f"a cube laid out as {layout[:15]}",
-            CUBE.replace("{0}", "t.png").replace(".U..LFRB.D..", layout),
-            files={"t.png": png(12, 16)},
-        )
-    for gridsize in ("0 0", "-1 -1", "1000000 1000000", "99 1", "nan 1", "1 12"):
-        yield simple(
-            f"a cube of grid {gridsize}",
-            CUBE.replace("{0}", "t.png").replace("3 4", gridsize),
-            files={"t.png": png(12, 16)},
-        )
+    for layout in INPUTS["CUBE_LAYOUTS"]:
+        yield _changed(f"a cube laid out as {layout[:15]}", CUBE, ".U..LFRB.D..", layout, png(12, 16))
+    for gridsize in INPUTS["CUBE_GRIDS"]:
+        yield _changed(f"a cube of grid {gridsize}", CUBE, "3 4", gridsize, png(12, 16))
     for channels in (-1, 0, 1, 2, 3, 4, 5, 99, 2**31 - 1):
-        yield simple(
-            f"a texture of {channels} channels",
-            TEXTURE.replace("{0}", "t.png").replace(' type="2d"', f' type="2d" nchannel="{channels}"'),
-            files={"t.png": png()},
-            drawn=True,
-        )
-    for kind in ("text/plain", "image/png", "image/ktx", "image/vnd.mujoco.texture", "model/stl", "", "x/y", "\u202e"):
-        yield simple(
-            f"a texture said to be {kind}",
-            TEXTURE.replace("{0}", "t.png").replace(' type="2d"', f' type="2d" content_type="{kind}"'),
-            files={"t.png": png()},
-        )
+        setting = f' type="2d" nchannel="{channels}"'
+        yield _changed(f"a texture of {channels} channels", TEXTURE, ' type="2d"', setting, png(), drawn=True)
+    for kind in INPUTS["CONTENT_TYPES"]:
+        setting = f' type="2d" content_type="{kind}"'
+        yield _changed(f"a texture said to be {kind}", TEXTURE, ' type="2d"', setting, png())
+
+
+def _changed(what: str, naming: str, old: str, new: str, content: Content, *, drawn: bool = False) -> Form:
+    inner = naming.replace("{0}", "t.png").replace(old, new)
+    return simple(what, inner, files={"t.png": content}, drawn=drawn)

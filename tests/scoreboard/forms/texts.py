@@ -1,75 +1,22 @@
-"""Encodings, control characters, bombs of entities and deep nesting: XML that is hostile as a text."""
+"""XML that is hostile as a text: encodings, control characters, bombs of entities, deep nesting, odd names."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterator, Mapping
 
 from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.form import EITHER, REFUSED, Content, Form, mjcf, simple
 
 MODEL = mjcf('<!-- {0} --><worldbody><body name="{1}"><geom size=".1"/></body></worldbody>', 'model="{2}"')
 INPUTS = inputs_of(__name__)
-ESCAPES = INPUTS["ESCAPES"]
+ESCAPES: Mapping[str, str] = INPUTS["ESCAPES"]
 HINGE = '<worldbody><body name="b"><joint name="j"/><geom name="g" size=".1"/><site name="s"/></body></worldbody>'
-# Where a name or a text of the user stands in a model that is right but for it.
-PLACES = {
-    "model": HINGE,
-    "body": HINGE.replace('"b"', '"{0}"'),
-    "joint": HINGE.replace('"j"', '"{0}"'),
-    "geom": HINGE.replace('"g"', '"{0}"'),
-    "camera": HINGE + '<worldbody><camera name="{0}"/></worldbody>',
-    "light": HINGE + '<worldbody><light name="{0}"/></worldbody>',
-    "actuator": HINGE + '<actuator><motor name="{0}" joint="j"/></actuator>',
-    "sensor": HINGE + '<sensor><jointpos name="{0}" joint="j"/></sensor>',
-    "tendon": HINGE + '<tendon><fixed name="{0}"><joint joint="j" coef="1"/></fixed></tendon>',
-    "equality": HINGE + '<equality><joint name="{0}" joint1="j"/></equality>',
-    "keyframe": HINGE + '<keyframe><key name="{0}"/></keyframe>',
-    "material": '<asset><material name="{0}"/></asset>' + HINGE,
-    "mesh": '<asset><mesh name="{0}" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>' + HINGE,
-    "text": HINGE + '<custom><text name="t" data="{0}"/></custom>',
-    "numeric": HINGE + '<custom><numeric name="{0}" data="1"/></custom>',
-    "class": '<default><default class="{0}"><geom size="1"/></default></default>' + HINGE,
-    # Refused: the message quotes them.
-    "unknown joint": HINGE + '<actuator><motor joint="{0}"/></actuator>',
-    "unknown element": HINGE + '<unknown name="{0}"/>',
-    "unknown attribute": HINGE + '<option unknown="{0}"/>',
-    "unknown keyword": HINGE + '<option cone="{0}"/>',
-    "unknown number": HINGE + '<option timestep="{0}"/>',
-    "missing include": '<include file="{0}.xml"/>',
-    "missing mesh": '<asset><mesh name="m" file="{0}.stl"/></asset>',
-    "unknown plugin": '<extension><plugin plugin="{0}"/></extension>',
-    "folder of meshes": '<compiler meshdir="{0}"/><asset><mesh file="missing.stl"/></asset>',
-    "twice": HINGE + '<worldbody><body name="{0}"/><body name="{0}"/></worldbody>',
-}
-ENCODINGS = INPUTS["ENCODINGS"]
-DECLARED = (
-    "latin-1",
-    "utf-16",
-    "utf-7",
-    "us-ascii",
-    "rot13",
-    "base64",
-    "zlib",
-    "idna",
-    "hex",
-    "unicode_escape",
-    "EBCDIC-CP-US",
-    "x" * 5000,
-    "\u202e",
-)
-BYTES = {
-    "a lone continuation byte": b"\x80",
-    "a Latin-1 byte": b"caf\xe9",
-    "an overlong slash": b"\xc0\xaf",
-    "half a surrogate pair": b"\xed\xa0\x80",
-    "a code point beyond all": b"\xf4\x90\x80\x80",
-    "half a character": b"\xe2\x82",
-    "a byte that never is": b"\xff\xfe",
-    "a null": b"a\x00b",
-    "C1 as a byte": b"\x9b2J",
-}
+# Models that are right except for a name or a text {0} of the user.
+PLACES: Mapping[str, str] = INPUTS["PLACES"]
+EVERY = 3  # each name is tried in a third of the places
 
 
 def _escaped(text: str) -> str:
-    """Text in an attribute as character references, which is how most control characters could stand there."""
+    """Returns text as character references, the usual spelling of control characters in an attribute."""
     return "".join(f"&#{ord(c)};" if not c.isalnum() else c for c in text)
 
 
@@ -97,13 +44,13 @@ def _escapes() -> Iterator[Form]:
 
 def _encodings() -> Iterator[Form]:
     text = MODEL.format("ä", "knee", "ä")
-    for what, encoding in ENCODINGS.items():
+    for what, encoding in INPUTS["ENCODINGS"].items():
         yield Form(f"{what}", {"model.xml": text.encode(encoding, "replace")})
         declared = f'<?xml version="1.0" encoding="{encoding}"?>\n{text}'
         yield Form(f"{what}, declared", {"model.xml": declared.encode(encoding, "replace")})
-    for encoding in DECLARED:
+    for encoding in INPUTS["DECLARED"]:
         yield Form(f"declared {encoding[:20]}", {"model.xml": f'<?xml version="1.0" encoding="{encoding}"?>\n{text}'})
-    for what, content in BYTES.items():
+    for what, content in INPUTS["BYTES"].items():
         for place in range(3):
             parts = [b"x"] * place + [content] + [b"x"] * (2 - place)
             model = MODEL.encode()
@@ -118,23 +65,9 @@ def _encodings() -> Iterator[Form]:
             f"{what} in the file name", {name: text}, name, REFUSED if "\udc80" <= max(name) <= "\udcff" else None
         )
     for what, content in {
-        "nothing": b"",
-        "a space": b" ",
-        "one byte": b"<",
-        "the declaration alone": b'<?xml version="1.0"?>',
-        "zeros": bytes(4096),
-        "all bytes": bytes(range(256)) * 16,
-        "a Git LFS pointer": b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n",
-        "HTML": b"<!DOCTYPE html><html><body>404</body></html>",
-        "JSON": b'{"mujoco": {}}',
-        "an ELF program": b"\x7fELF\x02\x01\x01" + bytes(100),
-        "another root": b"<robot/>",
-        "two roots": b"<mujoco/><mujoco/>",
-        "an empty model": b"<mujoco/>",
+        **INPUTS["CONTENTS"],
         "only carriage returns": text.replace("\n", "\r").encode(),
         "a model in upper case": text.upper().encode(),
-        "version 9.9": b'<?xml version="9.9"?><mujoco/>',
-        "a namespace": b'<m:mujoco xmlns:m="urn:x"><m:option/></m:mujoco>',
     }.items():
         for name in ("model.xml", "model.urdf", "model.mjb", "model.zip"):
             yield Form(f"{what} as {name}", {name: content}, name)
@@ -198,3 +131,20 @@ def _nesting() -> Iterator[Form]:
         "100,000 opening brackets": "<" * 100_000,
     }.items():
         yield Form(what, {"model.xml": lambda text=text: text.encode()})
+
+
+def names() -> Iterator[Form]:
+    """Yields names that are long, empty, double, or look like something else."""
+    for i, (what, name) in enumerate(INPUTS["NAMES"].items()):
+        for place, inner in itertools.islice(PLACES.items(), i % EVERY, None, EVERY):
+            if len(name) > 1000 and "missing" in place:
+                continue
+            model = mjcf(inner, 'model="{0}"' if place == "model" else "").replace("{0}", name)
+            long = len(name) > 60000
+            yield Form(f"{what} as {place}", {"model.xml": model}, loads=EITHER if long else None)
+    for stem in INPUTS["FILES"]:
+        for what, text, loads in (("model", mjcf(HINGE), None), ("broken model", "<mujoco><a/></mujoco>", REFUSED)):
+            name = f"./{stem}.xml"
+            yield Form(f"a {what} in {stem[:20]}.xml", {name: text}, name, loads)
+    many = "".join(f'<body name="{"n" * 2000}{i}"/>' for i in range(300))
+    yield Form("300 names of 2,000 characters", {"model.xml": mjcf(f"<worldbody>{many}</worldbody>")})

@@ -1,58 +1,53 @@
-"""Counts and sizes that would fill any memory, or take any time."""
+"""Impossible numbers and sizes, wherever a model accepts a number."""
 
+import itertools
 from collections.abc import Iterator
 
 from tests.scoreboard.data import inputs_of
-from tests.scoreboard.forms.form import EITHER, REFUSED, Form, simple
+from tests.scoreboard.forms.form import DRAWN, EITHER, REFUSED, RUNS, Form, mjcf, simple
 
+VALUES = ("nan", "inf", "-inf", "-1", "0", "1e308", "1e-320", "1e999", "99999999999", "", "1,5", "0x10", "one")
+BODY = '<body name="b"><joint name="j" {joint}/><geom name="g" {geom}/>{body}</body>'
 HINGE = '<worldbody><body name="b"><joint name="j"/><geom name="g" size=".1"/></body></worldbody>'
 BALL = '<geom size=".1"/>'
-# Compiled or not, in the memory that the process has.
-ENDLESS = {
-    "replicate": '<worldbody><replicate count="{0}" offset="1 0 0">' + BALL + "</replicate></worldbody>",
-    "flexcomp": '<worldbody><flexcomp name="f" type="grid" dim="2" count="{0} 2 1" spacing=".1 .1 .1"/></worldbody>',
-    "flexcomp circle": "<worldbody>"
-    '<flexcomp name="f" type="circle" dim="1" count="{0} 1 1" spacing=".1 .1 .1"/></worldbody>',
-    "nkey": '<size nkey="{0}"/>' + HINGE,
-    "nuserdata": '<size nuserdata="{0}"/>',
-    "nuser_body": '<size nuser_body="{0}"/>' + HINGE,
-    "nuser_jnt": '<size nuser_jnt="{0}"/>' + HINGE,
-    "nuser_geom": '<size nuser_geom="{0}"/>' + HINGE,
-    "nuser_site": '<size nuser_site="{0}"/>' + HINGE.replace("<geom", "<site/><geom"),
-    "nuser_cam": '<size nuser_cam="{0}"/>' + HINGE.replace("<geom", "<camera/><geom"),
-    "nuser_tendon": '<size nuser_tendon="{0}"/>'
-    + HINGE
-    + '<tendon><fixed><joint joint="j" coef="1"/></fixed></tendon>',
-    "nuser_actuator": '<size nuser_actuator="{0}"/>' + HINGE + '<actuator><motor joint="j"/></actuator>',
-    "nuser_sensor": '<size nuser_sensor="{0}"/>' + HINGE + '<sensor><jointpos joint="j"/></sensor>',
-    "nstack": '<size nstack="{0}"/>',
-    "njmax": '<size njmax="{0}"/>' + HINGE,
-    "nconmax": '<size nconmax="{0}"/>' + HINGE,
-    "memory": '<size memory="{0}"/>' + HINGE,
-    "rows of a height field": '<asset><hfield name="h" nrow="{0}" ncol="{0}" size="1 1 1 1"/></asset>',
-    "texture": '<asset><texture name="t" type="2d" builtin="flat" width="{0}" height="{0}"/></asset>',
-    "cube texture": '<asset><texture name="t" type="cube" builtin="gradient" width="{0}" height="{0}"/></asset>',
-    "size of a numeric": '<custom><numeric name="n" size="{0}"/></custom>',
-    "sphere as a mesh": '<asset><mesh name="m" builtin="sphere" params="{0}"/></asset>',
-    "plate as a mesh": '<asset><mesh name="m" builtin="plate" params="{0} {0}"/></asset>',
-    "history of an actuator": HINGE + '<actuator><motor joint="j" nsample="{0}" delay="1"/></actuator>',
-    "history of a sensor": HINGE + '<sensor><jointpos joint="j" nsample="{0}" delay="1"/></sensor>',
-    "actuator's actdim": HINGE + '<actuator><general joint="j" dyntype="user" actdim="{0}"/></actuator>',
-    "sensor's dim": HINGE + '<sensor><user name="u" dim="{0}"/></sensor>',
-}
 COUNTS = ("65536", "100000000", "2147483647", "4294967297", "-5")
 INPUTS = inputs_of(__name__)
-DRAWN_SIZES = INPUTS["DRAWN_SIZES"]
 SDF = INPUTS["SDF"]
+# Values that load, and cannot be simulated, or rendered.
+UNSIMULATED = {("1e308", "reference")}
+UNDRAWN = {("nan", "znear"), *((value, "fovy of all") for value in ("nan", "inf", "-inf", "-1", "1e-320"))}
 
 
-def forms() -> Iterator[Form]:
-    for place, text in ENDLESS.items():
+def numbers() -> Iterator[Form]:
+    """Yields numbers that are impossible: not finite, negative, far too large, or not numbers."""
+    texts = {**INPUTS["PLACES"]}
+    texts |= {
+        place: f"<worldbody>{BODY.format(joint=joint, geom=geom, body=body)}</worldbody>"
+        for place, (joint, geom, body) in INPUTS["ON_BODY"].items()
+    }
+    hinge = "<worldbody>" + BODY.format(joint="", geom='size=".1"', body="") + "</worldbody>"
+    texts |= {place: hinge + behind for place, behind in INPUTS["BEHIND"].items()}
+    others = itertools.cycle(VALUES[4:])  # two of them for each place
+    for place, text in texts.items():
+        for value in (*VALUES[:4], *itertools.islice(others, 2)):
+            drawn = any(word in place for word in INPUTS["CAMERAS"]) and value in VALUES[:9]
+            yield Form(
+                f"{value or 'nothing'} as {place}",
+                {"model.xml": mjcf(text.replace("{0}", value))},
+                runs=REFUSED if (value, place) in UNSIMULATED else RUNS,
+                drawn=drawn,
+                draws=REFUSED if (value, place) in UNDRAWN else DRAWN,
+            )
+
+
+def sizes() -> Iterator[Form]:
+    """Yields counts and sizes that would fill any memory, or take any time."""
+    for place, text in INPUTS["ENDLESS"].items():
         # MuJoCo compiles 8,000 copies in a few seconds.
         for count in ("8000", *COUNTS[1:]) if place == "replicate" else COUNTS:
             loads = REFUSED if count in ("2147483647", "4294967297") and place in ("replicate", "nkey") else EITHER
             yield simple(f"{count} as {place}", text.replace("{0}", count), loads, runs=frozenset({0, 3, 4}))
-    for place, text in DRAWN_SIZES.items():
+    for place, text in INPUTS["DRAWN_SIZES"].items():
         for count in ("10000", "100000", "100000000", "2147483647", "-5", "0"):
             yield simple(f"{count} as {place}", text.replace("{0}", count), EITHER, drawn=True)
     for memory in ("1500M", "1P", "1E", "16E", "99999999T", "1", "1K", "-1", "1X", "1e9"):

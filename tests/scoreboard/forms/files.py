@@ -1,29 +1,43 @@
-"""Models that include or attach themselves, each other, or one another in long chains: in folders and in archives."""
+"""Files that a model cannot be read from: circles and chains of models, pipes, sockets, devices, links and folders."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
+from tests.scoreboard.data import inputs_of
 from tests.scoreboard.forms.file_contents import archive
-from tests.scoreboard.forms.form import LOADED, REFUSED, Content, Folder, Form, Link, mjcf
+from tests.scoreboard.forms.form import EITHER, LOADED, REFUSED, Content, Fifo, Folder, Form, Link, Socket, mjcf
 
+INPUTS = inputs_of(__name__)
+GEOM = '<worldbody><geom type="mesh" mesh="a"/></worldbody>'
 BALL = '<worldbody><body name="b"><geom size=".1"/></body></worldbody>'
 BALL_MODEL = mjcf(BALL)
+KINDS: Mapping[str, Content] = {
+    "a pipe": Fifo(),
+    "a socket": Socket(),
+    "a folder": Folder(),
+    "an endless device": Link("/dev/zero"),
+    "an empty device": Link("/dev/null"),
+    "a terminal": Link("/dev/tty"),
+    "a link to nothing": Link("nowhere"),
+    "a link to itself": Link("{itself}"),
+    "the memory of the process": Link("/proc/self/mem"),
+}
 
 
 def attaching(file: str, prefix: str = "p", more: str = "") -> str:
-    """A model that attaches the body of another."""
+    """Returns a model that attaches the body of another."""
     asset = f'<asset><model name="other" file="{file}"/></asset>'
     body = f'<body name="b"><geom size=".1"/><attach model="other" body="b" prefix="{prefix}_"/></body>'
     return mjcf(f"{asset}<worldbody>{body}</worldbody>{more}")
 
 
 def including(file: str) -> str:
-    """A model that includes another."""
+    """Returns a model that includes another."""
     return mjcf(f'<include file="{file}"/>')
 
 
 def chain(link: str, length: int) -> dict[str, Content]:
-    """Models that include or attach each the next, and a ball at the end."""
+    """Returns models each of which includes or attaches the next, with a ball at the end."""
     make = including if link == "include" else attaching
     names = ["model.xml", *(f"m{i}.xml" for i in range(1, length))]
     files: dict[str, Content] = {name: make(after) for name, after in itertools.pairwise(names)}
@@ -31,13 +45,14 @@ def chain(link: str, length: int) -> dict[str, Content]:
 
 
 def circle(link: str, length: int) -> dict[str, Content]:
-    """Models that include or attach each the next, and the last the first."""
+    """Returns models each of which includes or attaches the next, and the last the first."""
     make = including if link == "include" else attaching
     names = ["model.xml", *(f"m{i}.xml" for i in range(1, length))]
     return {name: make(names[(i + 1) % length]) for i, name in enumerate(names)}
 
 
-def forms() -> Iterator[Form]:
+def cycles() -> Iterator[Form]:
+    """Yields models that include or attach themselves or each other, in circles and in long chains."""
     for link in ("include", "attach"):
         for length in (1, 2, 3, 10):
             yield Form(f"{link} in a circle of {length}", circle(link, length), loads=REFUSED)
@@ -109,3 +124,31 @@ def forms() -> Iterator[Form]:
         text = f'<asset>{names}</asset><worldbody><body name="b"><geom size=".1"/>{bodies}</body></worldbody>'
         files["model.xml" if i == 25 else f"m{i}.xml"] = mjcf(text)
     yield Form("attach that doubles 25 times", files, loads=REFUSED)
+
+
+def _written(content: Content, name: str) -> Content:
+    """Returns the content of a file of this name, to which `{itself}` refers."""
+    return Link(name) if content == Link("{itself}") else content
+
+
+def _file_name(naming: str) -> str:
+    return naming.split("file", 1)[1].split('"')[1].format("file")
+
+
+def special_files() -> Iterator[Form]:
+    """Yields pipes, sockets, devices, links and folders in place of a model or one of its files."""
+    for kind, content in KINDS.items():
+        for role, naming in INPUTS["NAMING"].items():
+            name = _file_name(naming)
+            files = {"model.xml": mjcf(naming.format("file")), name: _written(content, name)}
+            yield Form(f"{kind} as {role}", files, loads=REFUSED)
+        for model in ("model.xml", "model.urdf", "model.zip", "model.mjz", "model.mjb"):
+            yield Form(f"{kind} as {model}", {model: _written(content, model)}, model, REFUSED)
+        robot = '<robot name="r"><link name="l"><visual><geometry><mesh filename="package://r/file.stl"/>'
+        robot += "</geometry></visual></link></robot>"
+        files = {"model.urdf": robot, "file.stl": _written(content, "file.stl")}
+        yield Form(f"{kind} as a mesh of URDF", files, "model.urdf", EITHER)
+    for path in ("/dev/zero", "/dev/null", "/dev/stdin", "/dev/fd/0", "/proc/self/fd/0", "/dev/ptmx"):
+        yield Form(f"{path} as an include", {"model.xml": mjcf(f'<include file="{path}"/>')}, loads=REFUSED)
+        mesh = f'<asset><mesh name="a" file="{path}" content_type="model/stl"/></asset>' + GEOM
+        yield Form(f"{path} as a mesh", {"model.xml": mjcf(mesh)}, loads=REFUSED)
