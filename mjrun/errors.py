@@ -1,7 +1,7 @@
-"""What can go wrong: one class per cause, each with its exit code and its own sentence.
+"""Errors that users can cause or meet: one class per cause, each with its exit code and its message.
 
-A class takes facts and writes the message; the command line prints it in one place. The first
-line of a message says what and where; further lines say what is valid and what to do next.
+A class takes facts and writes the message; the command line prints it in one place. The first line of a message states
+the problem and its place; further lines list valid choices and what to do next.
 """
 
 import difflib
@@ -18,71 +18,71 @@ from typing import Any, NamedTuple, cast
 
 LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
-NEAR = 0.6  # of two names, the least share that agrees when one may be meant by the other
+NEAR = 0.6  # least similarity of a suggested name
 FAULTS = 50  # problems of a document that are shown
 QUOTED = 200  # characters of a name that are shown
-LINE = 4096  # characters of a line of a message, however long what it speaks of
+LINE = 4096  # characters of a line of a message
 
 
-# Around the name of an option in a message. `clean` leaves neither in foreign text, which cannot be taken for one then.
+# Marks around the name of an option in a message. `clean` removes them from untrusted text.
 _OPTION = re.compile("\x02([a-z_]*)\x03")
 
-ARENA = "narena ="  # in what MuJoCo says when the memory that the model sets apart is too small
+ARENA = "narena ="  # part of MuJoCo's message when the memory reserved by the model is too small
 Spelling = Callable[[str], str]
 OptionPath = tuple[str | int, ...]
 
 
 def option(name: str) -> str:
-    """The option `name` within a message: each front end spells it in its own way, `--trail-span` or `trail_span`."""
+    """Marks the option `name` in a message; each front end spells it in its way, `--trail-span` or `trail_span`."""
     return f"\x02{name}\x03"
 
 
-MORE_MEMORY = f"the model's own memory is too small: {option('set')} size.memory=100M gives it more"
+MORE_MEMORY = f"the memory that the model reserves is too small; increase it by {option('set')} size.memory=100M"
 
 
 def flag(name: str) -> str:
-    """The option `name` as the command line spells it: `--trail-span`."""
+    """Returns the option `name` as the command line spells it: `--trail-span`."""
     return f"--{name.replace('_', '-')}"
 
 
 def spelled(text: str, spelling: Spelling = str) -> str:
-    """`text` with its options as `spelling` writes their names; as Python does if nothing is said."""
+    """Returns `text` with the names of its options spelled by `spelling`; by default, as in Python."""
     return _OPTION.sub(lambda found: spelling(found[1]), text)
 
 
 def _message(text: str, spelling: Spelling = str) -> str:
-    """`text` with its lines cleaned, its options spelled and its longest lines cut in the middle."""
+    """Cleans the lines of `text`, spells its options and cuts its longest lines in the middle."""
     half = LINE // 2 - 1
     lines = [spelled(_clean_but_options(line), spelling) for line in text.split("\n")]
     return "\n".join(line if len(line) <= LINE else f"{line[:half]}…{line[-half:]}" for line in lines)
 
 
 def clean(text: str) -> str:
-    """`text` with control and formatting characters made visible, fit for a terminal or a table.
+    """Makes control and formatting characters in `text` visible, for a terminal or a table.
 
-    Names in models and file names are foreign: they may hold escape sequences or newlines.
+    Names in models and file names are untrusted: they may contain escape sequences or newlines.
     """
-    if text.isprintable():  # nothing to change, which is quickly known, even of megabytes
+    if text.isprintable():  # a fast test, even for megabytes
         return text
     return "".join(ascii(c)[1:-1] if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") else c for c in text)
 
 
 def _clean_but_options(text: str) -> str:
-    """`text`, cleaned around the options that it names."""
+    """Cleans `text` but keeps the marks of its options."""
     return "".join(option(part) if i % 2 else clean(part) for i, part in enumerate(_OPTION.split(text)))
 
 
 def quoted(name: str) -> str:
-    """`name` in quotes, cleaned, and cut if it is long."""
+    """Quotes and cleans `name`, and cuts it if it is long."""
     return f"'{clean(name if len(name) <= QUOTED else name[: QUOTED - 1] + '…')}'"
 
 
 def near(name: str, valid: Iterable[str]) -> list[str]:
-    """The names in `valid` most like `name`, best first, at most three; case is ignored.
+    """Returns up to three names in `valid` that are most similar to `name`, best first; case is ignored.
 
-    An ending that both have, as files of one format do, makes nothing alike.
+    A common suffix, as of files of one format, does not count as similarity.
     """
-    if len(name) > QUOTED:  # to compare it would take long
+    if len(name) > QUOTED:  # comparing it would be slow
         return []
     by_fold: dict[str, list[str]] = {}
     for spelling in valid:
@@ -97,24 +97,26 @@ def _alike(one: str, other: str) -> bool:
 
 
 def _beginnings(one: str, other: str) -> tuple[str, str]:
-    """Both names without the ending after the last dot, if it is the same."""
+    """Removes the suffix after the last dot from both names if it is the same."""
     (first, _, ending), (second, _, other_ending) = one.rpartition("."), other.rpartition(".")
     return (first, second) if first and second and ending == other_ending else (one, other)
 
 
 def listing(names: Sequence[str]) -> str:
-    """`names` as a comma-separated list, cut after `LISTED`."""
+    """Lists `names` separated by commas, cut after `LISTED`."""
     shown = ", ".join(clean(n) or "''" for n in names[:LISTED])
     return shown + (f", … ({len(names)} in all)" if len(names) > LISTED else "")
 
 
 def counted(count: int, noun: str) -> str:
-    """`1 row`, `2 rows`."""
+    """Formats a number with its noun: `1 row`, `2 rows`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def suggestion(name: str, valid: Iterable[str]) -> str:
-    """` (did you mean 'x'?)`, or nothing when no valid name is near; for `qpso/*` groups are valid too."""
+    """Returns ` (did you mean 'x'?)`, or an empty text if no valid name is similar; for `qpso/*`, groups are valid
+    too.
+    """
     valid = list(valid)
     if name.endswith("/*"):
         valid = list(dict.fromkeys(f"{each.rpartition('/')[0]}/*" for each in valid if "/" in each))
@@ -124,12 +126,12 @@ def suggestion(name: str, valid: Iterable[str]) -> str:
 
 @dataclass(frozen=True)
 class Failure:
-    """What ended a command; `error` in its JSON document, which may have further keys that depend on the kind.
+    """The failure of a command: `error` in its JSON document, which may have further keys that depend on the kind.
 
     Attributes:
       kind: a name for the cause, such as UnknownNameError.
-      message: what went wrong and where, then what is valid and what to do next.
-      exit_code: of the command.
+      message: the problem and its place, then valid choices and what to do next.
+      exit_code: the exit code of the command.
       facts: the further keys.
     """
 
@@ -140,18 +142,18 @@ class Failure:
 
     @classmethod
     def of(cls, error: "MjrunError") -> "Failure":
-        """The failure that `error` reports, with its public attributes as facts."""
+        """Returns the failure that `error` represents, with its public attributes as facts."""
         hidden = ("results", "path")
         facts = {name: plain(v) for name, v in vars(error).items() if name not in hidden and not name.startswith("_")}
         return cls(type(error).__name__, error.spelled(flag), error.exit_code, facts)
 
     def document(self) -> dict[str, object]:
-        """The JSON object."""
+        """Returns the JSON object."""
         return {**self.facts, "kind": self.kind, "message": self.message, "exit_code": self.exit_code}
 
 
 def plain(value: object) -> object:
-    """`value` as JSON has it; what JSON does not have becomes text."""
+    """Converts `value` to JSON types; values without such a type become text."""
     match value:
         case None | bool() | int() | str():
             return value
@@ -168,14 +170,14 @@ def plain(value: object) -> object:
 
 
 class MjrunWarning(UserWarning):
-    """Something that may make a result other than expected, told through Python's warnings."""
+    """A circumstance that may make a result differ from expectations, reported through Python's warnings."""
 
 
 class MjrunError(Exception):
-    """Base of every error that a user can cause or meet. Whatever its message quotes is fit for a terminal.
+    """Base of all errors that a user can cause or meet. Its message is safe to print on a terminal.
 
     Attributes:
-      results: of what was made and published in spite of it.
+      results: results of outputs that were published in spite of the error.
     """
 
     exit_code = 70
@@ -185,15 +187,15 @@ class MjrunError(Exception):
         return _message(super().__str__())
 
     def spelled(self, spelling: Spelling) -> str:
-        """The message and its notes, with options as `spelling` writes their names."""
+        """Returns the message and its notes, with options as `spelling` writes their names."""
         return _message("\n".join([super().__str__(), *getattr(self, "__notes__", ())]), spelling)
 
 
-# --- 1: the answer is no ----------------------------------------------------------------------------
+# --- 1: a negative result ---------------------------------------------------------------------------
 
 
 class FailedAssertionError(MjrunError):
-    """What was asserted of a simulation does not hold; `messages` say what, where, and what it is instead."""
+    """A failed assertion about a simulation; `messages` give the assertion, the place and the actual value."""
 
     exit_code = 1
 
@@ -203,29 +205,29 @@ class FailedAssertionError(MjrunError):
 
 
 class GoldenDifferenceError(MjrunError):
-    """A simulation differs from its golden table; `messages` say from which, where, and by how much."""
+    """A difference between a simulation and its golden table; `messages` give the places and the amounts."""
 
     exit_code = 1
 
     def __init__(self, messages: Sequence[str]) -> None:
         self.messages = tuple(messages)
-        super().__init__("\n".join([*messages, f"{option('update')} makes what is now the golden table"]))
+        super().__init__("\n".join([*messages, f"{option('update')} replaces the golden table by this result"]))
 
 
 class UnidentifiableError(MjrunError):
-    """Measurements do not tell what is looked for; `messages` say of which parameters, `hints` why that may be."""
+    """Measurements that do not determine the parameters of a fit; `messages` name them, `hints` give likely reasons."""
 
     exit_code = 1
 
     def __init__(self, messages: Sequence[str], hints: Sequence[str] = ()) -> None:
         self.messages = tuple(messages)
         advice = "leave them out, give a prior, or measure other signals or motions"
-        goes_on = f"{advice}; {option('allow_unidentifiable')} goes on all the same"
-        super().__init__("\n".join([*messages, *hints, goes_on]))
+        to_continue = f"{advice}; {option('allow_unidentifiable')} continues regardless"
+        super().__init__("\n".join([*messages, *hints, to_continue]))
 
 
 class UnimprovedFitError(MjrunError):
-    """A fitted model predicts what it has not seen no better than the model before; `message` says by how much."""
+    """A fitted model that predicts held-out data no better than the original; `message` gives the errors."""
 
     exit_code = 1
 
@@ -234,10 +236,10 @@ class UnimprovedFitError(MjrunError):
 
 
 class UsageError(MjrunError):
-    """Options or values that cannot be meant.
+    """Invalid options or option values.
 
     Attributes:
-      path: the option that is at fault, and the place in its value: `("camera", 0, "lookat")`; empty if unknown.
+      path: the invalid option and the place in its value: `("camera", 0, "lookat")`; empty if unknown.
     """
 
     exit_code = 2
@@ -248,7 +250,7 @@ class UsageError(MjrunError):
         self.path: OptionPath = path or ((first[1],) if first else ())
 
     def one_line(self, path: OptionPath = ()) -> str:
-        """The message in one line, without the option that it begins with, if that is the last name in `path`."""
+        """Returns the message in one line, without the leading option if that is the last name in `path`."""
         message = "; ".join(part for part in self.spelled(str).splitlines() if part)
         names = [part for part in path if isinstance(part, str)]
         message = message.removeprefix(f"{names[-1]}: ") if names else message
@@ -257,7 +259,7 @@ class UsageError(MjrunError):
 
 @contextmanager
 def concerning(*path: str | int) -> Iterator[None]:
-    """Says of a UsageError raised within which option, and which part of its value, is at fault."""
+    """Adds the option, and the part of its value, to a UsageError that is raised in the `with` block."""
     try:
         yield
     except UsageError as error:
@@ -269,7 +271,7 @@ def concerning(*path: str | int) -> Iterator[None]:
 
 
 class UnknownNameError(UsageError):
-    """A name that is not among the valid ones."""
+    """A name that is not one of the valid ones."""
 
     def __init__(self, kind: str, name: str, valid: Sequence[str], where: str = "", plural: str = "") -> None:
         plural = plural or f"{kind}s"
@@ -280,7 +282,7 @@ class UnknownNameError(UsageError):
 
 
 class BadValueError(UsageError):
-    """A value of the wrong type, size or range; `what` is the name of it, `option("fps")` as a rule."""
+    """A value of the wrong type, size or range; `what` is its name, usually `option("fps")`."""
 
     def __init__(self, what: str, value: object, expected: str) -> None:
         self.value = str(value)
@@ -288,7 +290,7 @@ class BadValueError(UsageError):
 
 
 class Problem(NamedTuple):
-    """One thing wrong in a document: at `place`, `shots.yaml:12:5`, and at `path` in it, `shots[1].orbit`."""
+    """A problem in a document, at `place`, `shots.yaml:12:5`, and at `path` in it, `shots[1].orbit`."""
 
     place: str
     path: str
@@ -299,7 +301,7 @@ class Problem(NamedTuple):
 
 
 class DocumentError(UsageError):
-    """A document says what cannot be meant: every problem in it, one on a line."""
+    """An invalid document; lists every problem, one per line."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = tuple(problems)
@@ -309,25 +311,25 @@ class DocumentError(UsageError):
 
 
 class InvalidJobsError(UsageError):
-    """What is wrong with jobs that are done together: `faults`, each with a job's index, None for the simulation."""
+    """Problems of jobs in one pass: `faults`, each with the index of its job, or None for the simulation."""
 
     def __init__(self, faults: Sequence[tuple[int | None, UsageError]]) -> None:
         self.faults = tuple(faults)
         super().__init__("\n".join(dict.fromkeys(error.spelled(option) for _, error in faults)))
 
 
-# Packages that share a folder with another one, so that what replaces that one by an older version removes their files.
+# Packages that share the folder of another one: replacing that one by an older version removes their files.
 SHARING = {"mujoco": "mujoco-core mujoco-studio"}
 
 
 def installation(package: str, specifier: str) -> str:
-    """The command that installs a version of a package over whichever is installed."""
+    """Returns the command that installs a version of a package over any installed one."""
     removal = f"pip uninstall -y {package} {SHARING[package]} && " if package in SHARING else ""
     return f"{removal}pip install '{package}{specifier}'"
 
 
 class MissingExtraError(UsageError):
-    """What was asked needs a library that only an extra of mjrun installs; or, without an extra, the user alone."""
+    """A feature that needs a library which only an extra of mjrun installs, or, without an extra, only the user."""
 
     def __init__(self, what: str, library: str, extra: str = "") -> None:
         self.library = library
@@ -336,7 +338,7 @@ class MissingExtraError(UsageError):
 
 
 class DamagedPackageError(UsageError):
-    """A package that mjrun needs is installed, and cannot be imported."""
+    """A required package that is installed but cannot be imported."""
 
     def __init__(self, package: str, version: str, reason: str) -> None:
         sentence = clean(reason.strip().partition("\n")[0].partition(". ")[0])
@@ -344,17 +346,17 @@ class DamagedPackageError(UsageError):
 
 
 class WrongVersionError(UsageError):
-    """A package that mjrun needs is installed in another version.
+    """A required package that is installed in another version.
 
     Args:
-      specifier: the versions that mjrun needs: `>=4`.
-      requiring: what asks for another version, by the installed packages that brought it:
+      specifier: the versions that mjrun requires: `>=4`.
+      requiring: the packages that require another version, by the installed packages that depend on them:
         `{"robosuite": "mink 0.0.5 (numpy<2.0.0), which robosuite 1.5.2 needs"}`.
 
     Attributes:
-      package, version: what is installed.
-      needed: what mjrun needs: `mujoco>=4`.
-      remedy: what to do about it, a line for each possibility.
+      package, version: the installed package.
+      needed: the required versions: `mujoco>=4`.
+      remedy: instructions, one line per alternative.
     """
 
     def __init__(self, package: str, specifier: str, version: str, requiring: Mapping[str, str]) -> None:
@@ -373,11 +375,11 @@ class WrongVersionError(UsageError):
 
 
 class ControllerError(UsageError):
-    """A controller cannot be had, failed, or gave what cannot be taken."""
+    """A controller that cannot be loaded, that failed, or that returned invalid controls."""
 
     @classmethod
     def of(cls, what: str, error: BaseException) -> "ControllerError":
-        """Tells that `what` raised `error`, with the traceback from where foreign code begins."""
+        """Reports that `what` raised `error`, with the traceback from the first line of the user's code."""
         kind = type(error).__name__
         trace = error.__traceback__
         while trace and trace.tb_frame.f_globals.get("__name__", "").partition(".")[0] in ("mjrun", "importlib"):
@@ -387,7 +389,7 @@ class ControllerError(UsageError):
 
 
 class CompiledOverrideError(UsageError):
-    """Overrides of a model that is already compiled, each as the option that asks for it and its value."""
+    """Overrides of a compiled model, each with its option and its value."""
 
     def __init__(self, path: Path | str, overrides: Sequence[tuple[str, str]]) -> None:
         spelled_overrides = ", ".join(f"{option(name)} {clean(value)}" for name, value in overrides)
@@ -401,21 +403,21 @@ class CompiledOverrideError(UsageError):
 
 
 class ModelError(MjrunError):
-    """The model cannot be found, read or compiled."""
+    """A model that cannot be found, read or compiled."""
 
     exit_code = 3
 
 
 class OutOfMemoryError(ModelError):
-    """The simulation of the model needs more memory than there is; `reason` is what the system or MuJoCo says."""
+    """A simulation that needs more memory than is available; `reason` is the message of the system or of MuJoCo."""
 
     def __init__(self, reason: str) -> None:
-        advice = "look for a large <size memory>, count or resolution in the model, or lift the limit of this process"
+        advice = "look for a large <size memory>, count or resolution in the model, or raise the limit of this process"
         super().__init__(f"memory ran out{f': {clean(reason)}' if reason else ''}\n{advice}")
 
 
 class ModelNotFoundError(ModelError):
-    """There is no such model; `valid` are those there are, under the heading `place`, to compare `name` with."""
+    """A model that does not exist; `valid` lists existing ones, under the heading `place`, to compare `name` with."""
 
     def __init__(
         self, path: Path | str, reason: str, valid: Sequence[str] = (), place: str = "models", name: str | None = None
@@ -426,7 +428,7 @@ class ModelNotFoundError(ModelError):
 
 
 class BrokenModelError(ModelError):
-    """The model is refused; `line` is where, if that is known, and `hint` says what to do."""
+    """A rejected model; `line` is the place, if known, and `hint` the remedy."""
 
     def __init__(self, path: Path, message: str, line: int | None = None, hint: str = "") -> None:
         self.path, self.line, self.hint = path, line, hint
@@ -440,7 +442,7 @@ class BrokenModelError(ModelError):
 
 
 class SimulationError(MjrunError):
-    """The simulation cannot go on: `step` is the first step that could not be taken, `time` [s] its start."""
+    """A simulation that cannot continue: `step` is the first step that failed, `time` [s] its start."""
 
     exit_code = 4
 
@@ -450,17 +452,17 @@ class SimulationError(MjrunError):
 
 
 class FailedStepError(SimulationError):
-    """MuJoCo gave up in the middle of a step, for want of memory as a rule."""
+    """A step that MuJoCo aborted, usually for lack of memory."""
 
     def __init__(self, step: int, time: float, reason: str) -> None:
-        first, *rest = (clean(line) for line in (reason or "it gave no reason").splitlines())
+        first, *rest = (clean(line) for line in (reason or "no reason reported").splitlines())
         failure = f"MuJoCo failed at step {step}, time {time:.9g} s: {first}"
         advice = [MORE_MEMORY] if ARENA in reason else []
         super().__init__(step, time, "\n".join([failure, *map(str.strip, rest), *advice]))
 
 
 class UnstableError(SimulationError):
-    """The simulation diverged."""
+    """A simulation that diverged."""
 
     def __init__(self, step: int, time: float, quantity: str, joint: str, timestep: float) -> None:
         self.joint = joint
@@ -469,17 +471,17 @@ class UnstableError(SimulationError):
             time,
             f"the simulation became unstable at step {step}, time {time:.9g} s: "
             f"{quantity} of {clean(joint)} is not finite or too large\n"
-            f"a smaller {option('timestep')} than {timestep:g} s may cure it, or another {option('integrator')}: "
+            f"try a {option('timestep')} smaller than {timestep:g} s, or another {option('integrator')}: "
             "implicitfast where damping or contacts are stiff, rk4 for fast free motion",
         )
 
 
 class InvalidActionError(SimulationError):
-    """A policy answered with numbers that are not finite.
+    """A policy that returned non-finite actions.
 
     Args:
-      policy: its name.
-      values: the actions that are not finite, by name.
+      policy: the name of the policy.
+      values: the non-finite actions, by name.
     """
 
     def __init__(self, step: int, time: float, policy: str, values: Mapping[str, float]) -> None:
@@ -487,7 +489,7 @@ class InvalidActionError(SimulationError):
         super().__init__(
             step,
             time,
-            f"the policy {clean(policy)} answered at step {step}, time {time:.9g} s, what is not finite: {shown}",
+            f"policy {clean(policy)} returned non-finite actions at step {step}, time {time:.9g} s: {shown}",
         )
 
 
@@ -495,13 +497,13 @@ class InvalidActionError(SimulationError):
 
 
 class RendererError(MjrunError):
-    """There is no way to draw here."""
+    """A failure to render on this machine."""
 
     exit_code = 5
 
 
 class NoRendererError(RendererError):
-    """Nothing can draw; `tried` maps each backend to its reason."""
+    """No backend can render; `tried` maps each backend to its reason."""
 
     def __init__(self, tried: Mapping[str, str], remedy: str) -> None:
         self.tried = dict(tried)
@@ -510,34 +512,34 @@ class NoRendererError(RendererError):
 
 
 class SoftwareRendererError(RendererError):
-    """A GPU was required and only software is there."""
+    """Only software rendering is available although a GPU is required."""
 
     def __init__(self, renderer: str) -> None:
         super().__init__(
             f"{option('require_gpu')}: the only working renderer is software ({clean(renderer)})\n"
-            "`mjrun doctor` shows every backend and what to do about it"
+            "`mjrun doctor` shows the state of every backend and how to fix it"
         )
 
 
 class NoWindowError(RendererError):
-    """A live view cannot be shown; `tried` maps `window` and `browser` to their reasons."""
+    """A live view that cannot open; `tried` maps `window` and `browser` to their reasons."""
 
     def __init__(self, tried: Mapping[str, str]) -> None:
         self.tried = dict(tried)
         reasons = [f"  {name}: {clean(reason)}" for name, reason in tried.items()]
-        remedy = "`mjrun doctor` shows what works here; without a display, leave out the option that forbids a browser"
-        super().__init__("\n".join(["there is nothing here to show a simulation in", *reasons, remedy]))
+        remedy = "`mjrun doctor` shows what works here; without a display, allow the browser"
+        super().__init__("\n".join(["neither a window nor a browser view can open here", *reasons, remedy]))
 
 
 class DrawError(RendererError):
-    """The renderer works, and could not draw this."""
+    """An image that a working renderer could not render."""
 
 
 # --- 6: encoding -----------------------------------------------------------------------------------
 
 
 class EncoderError(MjrunError):
-    """The encoder failed, or made something other than was promised."""
+    """An encoder that failed or wrote something other than requested."""
 
     exit_code = 6
 
@@ -552,7 +554,7 @@ class EncoderError(MjrunError):
 
 
 class FileError(MjrunError):
-    """An output cannot be written, or an input other than the model cannot be read."""
+    """An output that cannot be written, or an input other than the model that cannot be read."""
 
     exit_code = 7
 
@@ -561,18 +563,18 @@ class FileError(MjrunError):
 
 
 class CellError(FileError):
-    """A cell of a table is not a number, which only matters in a column that is read."""
+    """A table cell that is not a number; an error only in columns that are read."""
 
 
 # --- 8: partly done --------------------------------------------------------------------------------
 
 
 class PartlyDoneError(MjrunError):
-    """Some outputs were made and some were not.
+    """Outputs that failed beside others that were made.
 
     Args:
-      made: paths of what was made.
-      errors: of what was not, each with the path of its output.
+      made: paths of the outputs that were made.
+      errors: the errors of the other outputs, each with the path of its output.
 
     Attributes:
       made: as the argument.
@@ -588,28 +590,28 @@ class PartlyDoneError(MjrunError):
             for path, error in errors
         ]
         lines = [f"{clean(path)} could not be made: {error.spelled(option)}" for path, error in errors]
-        super().__init__("\n".join([*lines, f"made all the same: {listing(made)}"]))
+        super().__init__("\n".join([*lines, f"made: {listing(made)}"]))
 
 
 class FailedPointsError(MjrunError):
-    """Some points of a study could not be simulated.
+    """Points of a study that could not be simulated.
 
     Args:
-      statuses: how many points ended in which way, `ok` among them.
+      statuses: the number of points by status, `ok` included.
     """
 
     exit_code = 8
 
     def __init__(self, statuses: Mapping[str, int]) -> None:
         counts = ", ".join(f"{count} {status}" for status, count in statuses.items() if status != "ok")
-        super().__init__(f"{counts}, of {sum(statuses.values())} points; the others are in the table")
+        super().__init__(f"{counts}, of {sum(statuses.values())} points; the table has the others")
 
 
 class LostFilesError(MjrunError):
-    """Some files of the points of a study could not be made.
+    """Files of points of a study that could not be made.
 
     Args:
-      failures: why, of each point by its number.
+      failures: the reason for each point, by its number.
     """
 
     exit_code = 8
@@ -623,11 +625,11 @@ class LostFilesError(MjrunError):
 
 
 class LostEpisodesError(MjrunError):
-    """A process that played episodes ended in the middle of them.
+    """Episodes that were lost because their process ended.
 
     Args:
-      seeds: of the episodes that it was to play.
-      ending: how it ended, as the end of a sentence.
+      seeds: seeds of the episodes assigned to the process.
+      ending: how the process ended, as the end of a sentence.
     """
 
     exit_code = 8
@@ -641,13 +643,15 @@ class LostEpisodesError(MjrunError):
 
 
 class EndedFromOutsideError(BaseException):
-    """The process was told to end. A BaseException, as KeyboardInterrupt is, so that nothing swallows it."""
+    """A request to end the process. A BaseException like KeyboardInterrupt, so that no handler of exceptions catches
+    it.
+    """
 
     exit_code = 130
 
 
 class TerminatedError(EndedFromOutsideError):
-    """SIGTERM or SIGHUP arrived."""
+    """The signal SIGTERM or SIGHUP."""
 
     def __init__(self, number: int) -> None:
         self.exit_code = 128 + number
@@ -655,6 +659,6 @@ class TerminatedError(EndedFromOutsideError):
 
 
 class ClosedPipeError(EndedFromOutsideError):
-    """Whoever read our standard output is gone."""
+    """The reader of standard output closed the pipe."""
 
     exit_code = 141

@@ -281,7 +281,7 @@ def test_a_step_that_mujoco_could_not_finish_is_told_with_its_reason() -> None:
 
 def test_where_the_memory_that_a_model_sets_apart_is_too_small_the_message_says_what_to_set() -> None:
     error = FailedStepError(0, 0.0, "mj_stackAlloc: out of memory\n  max = 1, narena = 1")
-    assert str(error).endswith("\nthe model's own memory is too small: set size.memory=100M gives it more")
+    assert str(error).endswith("\nthe memory that the model reserves is too small; increase it by set size.memory=100M")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""`mjrun diff --golden`: a simulation against a golden table, with the options of `mjrun trace`."""
+"""The command `mjrun diff --golden`, which compares a simulation with a golden table."""
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
@@ -22,15 +22,15 @@ UNWRITTEN = ("output", "format", "contacts", "keep_partial", "manifest")  # of a
     without=UNWRITTEN,
 )
 def diff_golden(console: Console, command_line: CommandLine) -> None:
-    """Tell whether a simulation of MODEL still is what a golden table says: a regression test in one line.
+    """Compare a simulation of MODEL with a golden table: a regression test in one line.
 
     \b
     mjrun diff --golden golden.csv scene.xml --update
     mjrun diff --golden golden.csv scene.xml
     mjrun diff --golden golden.parquet scene.xml --probe qpos,energy --rate 100 --rtol 1e-9
 
-    The options are those of mjrun trace; nothing is written but the golden table, and that with --update only. Exits
-    with 1 when the two differ, with 7 when there is no golden table.
+    Accepts the options of mjrun trace. Writes only the golden table, and only with --update. Exits with 1 if the two
+    differ, and with 7 if the golden table does not exist.
     """
     form = command_line.form("github")
     console.guard_stdout()

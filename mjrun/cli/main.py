@@ -1,4 +1,4 @@
-"""The `mjrun` command: its subcommands, and the one place where errors become text and exit codes."""
+"""The `mjrun` command, its subcommands, and the conversion of errors to text and exit codes."""
 
 import os
 import shlex
@@ -46,7 +46,7 @@ FIRST = (
 
 
 def _commands() -> dict[str, str]:
-    """The first line of each module of `mjrun.cli.commands`, by name; none is imported before its command is run."""
+    """Returns the first line of each module of `mjrun.cli.commands`, by name, without importing the modules."""
     modules = {path.stem: path for path in Path(__file__).with_name("commands").glob("[!_]*.py")}
     names = sorted(modules, key=lambda name: (FIRST.index(name) if name in FIRST else len(FIRST), name))
     return {name: modules[name].read_text("utf-8").split('"""', 2)[1] for name in names}
@@ -56,7 +56,7 @@ COMMANDS = _commands()  # one line of help, by name
 
 
 def load_command(name: str) -> "SectionedCommand":
-    """Imports a command."""
+    """Imports and returns a command."""
     return getattr(import_module(f"mjrun.cli.commands.{name}"), name)
 
 
@@ -78,7 +78,8 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args[0] not in COMMANDS and args[0].endswith(MODELS):
             raise click.UsageError(
-                f"{quoted(args[0])} is a model; what is to be done with it? mjrun video {clean(args[0])}", ctx
+                f"{quoted(args[0])} is a model, not a command; to make a video of it: mjrun video {clean(args[0])}",
+                ctx,
             )
         return super().resolve_command(ctx, args)
 
@@ -95,7 +96,7 @@ class LazyGroup(click.Group):
 @click.version_option(__version__, "-V", "--version", prog_name="mjrun", message="%(prog)s %(version)s")
 @click.pass_context
 def group(ctx: click.Context) -> None:
-    """MuJoCo models to videos, images, tables and timing reports.
+    """Turn MuJoCo models into videos, images, tables and timing reports.
 
     \b
     mjrun video scene.xml                 a video, scene.mp4
@@ -141,7 +142,7 @@ def _finish(console: Console) -> int:
 
 
 def _guarded(console: Console, action: Callable[[], int]) -> int:
-    """The exit code of `action`, whatever happens in it."""
+    """Returns the exit code of `action`, also if it raises."""
     try:
         try:
             return action()
@@ -163,7 +164,7 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
 
 
 def _failure(error: BaseException) -> Failure:
-    """What ended the command."""
+    """Returns the failure that an exception represents."""
     match error:
         case click.UsageError():
             return Failure("UsageError", _usage_message(error), error.exit_code)

@@ -80,7 +80,7 @@ def test_a_trace_is_written_and_compared(model: Path, run: Run) -> None:
     assert piped.returncode == 1
     assert piped.stdout.count("\n") == 42
     assert "rig.xml differs from the golden table g.npz" in piped.stderr
-    assert "--update makes what is now the golden table" in piped.stderr
+    assert "--update replaces the golden table by this result" in piped.stderr
 
 
 def test_documents_have_golden_tables(model: Path, run: Run) -> None:

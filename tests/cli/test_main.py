@@ -53,7 +53,7 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
     ("arguments", "code", "message"),
     [
         (["vidoe"], 2, "No such command 'vidoe'. (Did you mean one of: 'video', 'view'?)"),
-        (["scene.xml"], 2, "'scene.xml' is a model; what is to be done with it? mjrun video scene.xml"),
+        (["scene.xml"], 2, "'scene.xml' is a model, not a command; to make a video of it: mjrun video scene.xml"),
         (["video"], 2, "Missing argument 'MODEL'."),
         (["video", "swing.xml", "--camrea", "x"], 2, "No such option '--camrea'"),
         (["video", "swing.xml", "--size", "64"], 2, "'64' is not a size; write width x height in pixels"),

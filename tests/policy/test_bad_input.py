@@ -47,7 +47,7 @@ def code(folder: Path) -> str:
     [
         (damaged, 7, "p.onnx: is no ONNX model, or a damaged one"),
         (wide, 2, "observations: the policy has 7 numbers; the task has 6: joint_pos (2), joint_vel (2), actions (2)"),
-        (nan, 4, "p.onnx answered at step 0, time 0 s, what is not finite: hip = nan, knee = nan"),
+        (nan, 4, "p.onnx returned non-finite actions at step 0, time 0 s: hip = nan, knee = nan"),
         (permuted, 2, "order of joints in joint_pos: the policy has knee, hip; the task has hip, knee"),
         (archive, 2, "--trust opens it, if you know where it comes from"),
         (code, 2, "raised RuntimeError: no"),

@@ -236,7 +236,9 @@ def test_what_an_environment_does_besides_physics_is_noticed_where_it_matters(tm
 def test_an_action_that_is_no_number_is_told_with_its_step() -> None:
     environment = Environment(GymSource("InvertedPendulum-v5"))
     stepper = EnvironmentStepper(environment, Recorded([np.zeros(1), np.array([np.nan])]), 0, "cart.onnx")
-    with pytest.raises(SimulationError, match=r"cart\.onnx answered at step 2, time 0\.04 s, .*: slide = nan"):
+    with pytest.raises(
+        SimulationError, match=r"cart\.onnx returned non-finite actions at step 2, time 0\.04 s: slide = nan"
+    ):
         stepper.advance(2)
 
 

@@ -145,7 +145,9 @@ class Answers:
 
 def test_an_action_that_is_not_finite_is_told_with_its_step() -> None:
     stepper = TaskStepper(TaskWorlds(arm(), 1), Answers([0, 0], [0, np.nan]), 0, "p.onnx")
-    with pytest.raises(InvalidActionError, match=r"p\.onnx answered at step 4, time 0.04 s, .*: m2 = nan") as caught:
+    with pytest.raises(
+        InvalidActionError, match=r"p\.onnx returned non-finite actions at step 4, time 0.04 s: m2 = nan"
+    ) as caught:
         stepper.advance(6)
     assert caught.value.step == 4
 

@@ -1,4 +1,4 @@
-"""Time a simulation: steps, phases, threads, drawing, accuracy."""
+"""Measure the speed of a simulation: steps, phases, threads, rendering, accuracy."""
 
 import os
 from collections.abc import Callable, Generator
@@ -27,9 +27,10 @@ SLOWER, PARTLY = 1, 8  # exit codes
     reports={"bench": "mjrun.bench.results:BenchResult"},
 )
 def bench(console: Console, command_line: CommandLine) -> None:
-    """Time the simulation of MODEL: its steps and their phases, threads, drawing; and measure its accuracy.
+    """Measure the speed of simulating MODEL: its steps and their phases, threads and rendering; and its accuracy.
 
-    Repeats a rollout with the control noise of MuJoCo's own testspeed, and gives the median with its interval.
+    Repeats a rollout with the control noise of MuJoCo's testspeed, and reports the median with its confidence
+    interval.
 
     \b
     mjrun bench scene.xml
@@ -39,7 +40,7 @@ def bench(console: Console, command_line: CommandLine) -> None:
     mjrun bench scene.xml --save base.json
     mjrun bench scene.xml --compare base.json --fail-above 10%
 
-    Exits with 8 when points of a --scan could not be measured, as with a timestep that is too long.
+    Exits with 8 if points of a --scan could not be measured, for example because their timestep is too long.
     """
     form = command_line.form("csv", "markdown")
     console.guard_stdout()
@@ -59,12 +60,12 @@ def bench(console: Console, command_line: CommandLine) -> None:
 
 @contextmanager
 def _summary(file: str | None) -> Generator[Callable[[str], None], None, None]:
-    """Appends to the file of the summary, if there is one, after checking that it can be written.
+    """Appends the report to the summary file, if one is requested, after checking that it can be written.
 
-    A file that did not exist is removed again if nothing comes to be appended.
+    A file that did not exist before is removed again if nothing is appended.
 
     Raises:
-      UsageError: it has no name.
+      UsageError: no file name is known.
       FileError: it cannot be written.
     """
     path = os.environ.get(SUMMARY, "") if file == "" else file

@@ -1,4 +1,4 @@
-"""Find what is wrong with models; for CI."""
+"""Find errors in models and likely causes of errors; for CI."""
 
 import click
 
@@ -22,7 +22,7 @@ MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL..."
     reports={"check": "mjrun.check.check:CheckResult"},
 )
 def check(console: Console, command_line: CommandLine) -> None:
-    """Find what is wrong with each MODEL, or will be; a folder means all models below it.
+    """Find errors in each MODEL, and likely causes of later errors; a folder stands for all models in it.
 
     \b
     mjrun check scene.xml
@@ -30,9 +30,9 @@ def check(console: Console, command_line: CommandLine) -> None:
     mjrun check models/**/*.xml --sarif > check_report.sarif
     mjrun check task.yaml --policy policy.onnx
 
-    Of a task document it checks what does not fit: names, sizes, the policy, and what random actions bring to light.
-    Each model is looked at in a process of its own, within limits of time and memory. Exits with 1 when something at
-    or above --fail-on is found, and with 3 when a model does not load.
+    A task document is checked for names, sizes and its policy, and simulated under random actions. Each model is
+    checked in a separate process with limits on time and memory. Exits with 1 if a finding has at least the severity
+    of --fail-on, and with 3 if a model does not load.
     """
     console.guard_stdout()
     import_mujoco()

@@ -1,4 +1,4 @@
-"""Print a script that completes mjrun's commands, options and values in a shell."""
+"""Print a shell script that completes mjrun's commands, options and values."""
 
 import click
 
@@ -11,8 +11,8 @@ from mjrun.errors import UnknownNameError
 def completion(console: Console, command_line: CommandLine) -> None:
     """Print a script that completes mjrun's commands, options and values in a SHELL.
 
-    Values are completed, too: models of a collection, and cameras, keyframes, actuators, joints, columns and paths of
-    the model on the command line. Add one of these lines to the shell's start-up file:
+    Values include the models of a collection, and cameras, keyframes, actuators, joints, columns and paths of the
+    model on the command line. Add one of these lines to the shell's start-up file:
 
     \b
     eval "$(mjrun completion bash)"               # ~/.bashrc

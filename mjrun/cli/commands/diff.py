@@ -1,4 +1,4 @@
-"""Tell whether two results agree: tables, recordings, videos, images, models."""
+"""Compare two results: tables, recordings, videos, images, models."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ PAIR = [ModelArgument("a", metavar="A"), ModelArgument("b", metavar="B")]
 
 
 class DiffCommand(SectionedCommand):
-    """With --golden another command, whose options are those of a trace."""
+    """The command `diff`; with --golden a different command, with the options of a trace."""
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
@@ -39,7 +39,7 @@ class DiffCommand(SectionedCommand):
     reports={"diff": "mjrun.diff.result:DiffResult"},
 )
 def diff(console: Console, command_line: CommandLine) -> None:
-    """Tell whether two results agree, A and B: tables, recordings, videos, images or models.
+    """Compare two results, A and B: tables, recordings, videos, images or models.
 
     \b
     mjrun diff yesterday.csv today.parquet
@@ -49,8 +49,8 @@ def diff(console: Console, command_line: CommandLine) -> None:
     mjrun diff arm.xml arm_heavier.xml
     mjrun diff --golden golden.csv scene.xml
 
-    Tables of any formats are aligned by time; one of them may come from standard input. Exits with 1 when the two
-    differ. With --golden it tells whether a simulation still is what a table says: mjrun diff --golden --help.
+    Tables may have different formats and are aligned by time; one of them may come from standard input. Exits with 1
+    if A and B differ. --golden compares a simulation with a golden table: see mjrun diff --golden --help.
     """
     form = command_line.form("github")
     console.guard_stdout()

@@ -1,4 +1,4 @@
-"""Show what works on this machine, and what to install."""
+"""Show what works on this machine, and how to fix the rest."""
 
 from contextlib import suppress
 from itertools import groupby
@@ -19,10 +19,10 @@ NOT_NEEDED = "·"
 
 @command(reports={"doctor": "mjrun.doctor:DoctorReport"})
 def doctor(console: Console, command_line: CommandLine) -> None:
-    """Show what works on this machine, and how to repair what does not.
+    """Show what works on this machine, and how to fix the rest.
 
-    Tries every OpenGL backend, Filament and every encoder. Exits with 2 if a package that mjrun needs has a wrong
-    version, with 5 if nothing can draw, or if what $MUJOCO_GL and $MUJOCO_EGL_DEVICE_ID ask for cannot.
+    Tests every OpenGL backend, Filament and every encoder. Exits with 2 if a required package has a wrong version, and
+    with 5 if no renderer works or the one requested by $MUJOCO_GL and $MUJOCO_EGL_DEVICE_ID does not.
     """
     console.guard_stdout()
     with suppress(WrongVersionError):  # which the report shows

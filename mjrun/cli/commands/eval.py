@@ -1,4 +1,4 @@
-"""Play episodes of a task under a policy: returns, successes, films, comparisons."""
+"""Evaluate a policy on episodes of a task: returns, success rates, videos, comparisons."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -42,7 +42,7 @@ ARGUMENTS = (
     reports={"eval": "mjrun.evaluation.result:EvaluationResult"},
 )
 def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - the command's name
-    """Play seeded episodes of TASK under a policy, and tell how good it is: returns, successes, films.
+    """Evaluate a policy on seeded episodes of TASK: returns, success rates, videos, comparisons.
 
     \b
     mjrun eval task.yaml --policy drive.onnx --episodes 200 -o results
@@ -52,11 +52,11 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     mjrun eval gym:Walker2d-v5 --policy random --episodes 20
     mjrun eval evaluation.yaml --policy new.onnx episodes=20
 
-    TASK is a task document, whose values KEY=VALUE changes, one of ours, such as scene:car_drive, or an environment of
-    Gymnasium's. Episode i has the seed of the first plus i, and mjrun video TASK --policy P --seed S shows the episode
-    of seed S. The same seeds give the same table, bit for bit. Exits with 1 where what is required does not hold.
+    TASK is a task document, a task of the gallery such as scene:car_drive, or a Gymnasium environment. KEY=VALUE
+    changes a value of the document. Each episode uses the next seed after the first one; mjrun video TASK --policy P
+    --seed S shows the episode of seed S. Equal seeds give identical tables. Exits with 1 if a requirement is not met.
 
-    EVALUATION.yaml is a document that says all of it; KEY=VALUE changes a value of it, and options count instead of it.
+    EVALUATION.yaml is an evaluation document; KEY=VALUE changes a value in it, and options override it.
     """
     console.guard_stdout()
     import_mujoco()
@@ -75,8 +75,9 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
 
 
 def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluation, Sequence[str], Located]":
-    """The evaluation of a command line, or of the document that it names; what it changes in the task; and what
-    locates its errors."""
+    """Returns the evaluation of a command line or of its document, the changes to the task, and the context that
+    locates its errors.
+    """
     from mjrun.document.evaluation import evaluated_task, read_evaluation
     from mjrun.document.kinds import KINDS, kind_of_file
     from mjrun.evaluation.evaluation import Evaluation
@@ -103,7 +104,7 @@ def _report(results: "Sequence[EvaluationResult]") -> Report:
 
 
 def evaluation_report(result: "EvaluationResult") -> str:
-    """Returns, successes, endings, terms of the reward, metrics, films, and who is better."""
+    """Formats returns, success rates, endings, terms of the reward, metrics, videos and the comparison of policies."""
     from mjrun.cli.page_layout import PageLayout
 
     page, level = PageLayout(), f"{100 * result.confidence:g} %"
@@ -167,7 +168,7 @@ def _ending_columns(policies: "Sequence[EpisodeSummary]", level: str) -> list[Co
 
 
 def _policy_column(policies: Sequence[str]) -> list[Column]:
-    """Who played, where there are several."""
+    """Returns the column of policies, if there are several."""
     return [Column("policy", [clean(policy) for policy in policies])] if len({*policies}) > 1 else []
 
 

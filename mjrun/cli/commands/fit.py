@@ -1,4 +1,4 @@
-"""Find parameters of a model from measurements."""
+"""Estimate parameters of a model from measurements."""
 
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
@@ -38,7 +38,8 @@ ARGUMENTS = (
     reports={"fit": "mjrun.fit.result:FitResult", "excite": "mjrun.fit.excitation:ExcitationResult"},
 )
 def fit(console: Console, command_line: CommandLine) -> None:
-    """Find parameters of MODEL from measurements: DATA, tables with columns such as time, qpos/knee and ctrl/motor.
+    """Estimate parameters of MODEL from measurements: DATA are tables with columns such as time, qpos/knee and
+    ctrl/motor.
 
     \b
     mjrun fit arm.xml log.csv --free 'joint/elbow.damping=log:0.01..10' -o fitted.xml
@@ -47,10 +48,10 @@ def fit(console: Console, command_line: CommandLine) -> None:
     mjrun fit arm_fit.yaml starts=8 -o fitted.xml
     mjrun fit arm.xml --free 'joint/*.damping=0.1..10' --excite chirp.csv && mjrun video arm.xml --ctrl-from chirp.csv
 
-    FIT.yaml is a document that says all of it; KEY=VALUE changes a value of it.
+    FIT.yaml is a fit document; KEY=VALUE changes a value in it.
 
-    The last fifth of the measurements is held out: a fit that does not predict it better than MODEL exits with 1, and
-    so does one whose parameters the measurements do not tell.
+    The last fifth of the measurements is held out. Exits with 1 if the fitted model does not predict it better than
+    MODEL, or if the measurements do not determine the parameters.
     """
     console.guard_stdout()
     import_mujoco()
@@ -69,7 +70,7 @@ def fit(console: Console, command_line: CommandLine) -> None:
 
 
 def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
-    """The fit of a command line, or of the document that it names; and what locates its errors there."""
+    """Returns the fit of a command line or of its document, and the context that locates its errors."""
     from mjrun.fit.fit import Fit
 
     model, data = command_line.argument("model"), command_line.arguments("tables")
@@ -87,7 +88,7 @@ def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]
 
 
 def fit_report(result: "FitResult") -> str:
-    """The parameters with their intervals, how well the signals are predicted, and what was written."""
+    """Formats the parameters with their intervals, the prediction errors of the signals, and the files written."""
     from mjrun.cli.page_layout import PageLayout
 
     page = PageLayout()
@@ -114,7 +115,7 @@ def fit_report(result: "FitResult") -> str:
 
 
 def excitation_report(result: "ExcitationResult") -> str:
-    """The intervals to expect, how far the model moves, and what was written."""
+    """Formats the expected intervals, the range of motion of the model, and the files written."""
     from mjrun.cli.page_layout import PageLayout
 
     page = PageLayout()

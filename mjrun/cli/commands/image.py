@@ -1,4 +1,4 @@
-"""Draw one instant of a simulation."""
+"""Render one instant of a simulation."""
 
 from fractions import Fraction
 from typing import cast
@@ -32,7 +32,7 @@ from mjrun.options.simulation import SimulationOptions
     reports={"image": "mjrun.outputs.image:ImageResult"},
 )
 def image(console: Console, command_line: CommandLine) -> None:
-    """Draw one instant of MODEL: colours, depth, segmentation, of several cameras.
+    """Render one instant of MODEL: colours, depth or segmentation, from one or several cameras.
 
     \b
     mjrun image scene.xml

@@ -1,4 +1,4 @@
-"""Show what a model is: sizes, bodies, joints, actuators, sensors, assets."""
+"""Describe a model: sizes, bodies, joints, actuators, sensors, assets."""
 
 import shlex
 from typing import TYPE_CHECKING
@@ -28,10 +28,10 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
 
 @command(InfoOptions, ModelOptions, ConfinementOptions, arguments=[MODEL, SECTION_ARGUMENT])
 def info(console: Console, command_line: CommandLine) -> None:
-    """Show what MODEL is: sizes, bodies, joints, actuators, sensors and all else, or only each SECTION, whole.
+    """Describe MODEL: sizes, bodies, joints, actuators, sensors and more; or only the given SECTIONs, uncut.
 
-    Of a task document it shows what a policy observes and does, number by number, and how episodes go; of an
-    environment, such as gym:Ant-v5, if one of the sections of a task is asked for.
+    Of a task document, describes the observations and actions of the policy, number by number, and the course of
+    episodes. Sections of a task also work for an environment such as gym:Ant-v5.
 
     \b
     mjrun info scene.xml
@@ -70,7 +70,7 @@ def info(console: Console, command_line: CommandLine) -> None:
 
 
 def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[str]") -> None:
-    """Shows a task, or sections of it."""
+    """Prints a task, or sections of it."""
     from mjrun.cli.task_page import task_page
     from mjrun.model.sources.gym import GymSource
     from mjrun.task.description import describe_environment, describe_task
@@ -88,7 +88,7 @@ def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[
 
 
 def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:
-    """Lists a collection of models, such as our scenes, a line each."""
+    """Lists a collection of models, such as the scenes of mjrun, one per line."""
     models = {f"{collection.PREFIX}:{name}": text for name, text in collection.descriptions().items()}
     if console.as_json:
         console.document({"models": [{"name": name, "description": text} for name, text in models.items()]})
@@ -99,7 +99,7 @@ def _show_collection(console: Console, collection: "type[CollectionSource]") -> 
 
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
-    """The sections as text; if they were not asked for by name, long ones are cut, and details are only listed."""
+    """Formats the sections as text; without names, long sections are cut and details only listed."""
     from mjrun.cli.page_layout import PageLayout
 
     page, command_line = PageLayout(), f"mjrun info {clean(shlex.quote(model))}"

@@ -1,4 +1,4 @@
-"""Plot tables: png, svg or pdf."""
+"""Plot tables as png, svg or pdf."""
 
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,8 @@ TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), 
     reports={"plot": "mjrun.plotting.table_plot:TablePlotResult"},
 )
 def plot(console: Console, command_line: CommandLine) -> None:
-    """Plot each TABLE, or several in the same panels; - is standard input, as csv or jsonl. A folder is a study.
+    """Plot each TABLE, or several tables in the same panels. - is standard input, as csv or jsonl; a folder is a
+    study.
 
     \b
     mjrun plot run.parquet -o run.png
@@ -36,9 +37,9 @@ def plot(console: Console, command_line: CommandLine) -> None:
     mjrun plot kick_*.csv -o kicks.pdf --y qpos/root --style print
     mjrun trace scene.xml --csv | mjrun plot - -o scene.png
     mjrun plot study/ -o study.png --y drift
-    mjrun plot run.parquet --html run.html --include film.mp4 --include run.json
+    mjrun plot run.parquet --html run.html --include run.mp4 --include run.json
 
-    Any number of rows is drawn: of what falls on one pixel, the lowest and the highest value are kept.
+    Tables may have any number of rows: for each pixel, the lowest and the highest value are drawn.
     """
     console.guard_stdout()
     import_mujoco()

@@ -1,4 +1,4 @@
-"""Make everything that a document asks for, in one pass."""
+"""Make all outputs of a run document in one pass."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ ARGUMENTS = (
     RunOptions, ConfinementOptions, arguments=ARGUMENTS, reports={"run-report": "mjrun.outputs.run_result:RunResult"}
 )
 def run(console: Console, command_line: CommandLine) -> None:
-    """Make everything that DOCUMENT asks for: videos, images, traces and plots of one simulation, in one pass.
+    """Make all outputs of the run document DOCUMENT in one pass: videos, images, traces and plots of one simulation.
 
     \b
     mjrun run study.yaml

@@ -21,13 +21,13 @@ def _complete(context: click.Context, parameter: click.Parameter, incomplete: st
 
 @command(arguments=[click.Argument(["kind"], shell_complete=_complete)])
 def schema(console: Console, command_line: CommandLine) -> None:
-    """Print the JSON Schema of a KIND of document, for editors and validators, or of the reports of a command.
+    """Print the JSON Schema of a KIND of document, for editors and validators, or of a report printed with --json.
 
-    Documents are camera, run, study, task, eval-document and fit-document. The name of a command, such as video or
-    bench, means what it reports with --json; run-report is what mjrun run reports, excite what mjrun fit --excite does,
-    and verify what mjrun trace --verify does; error is what any command prints when it fails.
+    Kinds of documents are camera, run, study, task, eval-document and fit-document. The report of a command has its
+    name, such as video or bench. In addition, run-report is the report of mjrun run, excite that of mjrun fit
+    --excite, verify that of mjrun trace --verify, and error that of any command that fails.
 
-    The kind options prints a reference of all options of all commands instead, as Markdown.
+    The kind options prints the reference of all options of all commands as Markdown.
 
     \b
     mjrun schema camera > camera.schema.json
@@ -46,7 +46,7 @@ def schema(console: Console, command_line: CommandLine) -> None:
 
 
 def kinds() -> list[str]:
-    """What can be asked for."""
+    """Returns all kinds of schemas."""
     from mjrun.document.json_schema import DOCUMENTS
     from mjrun.document.report_schema import ERROR
 
@@ -54,7 +54,7 @@ def kinds() -> list[str]:
 
 
 def schema_of(kind: str) -> dict[str, Any]:
-    """The JSON Schema of a kind of document or report."""
+    """Returns the JSON Schema of a kind of document or report."""
     from mjrun.document.json_schema import DOCUMENTS, json_schema
     from mjrun.document.report_schema import failure_schema, report_schema
 
@@ -67,7 +67,7 @@ def schema_of(kind: str) -> dict[str, Any]:
 
 
 def _reports() -> Iterator[tuple[str, str, str]]:
-    """Every kind of report, the command line that prints it, and its dataclass."""
+    """Yields every kind of report with its command line and its dataclass."""
     for name in COMMANDS:
         for kind, report in load_command(name).declaration.reports.items():
             yield kind, f"mjrun {name}" if kind.startswith(name) else f"mjrun {name} --{kind}", report

@@ -1,4 +1,4 @@
-"""Simulate for many values: grids, samples, randomization; resumable."""
+"""Run many simulations: grids, samples, randomization; resumable."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -57,20 +57,20 @@ ARGUMENTS = (
     reports={"sweep": "mjrun.study.study:StudyResult"},
 )
 def sweep(console: Console, command_line: CommandLine) -> None:
-    """Simulate MODEL for many values, and tell what happens: a table with a row for each point.
+    """Simulate MODEL for many parameter values and tabulate the results, one row per point.
 
     \b
     mjrun sweep scene.xml --vary opt.timestep=log:1e-4..1e-2:9 --metric 'drift=max(abs(energy/drift))' -o study
     mjrun sweep scene.xml --vary 'geom/*.friction[0]=uniform(0.3,1)' --samples 256 --metric 'x=last(com/x)' -o study
     mjrun sweep study.yaml samples=512 vary.seed=1..8:8 --dry-run
 
-    STUDY.yaml is a document that says all of it; KEY=VALUE changes a value of it. FOLDER is that of a study that was
-    run before: it is continued, and may be asked for more files of points (--keep …) or for other requirements
-    (--require …).
+    STUDY.yaml is a study document; KEY=VALUE changes a value in it. FOLDER is an existing study: it is continued, and
+    accepts additional files of points (--keep …) or different requirements (--require …).
 
-    The folder keeps what is known: the same command again continues it. Exits with 8 when points failed.
+    Repeating a command continues its study from the results in the folder. Exits with 8 if points failed.
 
-    Without an engine, write a plan, have it simulated by any number of tasks, in any order, and collect their results:
+    To distribute the simulations by other means than an engine, write a plan, simulate its parts in any number of
+    processes in any order, and collect the results:
 
     \b
     mjrun sweep study.yaml --plan plan.jsonl
@@ -107,7 +107,7 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
 
 def _start_early(command_line: CommandLine) -> None:
-    """Starts a process that simulates, which takes as long as all that is to be done before, if one will be needed."""
+    """Starts a simulating process in advance, in parallel with the preparations, if one will be needed."""
     other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
     folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
     is_new = not exists(folder / PARTS) and not exists(Path(command_line.argument("model")) / PARTS)
@@ -118,7 +118,7 @@ def _start_early(command_line: CommandLine) -> None:
 
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
-    """The study of a command line, or of the file that it names; and what locates its errors there."""
+    """Returns the study of a command line or of its file, and the context that locates its errors."""
     from mjrun.physics.parameter_grid import scan_values
     from mjrun.study.study import Study
 
@@ -151,7 +151,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
 
 
 def _is_study(path: str) -> bool:
-    """Whether it is a document, and not that of a task, which stands where a model does."""
+    """Returns whether a path is a study document, rather than a task, which replaces a model."""
     if not is_yaml(path):
         return False
     from mjrun.document.task import is_task
@@ -176,7 +176,7 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
 
 
 def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
-    """What the command line says beside a file that says the study: its folder, and how it runs."""
+    """Returns the options that may accompany the file of a study: its folder, and its execution."""
     own = () if is_yaml(file) else WITH_RESULTS
     _require_said_there(command_line, file, own)
     options = command_line.explicit(ExecutionOptions)
@@ -186,7 +186,7 @@ def _beside_study(command_line: CommandLine, file: str) -> dict[str, object]:
 
 
 def _with_document(study: "Study", *, required: bool = False) -> "Study":
-    """The study with its document for the manifest, if one can hold it."""
+    """Adds the study's document for the manifest, if a document can represent the study."""
     from mjrun.document.study import portable_document
 
     with nullcontext() if required else suppress(UsageError):
@@ -218,7 +218,7 @@ def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks
 
 
 def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]) -> None:
-    """Raises UsageError for options that the file has to say, and not the command line; those in `own` it may."""
+    """Raises UsageError for options that belong in the file of the study, except those in `own`."""
     ours = {"output", *own, *(each.name for cls in (CodeOptions, ExecutionOptions) for each in options_of(cls))}
     explicit = command_line.explicit(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):

@@ -1,4 +1,4 @@
-"""Measure a simulation: named, aligned, exact numbers."""
+"""Measure a simulation as a table with named columns."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
@@ -89,7 +89,7 @@ def _verify(console: Console, command_line: CommandLine) -> None:
 
 
 def verification_lines(result: "VerificationResult") -> Iterator[str]:
-    """The verdict, what differs at the first step that does, and what is not as it was."""
+    """Formats the verdict, the differences at the first differing step, and the changed circumstances."""
     path, steps = clean(result.path), f"{result.steps} step{'s' * (result.steps != 1)}"
     if result.agrees:
         every = "" if result.states == result.steps + 1 else f" at its {result.states} states"

@@ -1,4 +1,4 @@
-"""Look at a simulation live, in a window or a browser."""
+"""View a simulation live, in a window or a browser."""
 
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     reports={"view": "mjrun.viewer.viewer:ViewerResult"},
 )
 def view(console: Console, command_line: CommandLine) -> None:
-    """Look at a simulation of MODEL live, in a window or in a browser on this machine.
+    """View a simulation of MODEL live, in a window or in a browser on this machine.
 
     \b
     mjrun view scene.xml
@@ -33,8 +33,8 @@ def view(console: Console, command_line: CommandLine) -> None:
     mjrun view scene.xml --replay run.npz
     mjrun view scene.xml --browser --port 8090
 
-    Pause, step, reset, and pull at bodies with the mouse. Without that it is, bit for bit, the simulation that the
-    other commands make. It ends when the window is closed, with Ctrl-C, or after --duration or --steps.
+    Pause, step, reset, and pull bodies with the mouse. Without interaction, the simulation is identical, bit for bit,
+    to that of the other commands. It ends when the window is closed, with Ctrl-C, or after --duration or --steps.
     """
     console.guard_stdout()
     import_mujoco()

@@ -53,7 +53,7 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun_here: 
     assert done.returncode == 8
     told, error = done.stderr.decode().splitlines()
     assert told.startswith("mjrun: point 1 (qvel/ball/vz=-1e9): the simulation became unstable at step 1, ")
-    assert error == "mjrun: error: 1 unstable, of 2 points; the others are in the table"
+    assert error == "mjrun: error: 1 unstable, of 2 points; the table has the others"
     assert b"unstable at step" in done.stdout
     line = next(line for line in done.stdout.decode().splitlines() if "mjrun trace" in line)
     alone = line.split()
