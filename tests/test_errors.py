@@ -263,7 +263,7 @@ def test_an_unstable_simulation_names_the_step_the_time_the_joint_and_two_cures(
     assert (error.step, error.time, error.joint) == (7, 0.014, "joint 'knee'")
     first, second = str(error).splitlines()
     assert first.endswith("at step 7, time 0.014 s: the velocity of joint 'knee' is not finite or too large")
-    assert "timestep than 0.002 s" in second
+    assert "timestep smaller than 0.002 s" in second
     assert "integrator" in second
 
 

@@ -1,4 +1,4 @@
-"""Assignments `key=value` from the command line, such as `videos[0].fps=30`: they replace values of a document."""
+"""Assignments `key=value` on the command line, such as `videos[0].fps=30`, which replace values of a document."""
 
 import re
 from collections.abc import Sequence
@@ -25,20 +25,20 @@ _STEP = re.compile(r"(?:^|\.)([^.\[\]\x00-\x1f\x7f-\x9f]+)|\[([0-9]{1,9})\]")
 
 
 class _InvalidPathError(Exception):
-    """The path names no place that can exist."""
+    """A path to a place that cannot exist."""
 
 
 def assign(
     tree: MappingNode, assignments: Sequence[str], order: int, fixed: Sequence[str] = (), named: Sequence[str] = ()
 ) -> tuple[MappingNode, list[Fault]]:
-    """`tree` with every one of `assignments`, in turn, and what is wrong with them.
+    """Applies `assignments` to `tree` in turn; returns the new tree and the faults.
 
-    Mappings that are not there come to be; items of lists must be there.
+    Missing mappings are created; items of lists must exist.
 
     Args:
-      order: of the first of them among the sources of the document.
-      fixed: keys of the top that cannot be set.
-      named: places below which everything up to = is one name, which may hold dots: `set.opt.cone` below `set`.
+      order: the number of the first assignment among the sources of the document.
+      fixed: top-level keys that cannot be set.
+      named: places below which all text up to = is one name, which may contain dots: `set.opt.cone` below `set`.
     """  # fmt: skip
     faults: list[Fault] = []
     for i, assignment in enumerate(assignments):
@@ -82,7 +82,7 @@ def _with(tree: MappingNode, path: Path, value: Node) -> MappingNode:
 
 
 def _set(node: Node | None, path: Path, value: Node, above: Path) -> Node:
-    """`node`, which stands at `above`, with `value` at `path` below it."""
+    """Returns `node`, at the path `above`, with `value` set at `path` below it."""
     if not path:
         return value
     if isinstance(node, InvalidNode):
@@ -95,7 +95,7 @@ def _set(node: Node | None, path: Path, value: Node, above: Path) -> Node:
     if not isinstance(node, MappingNode):
         raise _InvalidPathError(f"{path_text(above)} is {described(node)} and has no keys")
     if step not in node.entries and below and isinstance(below[0], int):
-        raise _InvalidPathError(f"there is no list {quoted(path_text((*above, step)))}{suggestion(step, node.entries)}")
+        raise _InvalidPathError(f"no list {quoted(path_text((*above, step)))}{suggestion(step, node.entries)}")
     return node.with_entry(step, value.mark, _set(node.entries.get(step), below, value, (*above, step)))
 
 

@@ -1,4 +1,4 @@
-"""Builds typed values from what a document holds, and tells what is wrong with them where it is written."""
+"""Construction of typed values from the contents of a document, with errors at their lines."""
 
 import dataclasses
 from collections.abc import Callable, Generator, Mapping
@@ -24,17 +24,17 @@ MODEL = document_key(
     dataclasses.MISSING,
 )
 
-Values = dict[str, object]  # by attribute, as Python might give them
+Values = dict[str, object]  # Python arguments, by attribute
 T = TypeVar("T")
 
 
 class DocumentBuilder:
-    """Makes values from the options of a document, and collects what is wrong with them.
+    """Makes values from the options of a document, and collects their faults.
 
     Args:
-      tree: the document as it is written.
-      folders: where its relative paths lead.
-      declared_at: the options that stand at a place.
+      tree: the document with the places of its values.
+      folders: the folders that resolve its relative paths.
+      declared_at: returns the options at a place.
     """
 
     def __init__(self, tree: MappingNode, folders: Folders, declared_at: DeclaredAt) -> None:
@@ -42,12 +42,12 @@ class DocumentBuilder:
         self._faults: list[Fault] = []
 
     def raise_faults(self) -> None:
-        """Raises DocumentError with everything that is wrong, if anything is."""
+        """Raises DocumentError with all faults, if there are any."""
         if self._faults or self.folders.problems:
             raise document_error(self._faults, self.folders.problems)
 
     def simulation(self, document: Values, code: CodeOptions) -> Simulation:
-        """The simulation at the top of a document, driven by `code`, which no document holds."""
+        """Returns the simulation at the top level of a document, controlled by `code`."""
         values = values_of(SimulationOptions, document)
         values |= {"controller": code.controller, "control_dt": code.control_dt, "trust": code.trust}
         from mjrun.document.task import task_or_model  # which builds a task
@@ -57,10 +57,10 @@ class DocumentBuilder:
         return self.attempt((), lambda: simulation(task_or_model(text), **values)) or Simulation("")
 
     def made(self, make: Callable[[], T]) -> T:
-        """What `make` makes of the whole document.
+        """Calls `make` and returns its value.
 
         Raises:
-          DocumentError: with everything that is wrong.
+          DocumentError: with all faults.
         """
         self.raise_faults()
         made = self.attempt((), make)
@@ -69,7 +69,7 @@ class DocumentBuilder:
         return made
 
     def attempt(self, place: Place, make: Callable[[], T]) -> T | None:
-        """What `make` makes; None if it is wrong, which is noted."""
+        """Calls `make`; collects its error and returns None if it fails."""
         try:
             return make()
         except DocumentError as error:
@@ -80,14 +80,14 @@ class DocumentBuilder:
 
 
 def values_of(declared: type[Options], document: Mapping[str, object]) -> Values:
-    """Those of the values of a document that are options of a class."""
+    """Returns the values of a document that are options of a class."""
     attributes = (each.attribute for each in document_options(declared))
     return {attribute: document[attribute] for attribute in attributes if attribute in document}
 
 
 @contextmanager
 def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None]:
-    """Turns errors about options into those of the document, at its lines.
+    """Converts errors about options to errors at lines of the document.
 
     Raises:
       DocumentError: with the error.

@@ -20,10 +20,10 @@ CAMERA = Record(CameraDocument, CameraDocument)
 
 
 def read_camera(path: pathlib.Path | str) -> CameraScript:
-    """The camera document at `path`; the script is called as the file is, less its suffix.
+    """Reads the camera document at `path`; the script is named after the file, without its suffix.
 
     Raises:
-      DocumentError: with everything that is wrong in it, line by line.
-      FileError: it is not there, or cannot be read.
+      DocumentError: with all faults, line by line.
+      FileError: the file is missing or cannot be read.
     """
     return read(path, CAMERA)[0].script(pathlib.Path(path).stem)

@@ -1,4 +1,4 @@
-"""`mjrun check` of models and of tasks, which it reads from their documents."""
+"""The check of models and tasks; tasks are read from their documents."""
 
 from typing import ClassVar
 
@@ -9,10 +9,10 @@ from mjrun.options.option import options
 
 @options
 class Check(ModelCheck):
-    """Checks models and tasks for errors, and for what is likely to become one.
+    """Checks models and tasks for errors, and for likely causes of later errors.
 
     Args:
-      models: files, task documents among them, and folders, which stand for all models below them.
+      models: files, including task documents, and folders, which represent all models in them.
 
     Raises:
       UsageError: a code, severity or number is invalid.

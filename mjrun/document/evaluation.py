@@ -1,4 +1,4 @@
-"""The evaluation document: a task, who plays it, and what is asked of its episodes.
+"""The evaluation document: a task, its policies, and criteria for the episodes.
 
 ```yaml
 task: car_drive.yaml
@@ -39,15 +39,15 @@ from mjrun.options.record import Record
 from mjrun.options.setting_kinds import Settings
 
 TASK = (
-    "The task: a document, relative to the folder of this one; one of ours, such as scene:car_drive; or an environment "
-    "of Gymnasium's, gym:Walker2d-v5."
+    "Task: a document, relative to the folder of this one; a task of the gallery, such as scene:car_drive; or an "
+    "environment of Gymnasium, gym:Walker2d-v5."
 )
-CHANGES = "Values of the task's document that are others here, by their paths: duration, observations[0].noise."
+CHANGES = "Changed values of the task's document, by their paths: duration, observations[0].noise."
 NO_CHANGES: Mapping[str, str] = {}
 
 
 class _EvaluationOptions(EvaluationOptions):
-    """A task, who plays it, and what is asked of its episodes."""
+    """A task, its policies, and criteria for the episodes."""
 
 
 EVALUATION = Record[Values](
@@ -63,10 +63,10 @@ EVALUATION = Record[Values](
 
 
 class EvaluationRequest(Request[Evaluation]):
-    """An evaluation that a document asks for, and where it does.
+    """The evaluation in a document, with a context that locates its errors.
 
     Attributes:
-      changes: `key=value`, what it changes in the document of the task.
+      changes: assignments `key=value` to the document of the task.
     """
 
     def __init__(
@@ -83,19 +83,19 @@ def read_evaluation(
     values: Mapping[str, object] | None = None,
     command: str = "",
 ) -> EvaluationRequest:
-    """The evaluation that the document at `path` asks for; its folder is called as the document if nothing is said.
+    """Reads the evaluation document at `path`; by default, its folder has the name of the document.
 
-    Files that are read are relative to the folder of the document, the folder of results to the current one.
+    Input files are relative to the folder of the document, the output folder is relative to the current one.
 
     Args:
-      assignments: `key=value` from the command line, such as `episodes=20` or `changes.duration=2`, over what is
-        written.
-      values: options that count instead of the document's, such as its `policy`.
+      assignments: `key=value` from the command line, such as `episodes=20` or `changes.duration=2`, which override the
+        document.
+      values: options that override the document's, such as its `policy`.
       command: the command line, for the manifest.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, those it names, and the assignments.
-      FileError: one of them is not there, or cannot be read.
+      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      FileError: one of them is missing or cannot be read.
     """
     folders = DocumentReader(Path(path).parent, OutputFolder(Path()))
     document, tree = read(path, EVALUATION, folders, assignments, variables=True)
@@ -115,17 +115,17 @@ def read_evaluation(
 
 
 def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[Source, Rewritten | None]:
-    """The task that `text` names, with values of its document changed, and what makes it with more of them changed.
+    """Returns the task that `text` names, with changed values, and a function that makes it with further changes.
 
     Raises:
-      UsageError: values are to be changed, and `text` names no document.
-      DocumentError: with everything that is wrong in the document.
-      FileError: it is not there, or cannot be read.
+      UsageError: there are assignments, and `text` does not name a document.
+      DocumentError: with all faults in the document.
+      FileError: the document is missing or cannot be read.
     """
     if names_task(text):
         return _read(text, assignments), partial(_read, text, assignments)
     if assignments:
-        raise UsageError(f"{clean(assignments[0])}: {clean(text)} is no document whose values could be changed")
+        raise UsageError(f"{clean(assignments[0])}: {clean(text)} is not a document, so KEY=VALUE cannot change it")
     return parse_source(text), None
 
 
@@ -134,20 +134,20 @@ def _read(path: str, assignments: Sequence[str], changes: Mapping[str, str] = NO
 
 
 def _declared_at(place: Place) -> type[Options]:
-    """The options of an evaluation document, all of which stand at its top."""
+    """Returns the options of an evaluation document, which are all at its top level."""
     return EvaluationOptions
 
 
 def evaluation_text(evaluation: Evaluation, changes: Sequence[str] = (), command: str = "") -> str:
-    """The evaluation document of `evaluation`; it holds what is not the default, and not how this machine plays it.
+    """Formats `evaluation` as an evaluation document, without defaults and without execution options.
 
     Args:
-      changes: `key=value`, what is changed in the document of its task.
-      command: what made the evaluation, for a comment.
+      changes: assignments `key=value` to the document of its task.
+      command: the command that made the evaluation, for a comment.
 
     Raises:
-      UsageError: a document cannot hold this: code, or a folder outside of the current one.
+      UsageError: a document cannot contain this: code, or a folder outside of the current one.
     """
-    pairs = dict(change.split("=", 1) for change in changes)  # as it is for the task, the last of a key counts
+    pairs = dict(change.split("=", 1) for change in changes)  # as for the task, the last value of a key applies
     changed: Mapped = {"changes": plain_value(Settings(), [*pairs.items()])} if pairs else {}
     return text_of({"task": evaluation.task.text, **changed, **plain_options(evaluation)}, command)

@@ -1,4 +1,4 @@
-"""The fit document: a model, measurements, and which numbers of the model are looked for.
+"""The fit document: a model, measurements, and the parameters to estimate.
 
 ```yaml
 model: pendulum.xml
@@ -23,7 +23,7 @@ from mjrun.options.simulation import CodeOptions, SimulationOptions
 
 @options
 class _FitOptions(FitOptions, SimulationOptions):
-    """A model, measurements, and what is looked for."""
+    """A model, measurements, and the parameters to estimate."""
 
 
 FIT = SimulationDocument("Fit", FitOptions, _FitOptions, Fit)
@@ -32,15 +32,15 @@ FIT = SimulationDocument("Fit", FitOptions, _FitOptions, Fit)
 def read_fit(
     path: Path | str, assignments: Sequence[str] = (), *, values: Mapping[str, object] | None = None
 ) -> Request[Fit]:
-    """The fit that the document at `path` asks for.
+    """Reads the fit document at `path`.
 
     Args:
-      assignments: `key=value` from the command line, such as `starts=8` or `free.joint/a.damping=0..1`, over what is
-        written.
-      values: options that count instead of the document's, such as its `output`.
+      assignments: `key=value` from the command line, such as `starts=8` or `free.joint/a.damping=0..1`, which override
+        the document.
+      values: options that override the document's, such as its `output`.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, and the assignments.
-      FileError: it is not there, or cannot be read.
+      DocumentError: with all faults in the document and the assignments.
+      FileError: the document is missing or cannot be read.
     """
     return FIT.read(path, assignments, values or {}, {}, CodeOptions())

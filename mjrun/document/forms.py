@@ -1,4 +1,4 @@
-"""How documents write values of kinds that rooms above `options` know: cameras, ghosts, instants, names of MuJoCo."""
+"""Document forms of values that rooms above `options` define: cameras, ghosts, instants and MuJoCo's names."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import cast
@@ -19,7 +19,7 @@ from mjrun.suffixes import is_yaml
 
 
 class KnownName(Text):
-    """A name that MuJoCo knows, such as a visual flag."""
+    """A name that MuJoCo defines, such as a visual flag."""
 
     def __init__(self, of: str) -> None:
         super().__init__()
@@ -51,11 +51,11 @@ class KnownName(Text):
         return value
 
 
-BROKEN = "free"  # stands for a camera document that is reported already
+BROKEN = "free"  # replaces a camera document whose faults are already reported
 
 
 class CameraForm(OneOf[object, object]):
-    """A camera as text, which may be the file of a camera document, by index, or as a document of shots."""
+    """A camera as text, possibly the file of a camera document, as an index, or as a document of shots."""
 
     def __init__(self) -> None:
         forms = "a camera as text, by index, or as {name, speed, shots}"
@@ -79,41 +79,42 @@ def _inline_script(**values: object) -> CameraScript:
 
 @options
 class InlineGhost(Options):
-    """The model once more, translucent; it does what the model does, unless key, trace or recording says otherwise."""
+    """A translucent copy of the model; without key, trace or recording, it moves as the model does."""
 
-    offset: Vector = option(converter=Point(), default=(0.0, 0.0, 0.0), help="How far it is displaced [m].")
+    offset: Vector = option(converter=Point(), default=(0.0, 0.0, 0.0), help="Displacement of the ghost [m].")
     opacity: float | None = option(
-        converter=Optional(Real(above=0, most=1)), default=None, help="How clearly it is seen, 1 being solid."
+        converter=Optional(Real(above=0, most=1)), default=None, help="Opacity of the ghost; 1 is solid."
     )
     key: str | None = option(
-        converter=Optional(Key()), default=None, help="The keyframe in whose pose it stands, by name or index."
+        converter=Optional(Key()), default=None, help="Keyframe that sets the pose of the ghost, by name or index."
     )
     trace: str | None = option(
         converter=Optional(Text()),
         default=None,
-        help="A table of positions that it goes through, relative to the folder of this document.",
+        help="Table of positions that the ghost follows, relative to the folder of this document.",
     )
     map: str | None = option(
         converter=Optional(Text()),
         default=None,
-        help="A file of lines that say what the columns of that table mean, instead of the map of the simulation; or "
-        "none.",
+        help="File of lines that define the columns of that table, instead of the map of the simulation; or none.",
     )
     recording: str | None = option(
         converter=Optional(Text()),
         default=None,
-        help="A recording (.npz) that it goes through, relative to the folder of this document.",
+        help="Recording (.npz) that the ghost follows, relative to the folder of this document.",
     )
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         first, *others = [key for key in GHOST_MOTIONS if key in values] or [""]
-        yield from (((key,), f"{first} and {key} exclude each other: each says what the ghost does") for key in others)
+        yield from (
+            ((key,), f"{first} and {key} exclude each other: each sets the motion of the ghost") for key in others
+        )
         with_comma = [key for key in (*GHOST_MOTIONS, "map") if "," in str(values.get(key, ""))]
-        yield from (((key,), "what a ghost goes by holds no comma") for key in with_comma)
+        yield from (((key,), "the keyframe and files of a ghost cannot contain a comma") for key in with_comma)
 
     def text(self) -> str:
-        """The same in one text, as on a command line."""
+        """Formats the ghost as text, as on the command line."""
         offset = "/".join(str(number(value)) for value in self.offset) if any(self.offset) else None
         motions = {"key": self.key, "trace": self.trace, "recording": self.recording}
         settings = {"offset": offset, "opacity": self.opacity, **motions, "map": self.map}
@@ -143,10 +144,10 @@ class GhostForm(OneOf[object, object]):
 
 
 def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
-    """The settings of a ghost in one text, its files `resolved`.
+    """Formats the settings of a ghost, with the paths of its files `resolved`.
 
     Raises:
-      UsageError: the path of a file holds a comma.
+      UsageError: the path of a file contains a comma.
     """
     settings: list[str] = []
     for part in text.split(","):
@@ -154,7 +155,7 @@ def ghost_text(text: str, resolved: Callable[[str], str]) -> str:
         is_path = name in ("trace", "recording") or (name == "map" and value != NO_MAP)
         path = resolved(value) if is_path and value else value
         if "," in path:
-            raise UsageError(f"{quoted(path)}: the path of what a ghost goes through holds no comma")
+            raise UsageError(f"{quoted(path)}: the path of a ghost's file cannot contain a comma")
         settings.append(f"{name}{equals}{path}")
     return ",".join(settings)
 
@@ -167,7 +168,7 @@ FORMS: dict[type[AnyKind], AnyKind] = {
 
 
 class DocumentReader(Folders):
-    """Where the paths of a document lead, and how it writes values."""
+    """Resolves the paths of a document, and converts its forms of values."""
 
     def form(self, kind: AnyKind) -> AnyKind:
         if isinstance(kind, kinds.MujocoName):

@@ -1,4 +1,4 @@
-"""JSON Schema of the documents, by which editors complete and check them while they are written."""
+"""JSON Schema of documents, with which editors complete and check them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ from mjrun.options.schema import ANNOTATIONS, Schema
 
 JsonSchema = dict[str, Any]
 
-# Kind of document → what it holds, its title, and whether it may have variables and defaults.
+# Kind of document → its contents, its title, and whether it supports variables and defaults.
 DOCUMENTS: dict[str, tuple[Record[Any], str, bool]] = {
     "camera": (CAMERA, "mjrun camera document", False),
     "run": (RUN, "mjrun run document", True),
@@ -32,30 +32,30 @@ DOCUMENTS: dict[str, tuple[Record[Any], str, bool]] = {
 }
 VARIABLE_KEYS = {
     VARS: {
-        "description": "Values under names of letters, digits and _; ${name} in a text stands for one.",
+        "description": "Values under names of letters, digits and _; ${name} in a text inserts one.",
         "type": "object",
         "propertyNames": {"pattern": "^[A-Za-z_][A-Za-z0-9_]*$"},
         "additionalProperties": {"type": ["string", "number", "boolean", "null"]},
     },
     DEFAULTS: {
-        "description": "Another document, relative to the folder of this one, whose values count where this has none.",
+        "description": "Another document, relative to the folder of this one, with values for missing keys.",
         "type": "string",
     },
 }
 VARIABLE = {
-    "description": "The value of one of vars.",
+    "description": "The value of a variable.",
     "type": "string",
     "pattern": r"^\$\{[A-Za-z_][A-Za-z0-9_]*\}$",
 }
-NOTES = ("description", "default")  # keywords beside those that say what is valid
-NARROW = ("enum", "const", "pattern")  # keywords that a text with a variable does not fit
+NOTES = ("description", "default")  # keywords that do not affect validation
+NARROW = ("enum", "const", "pattern")  # keywords that reject a text with a variable
 
 
 def json_schema(kind: str) -> JsonSchema:
     """Returns the JSON Schema, draft 2020-12, of documents of a `kind`.
 
     Raises:
-      UnknownNameError: there is no such kind; the message lists those there are.
+      UnknownNameError: the kind does not exist; the message lists existing ones.
     """
     if kind not in DOCUMENTS:
         raise UnknownNameError("schema", kind, [*DOCUMENTS])
@@ -67,7 +67,7 @@ def json_schema(kind: str) -> JsonSchema:
 
 
 def printed(rule: Any) -> Any:
-    """`rule` without the annotations for messages; descriptions list the formats that there are."""
+    """Returns `rule` without the annotations for messages, with the available formats in descriptions."""
     if isinstance(rule, list | tuple):
         return [printed(part) for part in cast("Sequence[object]", rule)]
     if not isinstance(rule, dict):
@@ -80,7 +80,7 @@ def printed(rule: Any) -> Any:
 
 
 def _with_variable_keys(schema: JsonSchema) -> JsonSchema:
-    """`schema` for a document that may have variables, and defaults that say what it does not."""
+    """Extends `schema` for a document with variables and with defaults from another document."""
     properties = {key: _with_variables(rule) for key, rule in schema["properties"].items()}
     definitions = {name: _with_variables(rule) for name, rule in schema.get("$defs", {}).items()}
     without_defaults = {key: schema[key] for key in ("required", "anyOf") if key in schema}
@@ -94,7 +94,7 @@ def _with_variable_keys(schema: JsonSchema) -> JsonSchema:
 
 
 def _with_variables(rule: object) -> object:
-    """`rule`, or the rules in it, with variables wherever a value is no free text."""
+    """Extends the rules in `rule` by variables wherever a value is not free text."""
     if isinstance(rule, list):
         return [_with_variables(inner) for inner in cast("list[object]", rule)]
     return _rule_with_variables(cast("JsonSchema", rule)) if isinstance(rule, dict) else rule

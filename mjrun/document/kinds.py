@@ -1,4 +1,4 @@
-"""Which kind of document a mapping is, by the keys that no other kind has."""
+"""Kinds of documents, recognized by keys that no other kind has."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +15,8 @@ class DocumentKind:
 
     Attributes:
       name: as in "a run document".
-      use: what takes such a document.
-      keys: by which it is known; each kind has its own.
+      use: the command or option that accepts such a document.
+      keys: the keys that only this kind has.
     """
 
     name: str
@@ -42,9 +42,9 @@ KINDS = {
 
 
 def kind_of(tree: MappingNode) -> DocumentKind | None:
-    """The kind of document that `tree` is: the only one of which it has keys; None if it is not clear.
+    """Returns the kind of document that `tree` is: the only one whose keys it has; None if it is ambiguous.
 
-    An evaluation may vary what a study does.
+    An evaluation may have the keys of variations that a study has.
     """
     kinds = [kind for kind in KINDS.values() if not kind.keys.isdisjoint(tree.entries)]
     evaluation = KINDS["Evaluation"]
@@ -54,7 +54,7 @@ def kind_of(tree: MappingNode) -> DocumentKind | None:
 
 
 def kind_of_file(path: Path | str) -> DocumentKind | None:
-    """The kind of the document at `path`; None if it is not clear, or is none: whoever reads it is told why."""
+    """Returns the kind of the document at `path`; None if it is ambiguous or unreadable, which its reader reports."""
     try:
         with opened(Path(path), "document", ()) as file:
             text = file.read().decode("utf-8-sig")
@@ -65,7 +65,7 @@ def kind_of_file(path: Path | str) -> DocumentKind | None:
 
 
 def other_kind(tree: MappingNode, expected: str) -> Fault | None:
-    """That `tree` is a document of another kind than `expected`, the name of a model; None if that is not clear."""
+    """Returns the fault if `tree` is a document of another kind than `expected`, the name of a model."""
     kind, wanted = kind_of(tree), KINDS.get(expected)
     if kind is None or wanted is None or kind is wanted:
         return None

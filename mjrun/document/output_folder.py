@@ -1,4 +1,4 @@
-"""Where the paths in a document lead; the files that it asks for are all inside one folder, no two the same."""
+"""Resolution of the paths in a document; all output files are inside one folder, and no two are the same."""
 
 import os
 from dataclasses import dataclass, field
@@ -11,20 +11,20 @@ from mjrun.outputs.output_files import ReservedFiles
 
 
 def refusal(text: str) -> str:
-    """Why a document may not write to the path `text`, judged by the text alone; empty if it may."""
+    """Returns why a document must not write to the path `text`, judged by the text alone; empty if it may."""
     parts = PurePosixPath(text).parts
     depths = [sum(-1 if part == ".." else 1 for part in parts[:end]) for end in range(1, len(parts) + 1)]
     if text == "-":
-        return "- is standard output, and a document writes files"
+        return "a document cannot write to standard output (-)"
     if text.startswith(("/", "~")):
-        return f"{quoted(text)} is no path inside the folder of outputs"
+        return f"{quoted(text)} is not a path inside the folder of outputs"
     if min(depths, default=0) < 0:
         return f"{quoted(text)} leaves the folder of outputs"
     return "" if depths and depths[-1] > 0 else f"{quoted(text)} is the folder of outputs itself"
 
 
 class OutputFolder:
-    """The outputs of a run, inside `folder`, which messages call `name`."""
+    """The output files of a run, inside `folder`, which messages call `name`."""
 
     def __init__(self, folder: Path, name: str = "the folder of outputs") -> None:
         self._folder, self._name, self._taken = folder, name, ReservedFiles()
@@ -33,7 +33,7 @@ class OutputFolder:
         """Resolves an output path inside the folder; a folder of frames keeps its trailing slash.
 
         Raises:
-          UsageError: it leads out of the folder, by itself or by a link.
+          UsageError: it leads out of the folder, directly or by a link.
         """
         if reason := refusal(text):
             raise UsageError(reason)
@@ -42,10 +42,10 @@ class OutputFolder:
         return f"{path}/" if text.endswith("/") else str(path)
 
     def reserve(self, path: str, owner: str) -> None:
-        """Reserves a file for one output; `owner` names the option, and where it is written.
+        """Reserves a file for one output; `owner` names the option and its place.
 
         Raises:
-          UsageError: it is another's too, or a link leads out of the folder.
+          UsageError: another output has this file, or a link leads out of the folder.
         """
         self._check(Path(path))
         self._taken.reserve(path, owner)
@@ -61,10 +61,10 @@ class OutputFolder:
 
 @dataclass(frozen=True)
 class Folders(Reader):
-    """Where relative paths lead: inputs from the folder of the document, outputs into that of all outputs.
+    """The folders that resolve relative paths: inputs from that of the document, outputs in the output folder.
 
     Attributes:
-      lexical: whether `a/../b` is `b`, whatever links there are, so that a path made relative becomes what it was.
+      lexical: resolve `a/../b` to `b` regardless of links, so that a path that was made relative is restored exactly.
     """
 
     inputs: Path

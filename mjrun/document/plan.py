@@ -1,4 +1,4 @@
-"""Plans and manifests of studies as files: lines of JSON that say all that there is to simulate, and hold no code."""
+"""Files of studies, plans and manifests: lines of JSON that describe all simulations and contain no code."""
 
 import json
 import os
@@ -24,13 +24,13 @@ from mjrun.study.plan import SCHEMA, StudyPlan
 from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 
-LARGEST = 2**26  # bytes of a line
+LARGEST = 2**26  # bytes per line
 
 V = TypeVar("V")
 
 
 class Plain(Kind[V, V]):
-    """Plain values by a rule of JSON Schema; an empty rule is about nothing."""
+    """Plain values with a rule of JSON Schema; an empty rule accepts everything."""
 
     def __init__(self, rule: Schema) -> None:
         super().__init__()
@@ -45,33 +45,34 @@ class Plain(Kind[V, V]):
 
 
 STRING: Schema = {"type": "string"}
-ABOUT = ("format", "folder", "study", "identity", "names")  # what all lines have in common
+ABOUT = ("format", "folder", "study", "identity", "names")  # shared by all lines
 
 
 @options
 class PlanLine(Options):
-    """A chunk of points, and the study that it belongs to."""
+    """A chunk of points, with the study that it belongs to."""
 
-    format: str = required(converter=Choice((SCHEMA,)), key="schema", help="The format.")
-    folder: str = required(converter=Text(), help="The folder of the study.")
-    study: object = required(converter=Plain[object]({}), help="The study, as a document.")
+    format: str = required(converter=Choice((SCHEMA,)), key="schema", help="Format of the plan.")
+    folder: str = required(converter=Text(), help="Folder of the study.")
+    study: object = required(converter=Plain[object]({}), help="Study, as a document.")
     identity: Mapping[str, str] = required(
-        converter=Plain[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}), help="The versions."
+        converter=Plain[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
+        help="Versions of the programs.",
     )
     names: Sequence[str] = required(
-        converter=Plain[Sequence[str]]({"type": "array", "items": TEXT}), help="What varies."
+        converter=Plain[Sequence[str]]({"type": "array", "items": TEXT}), help="Names of the parameters."
     )
     points: Sequence[int] = required(
-        converter=Plain[Sequence[int]]({"type": "array", "items": {"type": "integer"}}), help="Their indices."
+        converter=Plain[Sequence[int]]({"type": "array", "items": {"type": "integer"}}), help="Indices of the points."
     )
     values: Sequence[Sequence[str]] = required(
         converter=Plain[Sequence[Sequence[str]]]({"type": "array", "items": {"type": "array", "items": STRING}}),
-        help="Their values.",
+        help="Values of the points.",
     )
 
     @property
     def about(self) -> dict[str, object]:
-        """What all lines of a plan have in common."""
+        """The part that all lines of a plan share."""
         return {name: getattr(self, name) for name in ABOUT}
 
 
@@ -79,10 +80,10 @@ LINE = Record(PlanLine, PlanLine)
 
 
 def write_plan(path: str, plan: StudyPlan) -> None:
-    """Writes a plan, a line for each chunk, and with it the manifest of the study, both or neither.
+    """Writes a plan, one line per chunk, together with the manifest of the study: both or neither.
 
     Raises:
-      FileError: it cannot be written.
+      FileError: the plan cannot be written.
     """
     folder = Path(path).parent
     study = portable_document(plan.study, folder)
@@ -98,15 +99,15 @@ def write_plan(path: str, plan: StudyPlan) -> None:
 
 
 def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan | None:
-    """The plan in a file; None if it has no chunks.
+    """Reads a plan; returns None if it has no chunks.
 
     Args:
-      given: options of the study that count instead of the plan's, such as how it runs.
+      given: options of the study that override the plan's, such as its execution.
 
     Raises:
-      DocumentError: it is no plan.
-      UsageError: it names a folder that it must not write to.
-      FileError: it cannot be read.
+      DocumentError: the file is not a plan.
+      UsageError: the plan names a folder that it must not write to.
+      FileError: the file cannot be read.
     """
     with opened(Path(path), "plan", PLANS) as file:
         lines = [_line(path, number, text) for number, text in enumerate(file, 1) if text.strip()]
@@ -115,7 +116,9 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
     first = lines[0]
     for number, line in enumerate(lines, 1):
         if line.about != first.about:
-            raise document_error([Fault(Mark(0, number, 1, path), "", "this chunk is of another study than the first")])
+            raise document_error(
+                [Fault(Mark(0, number, 1, path), "", "this chunk belongs to another study than the first")]
+            )
     chunks = [
         tuple(StudyPoint(index, tuple(values)) for index, values in zip(line.points, line.values, strict=True))
         for line in lines
@@ -129,11 +132,11 @@ def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan
 
 
 def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
-    """The study whose folder this is, as its manifest says.
+    """Reads the study in a folder from its manifest.
 
     Raises:
-      DocumentError: the manifest says no study.
-      FileError: it cannot be read.
+      DocumentError: the manifest does not contain a study.
+      FileError: the manifest cannot be read.
     """
     manifest = Path(path) / MANIFEST
     with opened(manifest, "manifest of a study", [".json"]) as file:
@@ -142,22 +145,22 @@ def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
         facts = json.loads(text)
         study = facts["study"]
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise FileError(manifest, "it does not say what the study is", "give the study's document instead") from None
+        raise FileError(manifest, "does not contain a study", "give the study's document instead") from None
     return _study(str(manifest), study, Path(path), {"output": path, **(given or {})})
 
 
 def _study_folder(folder: Path, path: str) -> Path:
-    """The folder of a study that a plan in `folder` names.
+    """Returns the folder of a study that a plan in `folder` names.
 
     Raises:
-      UsageError: it is outside of the plan's, and no study: a plan may come from anywhere, and must not write there.
+      UsageError: the folder is outside of the plan's and is not a study: a plan is untrusted and must not write there.
     """
     study = Path(os.path.normpath(folder / path))
     outside = Path(path).is_absolute() or Path(os.path.normpath(path)).parts[:1] == (os.pardir,)
     if outside and not is_file(study / MANIFEST):
         raise UsageError(
-            f"{option('output')}: the plan names {quoted(str(study))}, outside of its own folder and no study yet\n"
-            f"give {option('output')} DIR if its results belong there"
+            f"{option('output')}: the plan names {quoted(str(study))}, outside of the plan's folder and not a study\n"
+            f"to write the results there, give {option('output')} DIR"
         )
     return study
 
@@ -171,12 +174,12 @@ def _line(path: str, number: int, text: bytes) -> PlanLine:
         raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
     line = _read(LINE, value, tree, Reader())
     if len(line.points) != len(line.values) or any(len(values) != len(line.names) for values in line.values):
-        raise document_error([Fault(mark, "values", "a list for each point, with a value for each of the names")])
+        raise document_error([Fault(mark, "values", "expected a list for each point, with a value for each name")])
     return line
 
 
 def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) -> Study:
-    """The study in `value`, a document in `folder`."""
+    """Returns the study in `value`, a document in `folder`."""
     tree = node_of(value, Mark(0, 1, 1, path))
     folders = DocumentReader(folder, OutputFolder(Path()), lexical=True)
     document = _read(STUDY.record, value, tree, folders)
@@ -185,10 +188,10 @@ def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) 
 
 
 def _read(record: Record[V], value: object, tree: Node, reader: Reader) -> V:
-    """What `record` reads from plain values.
+    """Reads plain values by `record`.
 
     Raises:
-      DocumentError: with everything that is wrong with them.
+      DocumentError: with all faults.
     """
     try:
         return cast("V", record.read(value, reader))

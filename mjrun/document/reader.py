@@ -1,4 +1,4 @@
-"""A YAML file, read into a typed value, or every error in it at once, each at its line and column."""
+"""Reading of YAML files into typed values, with all errors at their lines and columns."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from mjrun.options.record import Record
 from mjrun.options.schema import Misfits
 from mjrun.suffixes import YAML, is_yaml
 
-LARGEST = 2**20  # bytes of a document
+LARGEST = 2**20  # bytes per document
 
 T = TypeVar("T")
 
@@ -29,29 +29,29 @@ def read(
     *,
     variables: bool = False,
 ) -> tuple[T, MappingNode]:
-    """The value of the document at `path`, a mapping that `record` reads, and the tree that knows where it is written.
+    """Reads the document at `path`, a mapping, by `record`; returns its value and the tree with the places.
 
-    It is YAML 1.2's core schema: only `true` and `false` are truth values, `010` is ten, times and dates are text;
-    keys stand once and are text; there are no aliases, tags, merge keys or further documents.
+    Documents follow YAML 1.2's core schema: only `true` and `false` are booleans, `010` is ten, times and dates are
+    text. Keys are unique texts; aliases, tags, merge keys and further documents are faults.
 
     Args:
-      context: what its paths mean, and the forms of its kinds.
-      assignments: `key=value` from the command line, such as `videos[0].fps=30`, over what is written; each value
-        is a scalar or a flow collection under the same rules.
-      variables: whether the document may have `vars:`, for `${name}` in its texts, and `defaults:`, another document
-        with the same kind of mapping, below this one; its path is relative to the document's folder. `vars` of both
-        count for both. Neither reaches `record`.
+      context: resolves paths and the forms of kinds.
+      assignments: `key=value` from the command line, such as `videos[0].fps=30`, which override the document; each
+        value is a scalar or a flow collection under the same rules.
+      variables: allow `vars:`, for `${name}` in texts, and `defaults:`, another document of the same kind below this
+        one, with a path relative to the document's folder. The `vars` of both apply to both. Neither key reaches
+        `record`.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, those it names and the assignments.
-      FileError: the document, or one of those, is not there or cannot be read.
+      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      FileError: the document, or one of those, is missing or cannot be read.
     """
     reader = _Reader(Path(path), variables)
     tree = reader.document(Path(path), 0)
     if tree and variables:
         tree = reader.with_defaults(tree)
     if tree and (fault := other_kind(tree, record.name)):
-        raise document_error([fault])  # which explains all else that may be wrong
+        raise document_error([fault])  # which explains any further faults
     if tree:
         tree, faults = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), NAMED)
         reader.faults += faults
@@ -67,7 +67,7 @@ class _Reader:
         self.faults: list[Fault] = []
 
     def document(self, path: Path, order: int, hint: str = "") -> MappingNode | None:
-        """The mapping in the file at `path`; None if there is no such mapping."""
+        """Returns the mapping in the file at `path`; None if there is no such mapping."""
         with opened(path, "document", YAML, hint) as file:
             data = file.read(LARGEST + 1)
         top = Mark(order, 0, 0, str(path))
@@ -77,7 +77,7 @@ class _Reader:
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
-            before = error.object[: error.start].decode("utf-8")  # of what follows the mark of byte order
+            before = error.object[: error.start].decode("utf-8")  # after the byte order mark
             mark = Mark(order, *LineIndex(before).at(len(before)), str(path))
             self.faults.append(Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
             return None
@@ -87,13 +87,13 @@ class _Reader:
         if node is None and not faults:
             self.faults.append(Fault(top, "", "the document is empty"))
         elif node is not None and not isinstance(node, MappingNode | InvalidNode):
-            # Not what it holds: it may be no document at all, but a file that somebody else must not see.
+            # Its content is not quoted: it may be a file other than a document, with secrets.
             form = "text" if isinstance(node, ScalarNode) and node.text else described(node)
             self.faults.append(Fault(node.mark, "", f"expected a mapping, got {form}"))
         return node if isinstance(node, MappingNode) else None
 
     def with_defaults(self, tree: MappingNode) -> MappingNode | None:
-        """`tree` over what its `defaults` names; None if that cannot be read."""
+        """Returns `tree` merged over the document in its `defaults`; None if that cannot be read."""
         path = tree.entries.get(DEFAULTS)
         tree = tree.without(DEFAULTS)
         if path is None or isinstance(path, InvalidNode):
@@ -101,18 +101,18 @@ class _Reader:
         if not isinstance(path, ScalarNode) or not isinstance(path.value, str) or not path.value:
             self.faults.append(Fault(path.mark, DEFAULTS, f"expected the path of a document, got {described(path)}"))
             return tree
-        if not is_yaml(path.value):  # a file of another kind is not looked into, let alone cited
+        if not is_yaml(path.value):  # a file of another kind is neither read nor quoted
             self.faults.append(Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
             return tree
         below = self.document(self.path.parent / path.value, 1, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:
-            self.faults.append(Fault(below.keys[DEFAULTS], "", "defaults have no defaults of their own"))
+            self.faults.append(Fault(below.keys[DEFAULTS], "", "the document in defaults cannot have defaults"))
             below = below.without(DEFAULTS)
         both = merged(tree, below)
         return both if below and isinstance(both, MappingNode) else None
 
     def validated(self, tree: MappingNode | None, record: Record[T], context: Reader | None) -> tuple[T, MappingNode]:
-        """The value and the tree, unless something was wrong."""
+        """Returns the value and the tree if there were no faults."""
         values: list[T] = []
         context = context or Reader()
         if tree:

@@ -1,4 +1,4 @@
-"""JSON Schema of what mjrun reports, derived from its dataclasses and what their docstrings say of each field."""
+"""JSON Schema of reports, derived from their dataclasses and the docstrings of their fields."""
 
 import dataclasses
 import inspect
@@ -12,7 +12,7 @@ from mjrun.errors import Failure
 from mjrun.outputs.run_result import RESULTS, RunResult
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-ERROR = "error"  # the key of a failure in any report, and the kind of a report of nothing else
+ERROR = "error"  # the key of a failure in any report, and the kind of a report with only that key
 _TYPES = {str: "string", int: "integer", float: "number", bool: "boolean", type(None): "null"}
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
@@ -20,7 +20,7 @@ JsonSchema = dict[str, Any]
 
 
 def _rule(annotation: Any, definitions: JsonSchema) -> JsonSchema:
-    """The rule of the values of a type."""
+    """Returns the rule for the values of a type."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if annotation in _TYPES:
         return {"type": _TYPES[annotation]}
@@ -46,7 +46,7 @@ def _rule(annotation: Any, definitions: JsonSchema) -> JsonSchema:
 
 
 def _mapping(report: type, definitions: JsonSchema) -> JsonSchema:
-    """The rule of a dataclass, which has all of its fields, described as its docstring does."""
+    """Returns the rule for a dataclass, which requires all of its fields and describes them by its docstring."""
     hints = get_type_hints(report, localns={"DiffResult": DiffResult})  # which traces import only when they need it
     properties = {field.name: _rule(hints[field.name], definitions) for field in dataclasses.fields(report)}
     for cls in reversed(report.__mro__):
@@ -62,11 +62,11 @@ def _mapping(report: type, definitions: JsonSchema) -> JsonSchema:
 def report_schema(kind: str, command: str, report: type) -> JsonSchema:
     """Returns the JSON Schema, draft 2020-12, of the reports of a command.
 
-    New keys may come to a report. One of a command that fails has an `error`, and may have nothing else.
+    Reports may gain keys. The report of a command that fails has an `error`, and may have no other key.
 
     Args:
-      kind: of the report.
-      report: its dataclass.
+      kind: the kind of report.
+      report: the dataclass of the report.
     """
     definitions: JsonSchema = {}
     schema = _mapping(report, definitions)
@@ -83,10 +83,10 @@ def report_schema(kind: str, command: str, report: type) -> JsonSchema:
 
 
 def failure_schema() -> JsonSchema:
-    """Returns the JSON Schema of what any command reports when it fails before it has a result."""
+    """Returns the JSON Schema of the report of any command that fails before it has a result."""
     return {
         "$schema": DIALECT,
-        "description": "What a command with --json prints when it fails.",
+        "description": "The output of a command with --json when it fails.",
         "type": "object",
         "properties": {ERROR: _failure_rule()},
         "required": [ERROR],

@@ -1,4 +1,4 @@
-"""The run document: everything that is made of one simulation, in one pass.
+"""The run document: all outputs of one simulation, made in one pass.
 
 ```yaml
 vars: {slow: 0.25}
@@ -46,7 +46,7 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.simulation.simulation import Simulation
 
-# The options of what a document can make, by key; their classes are imported when a document asks for them.
+# The options of all outputs, by key; the classes of outputs are imported only when a document uses them.
 OUTPUTS: dict[str, type[OutputOptions]] = {
     "videos": VideoOptions,
     "images": ImageOptions,
@@ -59,17 +59,17 @@ OUTPUTS: dict[str, type[OutputOptions]] = {
 
 @options
 class _TopLevel(SimulationOptions, PageOptions):
-    """A simulation, and what is made of it."""
+    """A simulation and its outputs."""
 
 
 def _entry(output: type[OutputOptions]) -> OneOf[object, object]:
-    """The form of an output: a mapping of its options, or its file alone."""
+    """Returns the form of an output: a mapping of its options, or its file alone."""
     mapping = Record[Values](output, dict, name=output.__name__.removesuffix("Options"))
     return OneOf("a file, or a mapping with an output", string=File(written=True), object=mapping)
 
 
 class _Run(Record[Values]):
-    """A simulation, and what is made of it."""
+    """A simulation and its outputs."""
 
     def __init__(self) -> None:
         outputs = [
@@ -80,9 +80,9 @@ class _Run(Record[Values]):
 
     def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Place, str]]:
         yield from super().conflicts(values)
-        renamed = any(RENAMED.get(key, "").startswith(tuple(OUTPUTS)) for key in values)  # an error of its own
+        renamed = any(RENAMED.get(key, "").startswith(tuple(OUTPUTS)) for key in values)  # which is reported separately
         if not renamed and not any(values.get(key, []) != [] for key in OUTPUTS):
-            yield (), f"there is nothing to do; ask for one of {', '.join(OUTPUTS)}"
+            yield (), f"the document has no outputs; add one of {', '.join(OUTPUTS)}"
 
     def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
         schema = super().mapping_schema(reader, definitions)
@@ -93,7 +93,7 @@ RUN = _Run()
 
 
 def _output_class(key: str) -> Callable[..., Job[OutputResult]]:
-    """The class of the outputs under a key."""
+    """Returns the class of the outputs under a key."""
     match key:
         case "videos":
             from mjrun.outputs.video import Video as Output
@@ -111,11 +111,11 @@ def _output_class(key: str) -> Callable[..., Job[OutputResult]]:
 
 
 class RunRequest:
-    """The jobs that a document asks for, and where it does.
+    """The jobs of a document, with a context that locates their errors.
 
     Attributes:
-      jobs: they have one simulation in common.
-      page: about what they make.
+      jobs: the jobs, which share one simulation.
+      page: the page about their outputs.
     """
 
     def __init__(self, tree: MappingNode, jobs: Mapping[Place, Job[OutputResult]], page: PageOptions) -> None:
@@ -125,10 +125,10 @@ class RunRequest:
 
     @contextmanager
     def located(self) -> Generator[None]:
-        """Turns errors of the jobs into those of the document, at its lines.
+        """Converts errors of the jobs to errors at lines of the document.
 
         Raises:
-          DocumentError: with every error.
+          DocumentError: with all errors.
         """
         try:
             yield
@@ -141,7 +141,7 @@ class RunRequest:
             raise document_error(self._fault(*fault) for fault in jobs_error.faults) from error
 
     def _fault(self, index: int | None, error: UsageError) -> Fault:
-        """`error` at the option that it is about, or else at the job."""
+        """Returns the fault for `error` at its option, or else at its job."""
         place: Place = () if index is None else self._places[index]
         return option_fault(self._tree, place, error, _declared_at)
 
@@ -149,19 +149,19 @@ class RunRequest:
 def read_run(
     path: Path | str, assignments: Sequence[str] = (), options: RunOptions | None = None, command: str = ""
 ) -> RunRequest:
-    """What the run document at `path` asks for.
+    """Reads the run document at `path`.
 
-    Files that are read are relative to the folder of the document, outputs are inside the folder that `options` name.
+    Input files are relative to the folder of the document; outputs are inside the folder in `options`.
 
     Args:
-      assignments: `key=value` from the command line, such as `videos[0].fps=30` or `set.opt.cone=elliptic`, over what
-        is written.
-      options: what a document cannot hold.
+      assignments: `key=value` from the command line, such as `videos[0].fps=30` or `set.opt.cone=elliptic`, which
+        override the document.
+      options: options that a document cannot contain.
       command: the command line, for manifests.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, those it names, and the assignments.
-      FileError: one of them is not there, or cannot be read.
+      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      FileError: one of them is missing or cannot be read.
     """
     options = options or RunOptions()
     folders = DocumentReader(Path(path).parent, OutputFolder(Path(options.output)))
@@ -172,7 +172,7 @@ def read_run(
 
 
 class _Builder(DocumentBuilder):
-    """Builds jobs from what a document holds."""
+    """Builds jobs from the contents of a document."""
 
     def __init__(self, tree: MappingNode, folders: Folders, options: RunOptions, command: str) -> None:
         super().__init__(tree, folders, _declared_at)
@@ -180,7 +180,7 @@ class _Builder(DocumentBuilder):
         self._goldens = OutputFolder(folders.inputs, "the folder of the document")
 
     def jobs(self, document: Values) -> dict[Place, Job[OutputResult]]:
-        """All jobs, if nothing is wrong, by their places in the document."""
+        """Returns all jobs by their places in the document."""
         simulation = self.simulation(document, self._options)
         jobs: dict[Place, Job[OutputResult]] = {}
         for key in OUTPUTS:
@@ -192,7 +192,7 @@ class _Builder(DocumentBuilder):
         return jobs
 
     def page(self, document: Values) -> PageOptions:
-        """The page that the document asks for, or else the command line."""
+        """Returns the page that the command line requests, or else the document."""
         page_options = cast("Callable[..., PageOptions]", PageOptions)
         page = page_options(**values_of(PageOptions, document))
         if self._options.html is not None:
@@ -218,7 +218,7 @@ class _Builder(DocumentBuilder):
         return self._updated(job, place) if key == "traces" and self._options.update else job
 
     def _machine_values(self, key: str) -> Values:
-        """What the command line says of all outputs under a key."""
+        """Returns the options of the command line for all outputs under a key."""
         options = self._options
         if key not in ("videos", "images"):
             return {}
@@ -227,7 +227,7 @@ class _Builder(DocumentBuilder):
         return {name: value for name, value in values.items() if value is not None}
 
     def _updated(self, job: Job[OutputResult], place: Place) -> Job[OutputResult]:
-        """The trace with its golden table to be updated, which the document must be allowed to write."""
+        """Returns the trace with its golden table to be updated, if the document may write to that file."""
         from mjrun.outputs.golden import golden_files
         from mjrun.outputs.trace import Trace
 
@@ -248,5 +248,5 @@ class _Builder(DocumentBuilder):
 
 
 def _declared_at(place: Place) -> type[Options]:
-    """The options that stand at a place of the document."""
+    """Returns the options at a place of the document."""
     return OUTPUTS[str(place[0])] if place else _TopLevel

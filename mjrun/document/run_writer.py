@@ -1,4 +1,4 @@
-"""From jobs back to the documents that make them."""
+"""Conversion of jobs to documents."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -24,18 +24,19 @@ from mjrun.task.task import Task
 
 
 def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
-    """The run document that makes `jobs`, which have one simulation in common; it holds what is not the default.
+    """Formats the run document of `jobs`, which share one simulation, without default values.
 
-    What only this machine knows is not in it, such as the OpenGL backend. Files are relative to the current folder.
+    Options that apply to this machine only, such as the OpenGL backend, are left out. Files are relative to the
+    current folder.
 
     Args:
-      command: what made the jobs, for a comment.
+      command: the command that made the jobs, for a comment.
 
     Raises:
-      UsageError: a document cannot hold this: code, a compiled model, an output outside of a folder.
+      UsageError: a document cannot contain this: code, a compiled model, an output outside of a folder.
     """
     if not jobs or any(job.simulation is not jobs[0].simulation for job in jobs):
-        raise UsageError("a run document is of the outputs of one simulation")
+        raise UsageError("a run document requires outputs of a single simulation")
     outputs: dict[str, list[Plain]] = {}
     for job in jobs:
         key = next(key for key, output in OUTPUTS.items() if isinstance(job, output))
@@ -45,7 +46,7 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
 
 
 def text_of(document: Mapped, command: str) -> str:
-    """The text of a document, after the command that made it."""
+    """Formats a document, with a comment about the command that made it."""
     comment = f"# {clean(command)}\n" if command else ""
     return comment + yaml_text(_escaped(document))
 
@@ -55,15 +56,15 @@ def simulation_document(simulation: Simulation) -> Mapped:
         raise UsageError(f"{option('controller')}: a document cannot contain code; give it on the command line")
     source = source_of(simulation.model)
     if not source.text:
-        raise UsageError("a compiled model has no file that a document could name")
-    own = () if isinstance(source, Task) else source.overrides  # those of a task are in its document
+        raise UsageError("a document cannot contain a compiled model; give its file")
+    own = () if isinstance(source, Task) else source.overrides  # a task's overrides are in its document
     overrides = [*((override.path, override.value) for override in own), *simulation.set]
     settings = {"set": _settings(overrides)} if overrides else {}
     return {"model": source.text, **plain_options(simulation), **settings}
 
 
 def plain_options(values: Options) -> Mapped:
-    """The keys of a document for `values`: all that are not the default."""
+    """Returns the document keys of all `values` that differ from their defaults."""
     written = [(each, getattr(values, each.attribute)) for each in document_options(type(values))]
     return {
         each.key: plain_value(each.kind, value)
@@ -74,7 +75,7 @@ def plain_options(values: Options) -> Mapped:
 
 
 def _refused(each: Option, value: object) -> bool:
-    """Raises where an option is code, or an output, that no document may write."""
+    """Raises UsageError for code, and for outputs that no document may write."""
     kind = each.kind.each if isinstance(each.kind, Optional) else each.kind
     if isinstance(kind, PolicyKind) and not (isinstance(value, str) and not is_code(value)):
         raise UsageError(f"{option(each.name)}: a document cannot contain code; give it on the command line")
@@ -84,7 +85,7 @@ def _refused(each: Option, value: object) -> bool:
 
 
 def plain_value(kind: AnyKind, value: object) -> Plain:
-    """`value` as a document writes it."""
+    """Returns `value` in its document form."""
     whole = kind.each if isinstance(kind, Optional) else kind
     if isinstance(whole, Settings):
         return _settings(cast("Sequence[tuple[str, str]]", value))
@@ -92,7 +93,7 @@ def plain_value(kind: AnyKind, value: object) -> Plain:
 
 
 def _written(value: object) -> Plain:
-    """Plain values as YAML has them: exact numbers, events and camera scripts too."""
+    """Converts plain values to YAML types, including exact numbers, events and camera scripts."""
     match value:
         case Fraction():
             return exact(value)
@@ -118,13 +119,13 @@ def _settings(settings: Sequence[tuple[str, str]]) -> Mapped:
     written: Mapped = {}
     for path, text in settings:
         if path in written:
-            raise UsageError(f"{clean(path)} is set twice, and a document can set it once")
+            raise UsageError(f"{clean(path)} is set twice; a document can set it only once")
         written[path] = _setting(text)
     return written
 
 
 def _setting(text: str) -> Plain:
-    """The value that is set by `text`: numbers, a list of them or a truth value, if that comes to the same text."""
+    """Converts the text of a setting to a number, a list of numbers or a boolean, if that restores the same text."""
     parts: list[Plain] = [meaning(part) for part in text.split(",")]
     value = parts[0] if len(parts) == 1 else parts
     try:
@@ -134,7 +135,7 @@ def _setting(text: str) -> Plain:
 
 
 def _escaped(value: Plain) -> Plain:
-    """`value` with `${` escaped, so that no text refers to a variable."""
+    """Escapes `${` in all texts, so that none refers to a variable."""
     match value:
         case str():
             return value.replace("${", "$${")

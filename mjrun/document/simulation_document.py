@@ -1,4 +1,4 @@
-"""What the documents of studies and of fits are: a simulation, and the options of one thing that is made of it."""
+"""Documents of studies and fits: a simulation, and the options of the product that is made of it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -20,10 +20,10 @@ Made = TypeVar("Made")
 
 
 class Request(Generic[Made]):
-    """What a document asks for, and where it does.
+    """The contents of a document, with a context that locates its errors.
 
     Attributes:
-      made: ready to be run.
+      made: the study, fit or evaluation, ready to run.
     """
 
     def __init__(self, made: Made, located: Callable[[], AbstractContextManager[None]]) -> None:
@@ -34,13 +34,13 @@ class SimulationDocument(Generic[Made]):
     """A kind of document.
 
     Args:
-      name: of what it describes.
-      declared: the options beside those of a simulation; `output` may be left out.
-      every: these and those of a simulation.
-      make: from a simulation and these options to what is made.
+      name: the name of the product.
+      declared: its options in addition to those of a simulation; `output` may be left out.
+      every: these options and those of a simulation.
+      make: makes the product from a simulation and these options.
 
     Attributes:
-      record: what documents hold.
+      record: the form of the documents.
     """
 
     def __init__(self, name: str, declared: type[Options], every: type[Options], make: Callable[..., Made]) -> None:
@@ -48,7 +48,7 @@ class SimulationDocument(Generic[Made]):
         self.record = Record[Values](every, dict, name=name, more=[MODEL], optional=["output"])
 
     def declared_at(self, place: Place) -> type[Options]:
-        """The options that stand at a place of such a document."""
+        """Returns the options at a place of such a document."""
         return self._every
 
     def read(
@@ -59,19 +59,19 @@ class SimulationDocument(Generic[Made]):
         defaults: Mapping[str, object],
         code: CodeOptions,
     ) -> Request[Made]:
-        """What the document at `path` asks for.
+        """Reads the document at `path`.
 
-        Files that are read are relative to the folder of the document, those that are written to the current one.
+        Input files are relative to the folder of the document, output files to the current one.
 
         Args:
-          assignments: `key=value` over what is written.
-          values: options that count instead of the document's.
-          defaults: options that count where it says nothing.
-          code: what a document cannot hold.
+          assignments: `key=value`, which override the document.
+          values: options that override the document's.
+          defaults: options for keys that the document leaves out.
+          code: options that a document cannot contain.
 
         Raises:
-          DocumentError: with everything that is wrong in the document, those it names, and the assignments.
-          FileError: one of them is not there, or cannot be read.
+          DocumentError: with all faults in the document, the documents that it names, and the assignments.
+          FileError: one of them is missing or cannot be read.
         """
         folders = DocumentReader(Path(path).parent, OutputFolder(Path()))
         document, tree = read(path, self.record, folders, assignments, variables=True)
@@ -87,10 +87,10 @@ class SimulationDocument(Generic[Made]):
         values: Mapping[str, object],
         code: CodeOptions,
     ) -> Made:
-        """What a document that is read describes.
+        """Makes the product from the contents of a document.
 
         Raises:
-          DocumentError: with all that is wrong with it.
+          DocumentError: with all faults.
         """
         builder = DocumentBuilder(tree, folders, self.declared_at)
         simulation: Simulation = builder.simulation(document, code)

@@ -1,4 +1,4 @@
-"""The study document: a simulation, what varies in it, and what is measured.
+"""The study document: a simulation, its variations and its metrics.
 
 ```yaml
 model: chaotic_pendulum.xml
@@ -32,7 +32,7 @@ from mjrun.study.study import Study
 
 @options
 class _StudyOptions(Study, SimulationOptions):
-    """A simulation, and what varies in it."""
+    """A simulation, its variations and its metrics."""
 
 
 STUDY = SimulationDocument("Study", Study, _StudyOptions, Study)
@@ -46,56 +46,56 @@ def read_study(
     code: CodeOptions | None = None,
     command: str = "",
 ) -> Request[Study]:
-    """The study that the document at `path` asks for; its folder is called as the document if nothing else is said.
+    """Reads the study document at `path`; by default, its folder has the name of the document.
 
     Args:
-      assignments: `key=value` from the command line, such as `samples=8` or `vary.opt.timestep=1e-3,2e-3`, over what is
-        written.
-      values: options of a study that count instead of the document's, such as its `output`, or how it runs.
-      code: what a document cannot hold.
+      assignments: `key=value` from the command line, such as `samples=8` or `vary.opt.timestep=1e-3,2e-3`, which
+        override the document.
+      values: options of a study that override the document's, such as its `output` or its execution.
+      code: options that a document cannot contain.
       command: the command line, for manifests.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, those it names, and the assignments.
-      FileError: one of them is not there, or cannot be read.
+      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      FileError: one of them is missing or cannot be read.
     """
     values = {**(values or {}), "command": command}
     return STUDY.read(path, assignments, values, {"output": Path(path).stem}, code or CodeOptions())
 
 
 def study_text(study: Study, command: str = "") -> str:
-    """The study document of `study`; it holds what is not the default, and not how this machine runs it.
+    """Formats `study` as a study document, without default values and without execution options.
 
     Args:
-      command: what made the study, for a comment.
+      command: the command that made the study, for a comment.
 
     Raises:
-      UsageError: a document cannot hold this: code, a compiled model, a folder outside of the current one.
+      UsageError: a document cannot contain this: code, a compiled model, a folder outside of the current one.
     """
     return text_of(study_document(study), command)
 
 
 def study_document(study: Study) -> Mapped:
-    """The same as plain values."""
+    """Returns the study document as plain values."""
     return {**simulation_document(study.simulation), **plain_options(study)}
 
 
 class _MovedReader(DocumentReader):
-    """Reads a document for another that is written elsewhere; outputs stay as they are written."""
+    """Reads a document that will be written to another folder; output paths are unchanged."""
 
     def output(self, path: str) -> str:
         return path
 
 
 def portable_document(study: Study, folder: Path) -> Mapped:
-    """The study as a document in `folder`, without its output.
+    """Returns the study as a document in `folder`, without its output.
 
     Raises:
-      UsageError: no document can hold it.
+      UsageError: a document cannot represent the study.
     """
     document = study_document(replace(study, output="study"))
     if document["model"] == "-":
-        raise UsageError("a model from standard input is gone when its study is read again; give a file")
+        raise UsageError("a study cannot be resumed with a model from standard input; give a file")
     reader = _MovedReader(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder), lexical=True)
     values = cast("Values", STUDY.record.read(document, reader))
     moved: Mapped = {"model": reader.model(str(document["model"]))}

@@ -1,4 +1,4 @@
-"""The task document: a model, and what a policy observes, does and is rewarded for in it.
+"""The task document: a model, and the observations, actions and rewards of a policy.
 
 ```yaml
 model: car.xml
@@ -55,11 +55,11 @@ Made = TypeVar("Made")
 
 @options
 class _Overrides(ModelOptions):
-    """What a document overrides in the model of its task."""
+    """Overrides of the task's model."""
 
 
 class _TaskOptions(TaskOptions):
-    """A model, and what a policy observes, does and is rewarded for in it."""
+    """A model, and the observations, actions and rewards of a policy."""
 
 
 def _part(key: str) -> Record[Values]:
@@ -79,25 +79,25 @@ TASK = Record[Values](
     name="Task",
     more=[
         MODEL,
-        document_key("reset", _part("reset"), "How an episode starts."),
+        document_key("reset", _part("reset"), "Initial state of an episode."),
         document_key(
             "observations",
             ListOf[Values](_part("observations"), least=1),
-            "What the policy observes: terms in the order of its input.",
+            "Observations of the policy: terms in the order of its input.",
             dataclasses.MISSING,
         ),
         document_key(
             "actions",
             ListOf[Values](_part("actions"), least=1),
-            "What the policy does: groups of actuators or joints in the order of its output.",
+            "Actions of the policy: groups of actuators or joints in the order of its output.",
             dataclasses.MISSING,
         ),
-        document_key("commands", MappingOf[Values](_part("commands")), "What the policy is told to do, by name.", {}),
-        document_key("rewards", MappingOf[Values](_REWARD), "What is summed up as the reward of a period.", {}),
+        document_key("commands", MappingOf[Values](_part("commands")), "Commands to the policy, by name.", {}),
+        document_key("rewards", MappingOf[Values](_REWARD), "Terms whose sum is the reward of a control period.", {}),
         document_key(
             "terminations",
             MappingOf[Values](_part("terminations")),
-            "What ends an episode, by name; the first that holds counts.",
+            "Conditions that end an episode, by name; the first true one applies.",
             {},
         ),
     ],
@@ -106,33 +106,34 @@ TASK = Record[Values](
 
 @dataclass(frozen=True)
 class DocumentPlaces:
-    """Where a document says what its task is.
+    """The places of a task's parts in its document.
 
     Attributes:
-      tree: the document as it is written.
+      tree: the document with the places of its values.
     """
 
     tree: MappingNode
 
     def located(self, error: UsageError) -> UsageError:
-        """`error` at its line; as it is if the document does not say what it is about."""
+        """Returns `error` at its line; unchanged if the document does not contain its subject."""
         if not error.path or error.path[0] not in self.tree.entries:
             return error
         return document_error([option_fault(self.tree, (), error, declared_at)])
 
 
 def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
-    """The task in the document at `path`, or in that of the gallery which `scene:NAME` names.
+    """Reads the task document at `path`, or the one of the gallery that `scene:NAME` names.
 
-    The model and other files are relative to the folder of the document. Errors that only the model brings to light,
-    such as joints that it does not have, are told at the document's lines too when the task is first used.
+    Files are relative to the folder of the document. Errors that only the model reveals, such as missing joints, are
+    reported at the document's lines when the task is first used.
 
     Args:
-      assignments: `key=value` from the command line, such as `duration=2` or `reset.key=home`, over what is written.
+      assignments: `key=value` from the command line, such as `duration=2` or `reset.key=home`, which override the
+        document.
 
     Raises:
-      DocumentError: with everything that is wrong in the document, those it names, and the assignments.
-      FileError: one of them is not there, or cannot be read.
+      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      FileError: one of them is missing or cannot be read.
     """
     bundled = bundled_task(str(path))
     file = bundled or Path(path)
@@ -142,25 +143,25 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
 
 
 def task_or_model(text: str) -> Task | str:
-    """What stands where a model stands: the task that `text` names, or `text` itself."""
+    """Returns the task that `text` names, or else `text` itself, which names a model."""
     return read_task(text) if names_task(text) else text
 
 
 def is_task(path: Path | str) -> bool:
-    """Whether the document at `path` is one of a task: it says what is observed."""
+    """Returns whether the document at `path` is a task document: it has observations."""
     if not is_readable(path):
         return False  # as below
     try:
         with opened(Path(path), "document", YAML) as file:
             text = file.read(LARGEST).decode("utf-8-sig")
     except (FileError, OSError, UnicodeDecodeError):
-        return False  # whoever reads it is told why
+        return False  # its reader reports why
     node, _ = compose(text, lambda index: Mark(0, 0, 0, str(path)))
     return isinstance(node, MappingNode) and "observations" in node.entries
 
 
 class _Builder(DocumentBuilder):
-    """Builds a task from what a document holds."""
+    """Builds a task from the contents of a document."""
 
     def task(self, document: Values, path: Path, name: str) -> Task:
         values = values_of(TaskOptions, document)
@@ -200,7 +201,7 @@ class _Builder(DocumentBuilder):
         return {name: self._part(kind, entry, (key, name)) for name, entry in entries.items()}
 
     def _part(self, kind: Callable[..., Made], entry: object, place: Place) -> Made | None:
-        """A part of the task; None if it is wrong, which is noted. An expression alone is the value of a reward."""
+        """Returns a part of the task, or None after collecting its fault. A reward may be an expression alone."""
         match entry:
             case dict():
                 values = cast("Values", entry)
@@ -212,5 +213,5 @@ class _Builder(DocumentBuilder):
 
 
 def declared_at(place: Place) -> type[Options]:
-    """The options that stand at a place of a task document."""
+    """Returns the options at a place of a task document."""
     return PARTS[str(place[0])][1] if place else TaskOptions

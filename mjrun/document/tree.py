@@ -1,4 +1,4 @@
-"""A document as it is written: values that know their line and column."""
+"""The tree of a document: values with their lines and columns."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -6,8 +6,8 @@ from typing import cast
 
 from mjrun.errors import clean, quoted
 
-SHOWN = 40  # characters of a foreign text that a message shows
-INVALID = object()  # what stands for a value that is reported already; fits no type
+SHOWN = 40  # characters of a document's text that a message shows
+INVALID = object()  # represents a value whose fault is already reported; fits no type
 
 Plain = None | bool | int | float | str | list["Plain"] | dict[str, "Plain"]  # what a document can hold
 Mapped = dict[str, Plain]
@@ -16,12 +16,12 @@ Path = tuple[str | int, ...]  # keys of mappings and indices of lists, from the 
 
 @dataclass(frozen=True, order=True)
 class Mark:
-    """Where something is written.
+    """A place in a document.
 
     Attributes:
-      order: of its source among those that a document is read from.
-      line, column: from 1; 0 means the source as a whole, as a setting on the command line is.
-      source: the file as the user named it, or the setting.
+      order: the number of the source among those of the document.
+      line, column: counted from 1; 0 means the whole source, such as an assignment on the command line.
+      source: the file as the user named it, or the assignment.
     """
 
     order: int
@@ -35,7 +35,7 @@ class Mark:
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """Something wrong; faults are reported in their order."""
+    """A problem at a place of a document; faults are reported in order."""
 
     mark: Mark
     path: str
@@ -44,7 +44,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class ScalarNode:
-    """A single value; `text` is how it was written, without quotes, and `origin` the variable that it came from."""
+    """A single value; `text` is its source without quotes, and `origin` the variable that it came from."""
 
     mark: Mark
     value: bool | int | float | str | None
@@ -54,7 +54,7 @@ class ScalarNode:
 
 @dataclass(frozen=True)
 class ListNode:
-    """A list."""
+    """A list of nodes."""
 
     mark: Mark
     items: Sequence["Node"] = ()
@@ -69,17 +69,17 @@ class MappingNode:
     keys: Mapping[str, Mark] = field(default_factory=dict[str, Mark])
 
     def with_entry(self, key: str, mark: Mark, value: "Node") -> "MappingNode":
-        """The same with one entry set."""
+        """Returns a copy with one entry set."""
         return MappingNode(self.mark, {**self.entries, key: value}, {**self.keys, key: mark})
 
     def without(self, *keys: str) -> "MappingNode":
-        """The same with fewer entries."""
+        """Returns a copy without some entries."""
         return MappingNode(self.mark, {k: v for k, v in self.entries.items() if k not in keys}, self.keys)
 
 
 @dataclass(frozen=True)
 class InvalidNode:
-    """A value that is reported already and means nothing."""
+    """A value whose fault is already reported."""
 
     mark: Mark
 
@@ -88,7 +88,7 @@ Node = ScalarNode | ListNode | MappingNode | InvalidNode
 
 
 def plain(node: Node) -> object:
-    """`node` as Python's own values, `INVALID` where it is broken."""
+    """Converts `node` to plain Python values, with `INVALID` for invalid nodes."""
     match node:
         case ScalarNode():
             return node.value
@@ -101,7 +101,7 @@ def plain(node: Node) -> object:
 
 
 def node_of(value: object, mark: Mark) -> Node:
-    """Python's own values as a document in which all stands at one place."""
+    """Converts plain Python values to a tree with one place for all nodes."""
     match value:
         case dict():
             entries = {str(key): node_of(inner, mark) for key, inner in cast("dict[object, object]", value).items()}
@@ -115,7 +115,7 @@ def node_of(value: object, mark: Mark) -> Node:
 
 
 def find(node: Node, path: Path) -> Node:
-    """What stands at `path`, or the last on the way to it that is there."""
+    """Returns the node at `path`, or the last existing node on the way to it."""
     for step in path:
         if isinstance(node, MappingNode) and step in node.entries:
             node = node.entries[str(step)]
@@ -127,15 +127,15 @@ def find(node: Node, path: Path) -> Node:
 
 
 def key_mark(node: Node, path: Path) -> Mark:
-    """Where the key that `path` ends with stands."""
+    """Returns the place of the last key in `path`."""
     parent = find(node, path[:-1])
     return parent.keys.get(str(path[-1]), parent.mark) if isinstance(parent, MappingNode) else parent.mark
 
 
 def written_path(node: Node, path: Path) -> Path:
-    """`path` as far as the document goes into detail; a key that a mapping leaves out ends it.
+    """Returns the part of `path` that exists in the document, up to and including the first missing key.
 
-    The index 0 is skipped where one value is written without its list.
+    The index 0 is skipped if a single value replaces its list.
     """
     written: Path = ()
     for step in path:
@@ -152,18 +152,18 @@ def written_path(node: Node, path: Path) -> Path:
 
 
 def path_text(path: Path) -> str:
-    """`path` as in `shots[1].orbit.distance`."""
+    """Formats `path` as in `shots[1].orbit.distance`."""
     parts = (f"[{step}]" if isinstance(step, int) else f".{clean(shortened(step))}" for step in path)
     return "".join(parts).removeprefix(".")
 
 
 def shortened(text: str, most: int = SHOWN) -> str:
-    """`text`, or its beginning if it is long."""
+    """Returns `text`, cut if it is long."""
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def described(node: Node) -> str:
-    """A value as messages show it: `-2`, `'fast'`, `nothing`, `a list`."""
+    """Formats a value for messages: `-2`, `'fast'`, `nothing`, `a list`."""
     match node:
         case ScalarNode(text=""):
             text = "nothing" if node.value is None else "''"
@@ -176,5 +176,5 @@ def described(node: Node) -> str:
         case MappingNode():
             return "a mapping"
         case InvalidNode():
-            return "what cannot be read"
+            return "an unreadable value"
     return text + (f" from {clean(node.origin)}" if node.origin else "")

@@ -1,4 +1,4 @@
-"""What a document may begin with: `vars:`, values under a name, and `defaults:`, another document below this one."""
+"""Keys at the top of documents: `vars:`, named values, and `defaults:`, another document below this one."""
 
 import re
 from collections.abc import Mapping
@@ -19,14 +19,14 @@ from mjrun.document.tree import (
 from mjrun.errors import listing, quoted, suggestion
 
 VARS, DEFAULTS = "vars", "defaults"
-LARGEST = 2**20  # characters that variables may make in a document
+LARGEST = 2**20  # characters that variables may insert into a document
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}$]*)\}|\$\{")
 
 
 def merged(above: Node, below: Node | None) -> Node:
-    """`above` over `below`: mappings together, key by key, anything else as it is in `above`."""
+    """Merges `above` over `below`: mappings by key; any other value of `above` replaces that of `below`."""
     if not isinstance(above, MappingNode) or not isinstance(below, MappingNode):
         return above
     entries = {key: merged(above.entries[key], below.entries.get(key)) for key in above.entries}
@@ -34,10 +34,10 @@ def merged(above: Node, below: Node | None) -> Node:
 
 
 def without_variables(tree: MappingNode) -> tuple[MappingNode, list[Fault]]:
-    """`tree` less its `vars`, which stand in the place of every `${name}`, and what is wrong with them.
+    """Returns `tree` without its `vars`, with every `${name}` replaced by its value, and the faults.
 
-    A scalar that is `${name}` and nothing else takes the variable's own value, number or text; within a longer text
-    stands what the variable was written as. `$${` is `${` itself.
+    A scalar that consists of `${name}` gets the value of the variable, number or text; within a longer text, the
+    source of the value is inserted. `$${` becomes `${`.
     """
     resolver = _Resolver()
     resolver.define(tree.entries.get(VARS))
@@ -71,12 +71,12 @@ class _Resolver:
             self._fault(value.mark, path, f"expected a single value, got {described(value)}")
             return InvalidNode(value.mark)
         if isinstance(value, ScalarNode) and any(match[0] != "$${" for match in _REFERENCE.finditer(value.text)):
-            self._fault(value.mark, path, "variables do not refer to variables; ${ itself is written $${")
+            self._fault(value.mark, path, "a variable cannot refer to another variable; write $${ for ${")
             return InvalidNode(value.mark)
         return self.resolved(value, path)
 
     def resolved(self, node: Node, path: Path) -> Node:
-        """`node`, which stands at `path`, with values instead of variables."""
+        """Replaces the variables in `node`, which is at `path`."""
         match node:
             case ListNode():
                 return ListNode(node.mark, [self.resolved(item, (*path, i)) for i, item in enumerate(node.items)])
@@ -103,16 +103,16 @@ class _Resolver:
             end = match.end()
             self.substituted += len(parts[-1])
             if self.substituted > LARGEST:
-                self._fault(node.mark, path, f"variables make more than {LARGEST:,} characters")
+                self._fault(node.mark, path, f"variables insert more than {LARGEST:,} characters")
                 return InvalidNode(node.mark)
         text = "".join([*parts, text[end:]])
         return ScalarNode(node.mark, text, text)
 
     def _value(self, match: re.Match[str], mark: Mark, path: Path) -> ScalarNode | None:
-        """The variable that `match` refers to, if there is such a one."""
+        """Returns the variable that `match` refers to; None if it does not exist."""
         name = match[1]
         if name is None:
-            self._fault(mark, path, "${ begins a variable, ${name}; ${ itself is written $${")
+            self._fault(mark, path, "${ begins a variable, ${name}; write $${ for ${")
             return None
         if name not in self.variables:
             self._fault(mark, path, _unknown(name, self.variables))

@@ -1,8 +1,8 @@
-"""From YAML text to a tree: the part of YAML that documents use, and what is wrong with the rest.
+"""Parsing of YAML text to a tree: the subset of YAML that documents use, with faults for the rest.
 
-A plain word means what the core schema of YAML 1.2 says (https://yaml.org/spec/1.2.2/, section 10.3.2). PyYAML reads
-YAML 1.1, in which `no` is false, `010` is 8, `12:30:00` is 45000 and `1e-3` is text. Its errors speak of tokens and
-streams; ours are in the words of documents.
+Plain scalars are resolved by the core schema of YAML 1.2 (https://yaml.org/spec/1.2.2/, section 10.3.2). PyYAML reads
+YAML 1.1, in which `no` is false, `010` is 8, `12:30:00` is 45000 and `1e-3` is text. Its messages about tokens and
+streams are replaced by messages in terms of documents.
 """
 
 # PyYAML says little of its types.
@@ -52,14 +52,14 @@ _PREFIXED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
 _REAL = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
 _INFINITY = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
 _NO_NUMBER = {".nan", ".NaN", ".NAN"}
-NO_DIRECTIVES = "a line that begins with % is a directive, and documents have none"
-NO_TAGS = "tags (!) are not taken; a value's form says what it is"
-NO_ANCHORS = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
-NO_MERGE = "merge keys (<<) are not taken"
-NO_COMMAS = 'within {…} a comma ends a value: one that has commas goes in quotes, as in "uniform(0, 1)"'
-BARE_VARIABLE = "within [ ] and { } text with ${ goes in quotes"
+NO_DIRECTIVES = "a line that begins with % is a directive, which documents do not support"
+NO_TAGS = "tags (!) are not supported; the type of a value follows from its form"
+NO_ANCHORS = "anchors (&) and aliases (*) are not supported; put such text in quotes"
+NO_MERGE = "merge keys (<<) are not supported"
+NO_COMMAS = 'within {…} a comma ends a value; put values with commas in quotes, as in "uniform(0, 1)"'
+BARE_VARIABLE = "within [ ] and { }, put text that contains ${ in quotes"
 UNCLOSED = "this quote is not closed"
-HOLES = "text that holds ': ' goes in quotes"
+HOLES = "put text that contains ': ' in quotes"
 
 # Contexts in which PyYAML's problem does not matter, with where to point: at the beginning of the context, or not.
 CONTEXTS = {
@@ -72,17 +72,17 @@ CONTEXTS = {
     "while parsing a node": (NO_TAGS, False),
     "while scanning a quoted scalar": (UNCLOSED, True),
     "while scanning a simple key": (f"expected 'key: value'; is a colon missing, or an indentation? {HOLES}", True),
-    "while scanning a block scalar": ("after | or > may stand +, - and an indentation from 1 to 9, no more", False),
-    "while parsing a block mapping": ("this line is indented like no other of its mapping", False),
-    "while parsing a block collection": ("this line is indented like no other of its list", False),
+    "while scanning a block scalar": ("only +, - and an indentation from 1 to 9 may follow | or >", False),
+    "while parsing a block mapping": ("the indentation of this line matches no other line of its mapping", False),
+    "while parsing a block collection": ("the indentation of this line matches no other line of its list", False),
 }
-# PyYAML's problems elsewhere; {} is what the pattern found.
+# PyYAML's other problems; {} is the match of the pattern.
 PROBLEMS = {
     r"found character '\\t' that.*": "a tab; YAML is indented and spaced by spaces",
-    r"found character (.+) that.*": "text that begins with {} goes in quotes",
-    r"sequence entries are not allowed here": "a list cannot begin here; write '- …' on lines of its own",
-    r"mapping keys are not allowed here": "a key cannot stand here",
-    r"mapping values are not allowed here": f"a key cannot stand here; is it indented as its neighbours? {HOLES}",
+    r"found character (.+) that.*": "put text that begins with {} in quotes",
+    r"sequence entries are not allowed here": "a list cannot begin here; write each '- …' on a separate line",
+    r"mapping keys are not allowed here": "a key cannot appear here",
+    r"mapping values are not allowed here": f"a key cannot appear here; is it indented as its neighbours? {HOLES}",
     r"found unknown escape character ['\"](.+)['\"]": "no escape \\{} in double quotes; in single quotes \\ is itself",
     r"expected escape sequence of (\d+) .*": "this escape needs {} hexadecimal digits",
     r"expected '<document start>'.*": "the document ends before this",
@@ -91,12 +91,12 @@ PROBLEMS = {
     r"duplicate tag handle .*": NO_DIRECTIVES,
 }
 
-NODES = 50_000  # values in a document
-DEPTH = 50  # values within values
+NODES = 50_000  # values per document
+DEPTH = 50  # levels of nested values
 
 Place = Callable[[int], Mark]  # of the character at an index
 
-# What YAML prints, less what only some programs take for the end of a line, and marks of byte order.
+# YAML's printable characters, except byte order marks and line ends that only some programs recognize.
 FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
@@ -104,24 +104,24 @@ _LINE_END = re.compile(r"\r\n|\r|\n")
 
 
 class LineIndex:
-    """Where the characters of `text` are; lines end as editors end them."""
+    """The lines and columns of the characters in `text`; lines end as in editors."""
 
     def __init__(self, text: str) -> None:
         self._starts = [0, *(found.end() for found in _LINE_END.finditer(text))]
 
     def at(self, index: int) -> tuple[int, int]:
-        """Line and column, from 1, of the character at `index`."""
+        """Returns line and column, from 1, of the character at `index`."""
         line = bisect_right(self._starts, index)
         return line, index - self._starts[line - 1] + 1
 
 
 def compose(text: str, place: Place, inline: bool = False) -> tuple[Node | None, list[Fault]]:
-    """The tree of `text`, and what is wrong with it; no tree if it cannot be read on, or is empty.
+    """Returns the tree of `text` and its faults; no tree if the text is empty or cannot be parsed further.
 
-    Aliases, anchors, tags, directives, merge keys and further documents are faults, keys are text and stand once.
+    Aliases, anchors, tags, directives, merge keys and further documents are faults; keys are unique texts.
 
     Args:
-      inline: only scalars and flow collections are taken, as in a value on the command line.
+      inline: accept only scalars and flow collections, as in a value on the command line.
     """
     composer = _Composer(text, place, inline)
     try:
@@ -131,7 +131,7 @@ def compose(text: str, place: Place, inline: bool = False) -> tuple[Node | None,
 
 
 class _UnreadableError(Exception):
-    """The text cannot be read on; the fault is noted."""
+    """Text that cannot be parsed further; its fault is collected."""
 
 
 class _Composer:
@@ -161,7 +161,7 @@ class _Composer:
         except yaml.MarkedYAMLError as error:
             message, index = explain(error, self.loader.marks[-1] if self.loader.marks else None)
             self._halt(index, BARE_VARIABLE if self.text[index - 1 : index + 1] == "${" else message)
-        except (ValueError, OverflowError):  # PyYAML takes any eight digits for a character
+        except (ValueError, OverflowError):  # PyYAML accepts any eight digits as a character
             self._halt(self.loader.get_mark().index, "this escape means no character")
 
     def _halt(self, index: int, message: str) -> NoReturn:
@@ -197,7 +197,7 @@ class _Composer:
         return node
 
     def _check_properties(self, event: NodeEvent, mark: Mark, path: Path) -> None:
-        """YAML's properties of nodes are faults: anchors and tags."""
+        """Reports YAML's node properties, anchors and tags, as faults."""
         if event.anchor is not None:
             self._fault(mark, path, NO_ANCHORS)
         if getattr(event, "tag", None) is not None:
@@ -228,7 +228,7 @@ class _Composer:
         return MappingNode(mark, entries, keys)
 
     def _key(self, event: Event, path: Path) -> str | None:
-        """The key that `event` begins; None if it is none."""
+        """Returns the key that `event` begins; None if it is invalid."""
         plain = isinstance(event, ScalarEvent) and event.implicit[0]
         node = self._node(event, path)
         if isinstance(node, InvalidNode):
@@ -253,7 +253,7 @@ def _first(mark: Mark) -> str:
 
 
 def meaning(text: str) -> bool | int | float | str | None:
-    """The value of a plain scalar; integers of more than `LONGEST` digits are floats, infinite as a rule."""
+    """Returns the value of a plain scalar; integers of more than `LONGEST` digits become floats, usually infinite."""
     if text in NOTHING:
         return None
     if text in TRUTH:
@@ -270,8 +270,9 @@ def meaning(text: str) -> bool | int | float | str | None:
 
 
 def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str, int]:
-    """What `error` says, and the index of the character that it is about; `opened` is where the innermost list or
-    mapping begins, if there is one."""
+    """Returns the message for `error`, and the index of its character; `opened` is the start of the innermost list or
+    mapping, if any.
+    """
     mark = error.problem_mark or error.context_mark
     context = error.context_mark or mark
     place = mark.index if mark else 0
@@ -291,5 +292,5 @@ def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str,
 
 
 def forbidden(character: str) -> str:
-    """Says that `character` cannot stand in a document."""
-    return f"{quoted(character)} (U+{ord(character):04X}) cannot stand in a document, but as an escape in double quotes"
+    """Returns the message about a `character` that documents cannot contain."""
+    return f"{quoted(character)} (U+{ord(character):04X}) is not allowed; write it as an escape in double quotes"

@@ -1,4 +1,4 @@
-"""From plain values to YAML text that is read as the same values: numbers short and exact, quotes where needed."""
+"""Conversion of plain values to YAML text that reads as the same values, with short exact numbers and few quotes."""
 
 # PyYAML says little of its types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -16,7 +16,7 @@ from mjrun.document.yaml_parser import FORBIDDEN, meaning
 from mjrun.errors import UsageError, quoted
 from mjrun.timeline import rational
 
-WIDTH = 110  # of a line, where there is a place to break it
+WIDTH = 110  # of a line, if it can be broken
 
 _TAGS = {str: "str", int: "int", float: "float", bool: "bool", type(None): "null"}
 _ESCAPED = re.compile("[\n\r\t]")
@@ -25,18 +25,18 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def number(value: float) -> float:
-    """`value` as the shortest number that is the same.
+    """Returns `value` as the shortest equal number.
 
     Raises:
-      UsageError: it is not finite.
+      UsageError: the value is not finite.
     """
     if not math.isfinite(value):
-        raise UsageError(f"a document holds finite numbers, not {value}")
+        raise UsageError(f"a document cannot contain the number {value}; numbers must be finite")
     return int(value) if value == int(value) and (isinstance(value, int) or abs(value) < 1e16) else float(value)
 
 
 def exact(value: float | str | Fraction) -> float | str:
-    """The exact number meant by `value`, as a number if that is exact, or else as text such as `30000/1001`."""
+    """Returns `value` as a number if that is exact, or else as text such as `30000/1001`."""
     meant = rational(value)
     try:
         near = number(float(meant))
@@ -46,28 +46,28 @@ def exact(value: float | str | Fraction) -> float | str:
 
 
 def decimal(value: Fraction, what: str) -> float:
-    """`value` as a number.
+    """Returns `value` as a decimal number.
 
     Raises:
-      UsageError: no decimal number that is read exactly is the same.
+      UsageError: no decimal number is exactly equal.
     """
     found = exact(value)
     if isinstance(found, str):
-        raise UsageError(f"{what}: {found} is no decimal number, and a camera document takes no other")
+        raise UsageError(f"{what}: {found} is not a decimal number, which a camera document requires")
     return found
 
 
 def yaml_text(value: Plain) -> str:
-    """`value`, of mappings, lists, texts, numbers, truth values and None, as the text of a document.
+    """Formats `value`, made of mappings, lists, texts, numbers, booleans and None, as a document.
 
     Raises:
-      UsageError: a text that no document can hold.
+      UsageError: a document cannot contain one of its texts.
     """
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None, width=WIDTH)
 
 
 class _Dumper(yaml.SafeDumper):
-    """Takes plain words for what our reader takes them for."""
+    """Resolves plain scalars as the reader of documents does."""
 
     def resolve(self, kind: type[yaml.Node], value: str, implicit: tuple[bool, bool]) -> str:
         if kind is yaml.ScalarNode and implicit[0]:
@@ -79,7 +79,7 @@ class _Dumper(yaml.SafeDumper):
         return True
 
     def represent(self, data: object) -> None:
-        """The top stands in lines, however short it is."""
+        """Writes the top level in block style, however short it is."""
         node = self.represent_data(data)
         if isinstance(node, yaml.CollectionNode):
             node.flow_style = False
@@ -89,13 +89,13 @@ class _Dumper(yaml.SafeDumper):
         entries = cast("Mapping[str, object]", mapping)
         for key in entries:
             if _CONTROL.search(key):
-                raise UsageError(f"{quoted(key)}: a document takes no key with control characters")
+                raise UsageError(f"{quoted(key)}: a key in a document cannot contain control characters")
         return super().represent_mapping(tag, entries, flow_style)
 
 
 def _represent_text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
     if _SURROGATE.search(text):
-        raise UsageError(f"{quoted(text)} is not UTF-8, and a document is")
+        raise UsageError(f"{quoted(text)} is not valid UTF-8, which a document requires")
     style = '"' if _ESCAPED.search(text) or FORBIDDEN.search(text) else None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
 

@@ -14,7 +14,7 @@ from mjrun.options.option import Options, option, options, required
 from mjrun.options.record import ListOf, Record
 from mjrun.options.setting_kinds import Values
 
-ANCHOR = "anchors (&) and aliases (*) are not taken; text that begins so goes in quotes"
+ANCHOR = "anchors (&) and aliases (*) are not supported; put such text in quotes"
 
 
 class AnyKind(Kind[Any, Any]):

@@ -49,7 +49,7 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
         ("films[-1].fps=5", [f"films[-1].fps=5: 'films[-1].fps' {PLACES}"]),
         ("films[0]fps=5", [f"films[0]fps=5: 'films[0]fps' {PLACES}"]),
         ("films[2].fps=5", ["films[2].fps=5: films has 2 items, counted from 0"]),
-        ("filns[0].fps=5", ["filns[0].fps=5: there is no list 'filns' (did you mean 'films'?)"]),
+        ("filns[0].fps=5", ["filns[0].fps=5: no list 'filns' (did you mean 'films'?)"]),
         ("start[0]=5", ["start[0]=5: start is a mapping, not a list"]),
         ("films.fps=5", ["films.fps=5: films is a list and has no keys"]),
         ("duration.s=5", ["duration.s=5: duration is 2 and has no keys"]),
@@ -72,7 +72,7 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
         ("duration=1\n---\n2", [r"duration=1\n---\n2: a second document begins here, and a file holds one"]),
         (
             "model=\udcff",
-            [r"model=\udcff: '\udcff' (U+DCFF) cannot stand in a document, but as an escape in double quotes"],
+            [r"model=\udcff: '\udcff' (U+DCFF) is not allowed; write it as an escape in double quotes"],
         ),
     ],
 )
@@ -85,6 +85,6 @@ def test_faults_of_the_document_come_before_those_of_settings_and_a_good_setting
     path = put("duration: -1\nsteps: x\n")
     assert problems(lambda: read(path, Run, ["model=5", "nothing", "duration=2"])) == [
         "d.yaml:2:8: steps: expected a whole number, got 'x'",
-        "model=5: expected text, got 5; as text it goes in quotes, '5'",
+        "model=5: expected text, got 5; to write text, use quotes: '5'",
         "nothing: write key=value",
     ]

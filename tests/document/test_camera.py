@@ -254,7 +254,7 @@ WRONG = [
     ("shots: [{track: }]",
      [f"1:16: shots[0].track: expected a mapping with {TRACK}, got nothing"]),
     ("shots: [{track: {target: 5}}]",
-     ["1:26: shots[0].track.target: expected text, got 5; as text it goes in quotes, '5'"]),
+     ["1:26: shots[0].track.target: expected text, got 5; to write text, use quotes: '5'"]),
     ("shots: [{track: {target: a, heading: yes}}]",
      ["1:38: shots[0].track.heading: expected true or false, got 'yes'"]),
     ("shots: [{track: {target: a, offset: 1}}]", ["1:37: shots[0].track.offset: expected a list, got 1"]),
@@ -357,7 +357,7 @@ shots:
         "6:12: shots[1].track: 'target' is missing",
         f"6:13: shots[1].track: unknown key 'targt' (did you mean 'target'?); keys: {TRACK}",
         "8:5: shots[1]: 'speed' is given twice; first in line 7",
-        "9:13: shots[2].camera: anchors (&) and aliases (*) are not taken; text that begins so goes in quotes",
+        "9:13: shots[2].camera: anchors (&) and aliases (*) are not supported; put such text in quotes",
         f"10:12: shots[2].blend: {SHAPES}, got 'sigmoidal' (did you mean 'sigmoid'?)",
     ]
 

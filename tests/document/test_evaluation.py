@@ -88,7 +88,7 @@ def test_a_threshold_of_what_there_is_not_is_told_at_its_line(document: Path) ->
 
 
 def test_only_documents_have_values_that_change(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="gym:Ant-v5 is no document"):
+    with pytest.raises(UsageError, match="gym:Ant-v5 is not a document"):
         evaluated_task("gym:Ant-v5", ["duration=1"])
 
 

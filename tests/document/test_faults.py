@@ -19,9 +19,9 @@ from tests.document.documents import ANCHOR, Nothing, Run, problems, put, read
         ("duration: .nan\n", ["d.yaml:1:11: duration: expected a finite number, got .nan"]),
         ("duration: 1e999\n", ["d.yaml:1:11: duration: expected a finite number, got 1e999"]),
         ("steps: 2.0\n", ["d.yaml:1:8: steps: expected a whole number, got 2.0"]),
-        ("model: 2\n", ["d.yaml:1:8: model: expected text, got 2; as text it goes in quotes, '2'"]),
+        ("model: 2\n", ["d.yaml:1:8: model: expected text, got 2; to write text, use quotes: '2'"]),
         ('model: "b\\0.xml"\n', [r"d.yaml:1:8: model: 'b\x00.xml' contains a null character"]),
-        ("model: null\n", ["d.yaml:1:8: model: expected text, got null; as text it goes in quotes, 'null'"]),
+        ("model: null\n", ["d.yaml:1:8: model: expected text, got null; to write text, use quotes: 'null'"]),
         ("model: ''\n", ["d.yaml:1:8: model: expected text that is not empty, got ''"]),
         ("films: {}\n", ["d.yaml:1:8: films: expected a list, got a mapping"]),
         ("films:\n  - 5\n", ["d.yaml:2:5: films[0]: expected a mapping with fps, title, got 5"]),
@@ -72,5 +72,5 @@ def test_long_and_hostile_text_is_cut_and_cleaned() -> None:
 )
 def test_a_key_of_earlier_versions_is_reported_with_its_new_name(key: str, new: str) -> None:
     assert problems(lambda: read(put(f"{key}: 1\n"), Nothing)) == [
-        f"d.yaml:1:1: unknown key '{key}': it is called {new} now"
+        f"d.yaml:1:1: unknown key '{key}': it was renamed to {new}"
     ]

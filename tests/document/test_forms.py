@@ -17,7 +17,7 @@ from tests.document.run_documents import jobs, problems
 def test_a_ghost_cannot_go_through_a_file_in_a_folder_with_a_comma() -> None:
     Path("a,b").mkdir()
     with pytest.raises(
-        DocumentError, match=r"^a,b/d.yaml:1:48: videos\[0\].ghost: 'a,b/g.csv': the path of what a ghost goes"
+        DocumentError, match=r"^a,b/d.yaml:1:48: videos\[0\].ghost: 'a,b/g.csv': the path of a ghost's file cannot"
     ):
         jobs("{model: m.xml, videos: [{output: a.mp4, ghost: {trace: g.csv}}]}", name="a,b/d.yaml")
 

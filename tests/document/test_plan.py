@@ -71,7 +71,10 @@ def test_a_plan_of_nothing_is_empty(made: StudyPlan) -> None:
         ({"schema": "mjrun-plan-9"}, "plan.jsonl:1:1: schema: expected 'mjrun-plan-1', got 'mjrun-plan-9'"),
         ({"pickle": "x"}, "plan.jsonl:1:1: unknown key 'pickle'; keys: schema, folder, study, "),
         ({"points": ["0"]}, "plan.jsonl:1:1: points[0]: expected a whole number, got '0'"),
-        ({"values": [["1", "ball.xml"]]}, "plan.jsonl:1:1: values: a list for each point, with a value for each"),
+        (
+            {"values": [["1", "ball.xml"]]},
+            "plan.jsonl:1:1: values: expected a list for each point, with a value for each",
+        ),
         ({"study": {"model": "ball.xml", "durration": 1}}, "plan.jsonl:1:1: unknown key 'durration' (did"),
         ({"study": {"model": "ball.xml", "controller": "a:b"}}, "plan.jsonl:1:1: unknown key 'controller'"),
     ],
@@ -89,7 +92,7 @@ def test_chunks_of_two_studies_are_refused(made: StudyPlan) -> None:
     write_plan("plan.jsonl", made)
     first, second, _ = lines("plan.jsonl")
     Path("plan.jsonl").write_text(f"{json.dumps(first)}\n{json.dumps({**second, 'folder': 'other'})}\n")
-    with pytest.raises(DocumentError, match=r"^plan\.jsonl:2:1: this chunk is of another study than the first$"):
+    with pytest.raises(DocumentError, match=r"^plan\.jsonl:2:1: this chunk belongs to another study than the first$"):
         read_plan("plan.jsonl")
 
 
@@ -99,13 +102,13 @@ def test_a_folder_knows_its_study(made: StudyPlan) -> None:
     again = read_folder("study", {"chunk": 2})
     assert again == replace(study, document=None)
     Path("study/study.json").write_text("{}")
-    with pytest.raises(FileError, match="it does not say what the study is"):
+    with pytest.raises(FileError, match="does not contain a study"):
         read_folder("study")
 
 
 def test_what_no_document_can_hold_is_in_no_plan(made: StudyPlan) -> None:
     stdin = replace(made, study=replace(made.study, simulation=Simulation("-")))
-    with pytest.raises(UsageError, match="a model from standard input is gone"):
+    with pytest.raises(UsageError, match="resumed with a model from standard input"):
         write_plan("plan.jsonl", stdin)
     code = replace(made, study=replace(made.study, simulation=Simulation("ball.xml", controller=print)))
     with pytest.raises(UsageError, match="a document cannot contain code"):
@@ -117,7 +120,7 @@ def test_a_plan_writes_nowhere_else_unless_there_is_its_study(made: StudyPlan, t
     text = Path("plan.jsonl").read_text()
     folder = json.loads(text.splitlines()[0])["folder"]
     Path("plan.jsonl").write_text(text.replace(f'"folder": "{folder}"', '"folder": "../../above"'))
-    with pytest.raises(UsageError, match="outside of its own folder"):
+    with pytest.raises(UsageError, match="outside of the plan's folder"):
         read_plan("plan.jsonl")
     assert read_plan("plan.jsonl", {"output": "here"}) is not None
 

@@ -88,7 +88,7 @@ def test_what_is_wrong_in_defaults_is_told_in_their_own_lines_after_the_document
         "d.yaml:2:8: steps: expected a whole number, got 'x'",
         "below.yaml:1:11: duration: expected a positive number, got -1",
         "below.yaml:2:8: model: no variable 'm'; there are no vars",
-        "below.yaml:3:1: defaults have no defaults of their own",
+        "below.yaml:3:1: the document in defaults cannot have defaults",
         "below.yaml:4:15: start.knee: expected a number or a list of numbers, got 'up'",
         f"below.yaml:5:1: unknown key 'foo'; {keys}",
         "below.yaml:6:1: 'start' is given twice; first in line 4",

@@ -306,7 +306,7 @@ def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
 # --- what is wrong -----------------------------------------------------------------------------------
 
 RUN_KEYS = f"keys: {listing([*run.RUN.keys, 'vars', 'defaults'])}"
-NOTHING = "there is nothing to do; ask for one of videos, images, traces, plots, recordings, keyframes"
+NOTHING = "the document has no outputs; add one of videos, images, traces, plots, recordings, keyframes"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
 TAIL = "recordings: [r.npz]\n"
@@ -314,10 +314,10 @@ TAIL = "recordings: [r.npz]\n"
 WRONG = [
     ("{}", ["1:1: 'model' is missing", f"1:1: {NOTHING}"]),
     (f"# why\n{HEAD}videos: []", [f"2:1: {NOTHING}"]),
-    (f"{HEAD}films: [a.mp4]", ["2:1: unknown key 'films': it is called videos now"]),
+    (f"{HEAD}films: [a.mp4]", ["2:1: unknown key 'films': it was renamed to videos"]),
     (f"{HEAD}traces: run.csv", ["2:9: traces: expected a list, got 'run.csv'"]),
     (f"{HEAD}traces: [{{}}]", ["2:10: traces[0]: 'output' is missing"]),
-    (f"model: 5\n{TAIL}", ["1:8: model: expected text, got 5; as text it goes in quotes, '5'"]),
+    (f"model: 5\n{TAIL}", ["1:8: model: expected text, got 5; to write text, use quotes: '5'"]),
     (f"{HEAD}duraton: 3\n{TAIL}", [f"2:1: unknown key 'duraton' (did you mean 'duration'?); {RUN_KEYS}"]),
     (f"{HEAD}controller: policy.py:act\n{TAIL}", [f"2:1: unknown key 'controller'; {RUN_KEYS}"]),
     (f"{HEAD}duration: 0\n{TAIL}", ["2:11: duration: expected a positive number, got 0"]),
@@ -387,11 +387,11 @@ WRONG = [
     (f"{HEAD}videos: [{{output: a.mp4, geomgroup: [6], sitegroup: some, groups: {{geom: [1]}}}}]",
      ["2:38: videos[0].geomgroup[0]: expected a number of at most 5, got 6",
       "2:53: videos[0].sitegroup: expected 'all' or 'none', got 'some'",
-      "2:59: videos[0]: unknown key 'groups': it is called geomgroup, sitegroup, jointgroup, … now"]),
+      "2:59: videos[0]: unknown key 'groups': it was renamed to geomgroup, sitegroup, jointgroup, …"]),
     (f"{HEAD}videos: [{{output: a.mp4, frame_axes: bdy, label: 1}}]",
      ["2:38: videos[0].frame_axes: no frame 'bdy' (did you mean 'body'?); "
       "frames: none, body, geom, site, camera, light, contact, world",
-      "2:50: videos[0].label: expected text, got 1; as text it goes in quotes, '1'"]),
+      "2:50: videos[0].label: expected text, got 1; to write text, use quotes: '1'"]),
     (f"{HEAD}videos: [{{output: a.mp4, trail_span: 0, text: '', trail: [a, '']}}]",
      ["2:38: videos[0].trail_span: expected a positive number, got 0",
       "2:47: videos[0].text: expected text that is not empty, got ''",
@@ -400,8 +400,8 @@ WRONG = [
      ["2:42: videos[0].ghost.offset: expected 3 numbers, got 2",
       "2:59: videos[0].ghost.opacity: expected a number of at most 1, got 2"]),
     (f"{HEAD}videos: [{{output: a.mp4, ghost: [{{key: home, trace: a.csv}}, {{key: 'a,b'}}, 5]}}]",
-     ["2:53: videos[0].ghost[0].trace: key and trace exclude each other: each says what the ghost does",
-      "2:67: videos[0].ghost[1].key: what a ghost goes by holds no comma",
+     ["2:53: videos[0].ghost[0].trace: key and trace exclude each other: each sets the motion of the ghost",
+      "2:67: videos[0].ghost[1].key: the keyframe and files of a ghost cannot contain a comma",
       "2:75: videos[0].ghost[2]: expected text as in offset=0/1/0,opacity=0.3 or "
       "{offset, opacity, key, trace, map, recording}, got 5"]),
     (f"{HEAD}videos: [{{output: a.mp4, plot: energy, separate: true, plot_side: over}}]",

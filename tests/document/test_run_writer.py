@@ -366,19 +366,25 @@ def overridden(*settings: Override) -> Any:
             Recording(start(controller=lambda model, data: None), "a.npz"),
             "controller: a document cannot contain code",
         ),
-        (Recording(Simulation(mujoco.MjModel.from_xml_string(XML)), "a.npz"), "a compiled model has no file"),
-        (Trace(start()), "- is standard output, and a document writes files; give a path relative to a folder"),
-        (Recording(start(), "/a.npz"), "'/a.npz' is no path inside the folder of outputs; give a path relative"),
+        (
+            Recording(Simulation(mujoco.MjModel.from_xml_string(XML)), "a.npz"),
+            "a document cannot contain a compiled model",
+        ),
+        (Trace(start()), "a document cannot write to standard output (-); give a path relative to a folder"),
+        (Recording(start(), "/a.npz"), "'/a.npz' is not a path inside the folder of outputs; give a path relative"),
         (Recording(start(), "../a.npz"), "'../a.npz' leaves the folder of outputs"),
-        (Trace(start(), "a.csv", contacts="/c.csv"), "'/c.csv' is no path inside"),
-        (Video(start(), "a.mp4", manifest="~/m.json"), "'~/m.json' is no path inside"),
+        (Trace(start(), "a.csv", contacts="/c.csv"), "'/c.csv' is not a path inside"),
+        (Video(start(), "a.mp4", manifest="~/m.json"), "'~/m.json' is not a path inside"),
         (
             overridden(Override("opt.cone", "a"), Override("opt.cone", "b")),
-            "opt.cone is set twice, and a document can set it",
+            "opt.cone is set twice; a document can set it",
         ),
-        (Recording(start(qpos={"a\nb": 1}), "a.npz"), r"'a\nb': a document takes no key with control characters"),
-        (Recording(start(qpos={"a": float("inf")}), "a.npz"), "a document holds finite numbers, not inf"),
-        (Recording(start(), "\udce9.npz"), r"'\udce9.npz' is not UTF-8, and a document is"),
+        (Recording(start(qpos={"a\nb": 1}), "a.npz"), r"'a\nb': a key in a document cannot contain control characters"),
+        (
+            Recording(start(qpos={"a": float("inf")}), "a.npz"),
+            "a document cannot contain the number inf; numbers must be finite",
+        ),
+        (Recording(start(), "\udce9.npz"), r"'\udce9.npz' is not valid UTF-8, which a document requires"),
     ],
 )
 def test_what_no_document_can_say_is_refused(job: Any, message: str) -> None:
@@ -389,7 +395,7 @@ def test_what_no_document_can_say_is_refused(job: Any, message: str) -> None:
 
 def test_jobs_of_several_simulations_are_no_document() -> None:
     for jobs in ([], [Recording(start(), "a.npz"), Trace(start(), "a.csv")]):
-        with pytest.raises(UsageError, match=r"^a run document is of the outputs of one simulation$"):
+        with pytest.raises(UsageError, match=r"^a run document requires outputs of a single simulation$"):
             document_text(jobs)
 
 

@@ -243,5 +243,5 @@ def test_in_another_folder_its_files_are_the_same(tmp_path: Path, monkeypatch: p
         "model": "../../models/a.xml,scene:dominos", "ctrl_from": "../../tables/a.csv", "seed": [1, 2]
     }  # fmt: skip
     assert "output" not in written
-    with pytest.raises(UsageError, match="standard input is gone"):
+    with pytest.raises(UsageError, match="resumed with a model from standard input"):
         portable_document(written_study("-"), Path("deep"))

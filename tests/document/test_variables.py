@@ -57,10 +57,10 @@ LETTERS = "is not a name of letters, digits and _"
             ["d.yaml:2:4: a: no variable 'sped' (did you mean 'speed'?); vars: speed"],
         ),
         ("a: ['x ${y}']", ["d.yaml:1:5: a[0]: no variable 'y'; there are no vars"]),
-        ("a: ${", ["d.yaml:1:4: a: ${ begins a variable, ${name}; ${ itself is written $${"]),
-        ("a: ${x${y}}", ["d.yaml:1:4: a: ${ begins a variable, ${name}; ${ itself is written $${"]),
-        ("vars: {x: 1, y: '${x}'}\na: ${y}", ["d.yaml:1:17: vars.y: variables do not refer to variables; "
-                                              "${ itself is written $${"]),
+        ("a: ${", ["d.yaml:1:4: a: ${ begins a variable, ${name}; write $${ for ${"]),
+        ("a: ${x${y}}", ["d.yaml:1:4: a: ${ begins a variable, ${name}; write $${ for ${"]),
+        ("vars: {x: 1, y: '${x}'}\na: ${y}", ["d.yaml:1:17: vars.y: a variable cannot refer to another variable; "
+                                              "write $${ for ${"]),
         ("vars: {x: [1]}\na: ${x}", ["d.yaml:1:11: vars.x: expected a single value, got a list"]),
         ("vars: 5\na: 1", ["d.yaml:1:7: vars: expected a mapping of names to values, got 5"]),
         ("vars: {x y: 5}\na: 1", [f"d.yaml:1:8: vars: 'x y' {LETTERS}"]),
@@ -82,7 +82,7 @@ def test_variables_cannot_make_a_document_explode(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(variables, "LARGEST", 10)
     assert resolved("vars: {x: abcde}\na: '${x}${x}'") == "abcde" * 2
     (line,) = problems(lambda: resolved("vars: {x: abcde}\na: ['${x}${x}', '${x}!']"))
-    assert line == "d.yaml:2:17: a[1]: variables make more than 10 characters"
+    assert line == "d.yaml:2:17: a[1]: variables insert more than 10 characters"
 
 
 def test_defaults_count_where_the_document_says_nothing() -> None:

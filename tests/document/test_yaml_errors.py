@@ -4,17 +4,17 @@ import pytest
 
 from tests.document.documents import ANCHOR, Anything, problems, put, read
 
-QUOTES = "text that holds ': ' goes in quotes"
+QUOTES = "put text that contains ': ' in quotes"
 
-INDENT = f"a key cannot stand here; is it indented as its neighbours? {QUOTES}"
+INDENT = f"a key cannot appear here; is it indented as its neighbours? {QUOTES}"
 
 COLON = f"expected 'key: value'; is a colon missing, or an indentation? {QUOTES}"
 
-TAG = "tags (!) are not taken; a value's form says what it is"
+TAG = "tags (!) are not supported; the type of a value follows from its form"
 
-DIRECTIVE = "a line that begins with % is a directive, and documents have none"
+DIRECTIVE = "a line that begins with % is a directive, which documents do not support"
 
-HEADER = "after | or > may stand +, - and an indentation from 1 to 9, no more"
+HEADER = "only +, - and an indentation from 1 to 9 may follow | or >"
 
 WRONG = [
     ("", ["d.yaml: the document is empty"]),
@@ -37,7 +37,7 @@ WRONG = [
     ("a: !!python/object/apply:os.system [ls]\n", [f"d.yaml:1:4: a: {TAG}"]),
     ("a: !y!x 5\n", [f"d.yaml:1:4: {TAG}"]),
     ("a: !<x\n", [f"d.yaml:1:4: {TAG}"]),
-    ("a: {<<: {b: 1}}\n", ["d.yaml:1:5: a: merge keys (<<) are not taken"]),
+    ("a: {<<: {b: 1}}\n", ["d.yaml:1:5: a: merge keys (<<) are not supported"]),
     ("a: 1\n1: 2\n", ["d.yaml:2:1: a key is text; 1 as text goes in quotes"]),
     ("a: {true: 2, ~: 3}\n", ["d.yaml:1:5: a: a key is text; true as text goes in quotes",
                               "d.yaml:1:14: a: a key is text; ~ as text goes in quotes"]),
@@ -56,23 +56,23 @@ WRONG = [
     ("a:\tb\n", ["d.yaml:1:3: a tab; YAML is indented and spaced by spaces"]),
     ("a: b: c\n", [f"d.yaml:1:5: {INDENT}"]),
     ("a: 1\n  b: 2\n", [f"d.yaml:2:4: {INDENT}"]),
-    ("a:\n  b: 1\n c: 2\n", ["d.yaml:3:2: this line is indented like no other of its mapping"]),
-    ("a:\n  - b\n c: 2\n", ["d.yaml:3:2: this line is indented like no other of its mapping"]),
-    ("a:\n  - b:\n   c: 2\n", ["d.yaml:3:4: this line is indented like no other of its list"]),
+    ("a:\n  b: 1\n c: 2\n", ["d.yaml:3:2: the indentation of this line matches no other line of its mapping"]),
+    ("a:\n  - b\n c: 2\n", ["d.yaml:3:2: the indentation of this line matches no other line of its mapping"]),
+    ("a:\n  - b:\n   c: 2\n", ["d.yaml:3:4: the indentation of this line matches no other line of its list"]),
     ("a: 1\nb\nc: 2\n", [f"d.yaml:2:1: {COLON}"]),
-    ("a: - b\n", ["d.yaml:1:4: a list cannot begin here; write '- …' on lines of its own"]),
-    ("a: ? b\n", ["d.yaml:1:4: a key cannot stand here"]),
-    ("a: @b\n", ["d.yaml:1:4: text that begins with '@' goes in quotes"]),
-    ("a: `b\n", ["d.yaml:1:4: text that begins with '`' goes in quotes"]),
-    ("a: %b\n", ["d.yaml:1:4: text that begins with '%' goes in quotes"]),
+    ("a: - b\n", ["d.yaml:1:4: a list cannot begin here; write each '- …' on a separate line"]),
+    ("a: ? b\n", ["d.yaml:1:4: a key cannot appear here"]),
+    ("a: @b\n", ["d.yaml:1:4: put text that begins with '@' in quotes"]),
+    ("a: `b\n", ["d.yaml:1:4: put text that begins with '`' in quotes"]),
+    ("a: %b\n", ["d.yaml:1:4: put text that begins with '%' in quotes"]),
     ("a: [1, 2\n", ["d.yaml:1:4: this bracket is not closed"]),
     ("a: {b: [1]\n", ["d.yaml:1:4: this bracket is not closed"]),
     ("a: [\n", ["d.yaml:1:4: this bracket is not closed"]),
     ("a: [1\nb: 2\n", ["d.yaml:2:2: expected ',' or ']'; the bracket opens in line 1"]),
-    ("a: {b: 1} }\n", ["d.yaml:1:11: this line is indented like no other of its mapping"]),
+    ("a: {b: 1} }\n", ["d.yaml:1:11: the indentation of this line matches no other line of its mapping"]),
     ("a: ]\n", ["d.yaml:1:4: a value is missing before this"]),
     ("a: [1, , 2]\n", ["d.yaml:1:8: a value is missing before this"]),
-    ("a: {b: ${c}}\n", ["d.yaml:1:9: within [ ] and { } text with ${ goes in quotes"]),
+    ("a: {b: ${c}}\n", ["d.yaml:1:9: within [ ] and { }, put text that contains ${ in quotes"]),
     ("a: 'b\n", ["d.yaml:1:4: this quote is not closed"]),
     ('a: "b\n---\n', ["d.yaml:1:4: this quote is not closed"]),
     ('a: "\\q"\n', ["d.yaml:1:6: no escape \\q in double quotes; in single quotes \\ is itself"]),
@@ -86,10 +86,10 @@ WRONG = [
     (b"a: \xff\n", ["d.yaml:1:4: not UTF-8: the byte 0xff"]),
     (b"\xef\xbb\xbfb: 1\na: \xc3\xa9 \xe9\n", ["d.yaml:2:6: not UTF-8: the byte 0xe9"]),
     ("a: 1".encode("utf-16"), ["d.yaml:1:1: not UTF-8: the byte 0xff"]),
-    ("a: b\0c\n", [r"d.yaml:1:5: '\x00' (U+0000) cannot stand in a document, but as an escape in double quotes"]),
-    ("a: \x1b[2J", [r"d.yaml:1:4: '\x1b' (U+001B) cannot stand in a document, but as an escape in double quotes"]),
-    ("a: b\u2028c", [r"d.yaml:1:5: '\u2028' (U+2028) cannot stand in a document, but as an escape in double quotes"]),
-    ("a: b\ufeff", [r"d.yaml:1:5: '\ufeff' (U+FEFF) cannot stand in a document, but as an escape in double quotes"]),
+    ("a: b\0c\n", [r"d.yaml:1:5: '\x00' (U+0000) is not allowed; write it as an escape in double quotes"]),
+    ("a: \x1b[2J", [r"d.yaml:1:4: '\x1b' (U+001B) is not allowed; write it as an escape in double quotes"]),
+    ("a: b\u2028c", [r"d.yaml:1:5: '\u2028' (U+2028) is not allowed; write it as an escape in double quotes"]),
+    ("a: b\ufeff", [r"d.yaml:1:5: '\ufeff' (U+FEFF) is not allowed; write it as an escape in double quotes"]),
 ]  # fmt: skip
 
 

@@ -63,6 +63,6 @@ def test_values_within_each_other_have_a_limit_however_they_are_nested(opening: 
 def test_a_value_with_commas_is_told_to_be_quoted() -> None:
     first = problems(lambda: read(put("a: {qpos: uniform(-0.1, 0.1)}\n"), Anything))
     assert first == [
-        'd.yaml:1:25: a: within {…} a comma ends a value: one that has commas goes in quotes, as in "uniform(0, 1)"'
+        'd.yaml:1:25: a: within {…} a comma ends a value; put values with commas in quotes, as in "uniform(0, 1)"'
     ]
     assert read(put("a: {f(x): 1, g)(: 2}\n"), Anything).a == {"f(x)": 1, "g)(": 2}

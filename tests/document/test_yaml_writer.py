@@ -65,5 +65,5 @@ def test_numbers_are_as_short_as_they_are_exact(value: Any, text: str) -> None:
 
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_numbers_that_are_not_finite_are_not_printed(value: float) -> None:
-    with pytest.raises(UsageError, match=f"^a document holds finite numbers, not {value}$"):
+    with pytest.raises(UsageError, match=f"^a document cannot contain the number {value}; numbers must be finite$"):
         number(value)

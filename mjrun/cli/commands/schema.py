@@ -23,9 +23,9 @@ def _complete(context: click.Context, parameter: click.Parameter, incomplete: st
 def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a KIND of document, for editors and validators, or of a report printed with --json.
 
-    Kinds of documents are camera, run, study, task, eval-document and fit-document. The report of a command has its
-    name, such as video or bench. In addition, run-report is the report of mjrun run, excite that of mjrun fit
-    --excite, verify that of mjrun trace --verify, and error that of any command that fails.
+    Kinds of documents: camera, run, study, task, fit-document, eval-document. The report of a command has its name,
+    such as video or bench. In addition, run-report is the report of mjrun run, excite that of mjrun fit --excite,
+    verify that of mjrun trace --verify, and error that of any command that fails.
 
     The kind options prints the reference of all options of all commands as Markdown.
 

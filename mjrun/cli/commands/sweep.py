@@ -131,7 +131,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         request = read_study(model, assignments, values=beside, code=code, command=console.command)
         return request.made, request.located
     if assignments:
-        raise UsageError(f"{clean(assignments[0])}: {clean(model)} is no document whose values could be changed")
+        raise UsageError(f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it")
     if _is_plan(model):
         if not command_line.make(StudyCommandOptions).collect:
             raise UsageError(f"{clean(model)} is a plan: give {option('task')} I/N, or {option('collect')}")

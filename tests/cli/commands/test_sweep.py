@@ -230,7 +230,7 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
         (("k.yaml", "--metric", "x=1"), "--metric: k.yaml says that; change it as in metrics.NAME=VALUE"),
         (("k.yaml", "--qpos", "x=1"), "--qpos: k.yaml says that; change it as in qpos.NAME=VALUE"),
         (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
-        (("ball.xml", "samples=3"), "samples=3: ball.xml is no document whose values could be changed"),
+        (("ball.xml", "samples=3"), "samples=3: ball.xml is not a document, so KEY=VALUE cannot change it"),
         (("ball.xml", "--task", "1/2"), "--task: ball.xml is no plan (.jsonl); --plan FILE writes one"),
         (("p.jsonl",), "p.jsonl is a plan: give --task I/N, or --collect"),
         (("p.jsonl", "--task", "1/2"), "p.jsonl has no points: nothing was missing when it was made"),
