@@ -181,7 +181,7 @@ class Bench(_Bench):
     ) -> None: ...
 
 class Check(_Check):
-    """Checks models and tasks for errors, and for what is likely to become one."""
+    """Checks models and tasks for errors, and for likely causes of later errors."""
     def __init__(
         self,
         models: Sequence[str | Path],
