@@ -1,7 +1,7 @@
-"""Tasks as environments of Gymnasium: `mjrun.gym.make("task.yaml")`, and many side by side by `make_vec`.
+"""Tasks as Gymnasium environments: `mjrun.gym.make("task.yaml")`, and many side by side by `make_vec`.
 
-Importing this registers `mjrun/Task-v0`, which takes `task`; `gymnasium.make("mjrun.gym:mjrun/Task-v0", task=…)` does
-so by itself. The numbers are those of `mjrun eval`, to the bit.
+Importing this registers `mjrun/Task-v0`, which takes `task`; `gymnasium.make("mjrun.gym:mjrun/Task-v0", task=…)`
+imports it. The numbers are those of `mjrun eval`, to the bit.
 """
 
 from mjrun.packages import cause_of, require, require_computing
@@ -18,7 +18,7 @@ require_computing()
 
 __all__ = ["TaskEnv", "TaskVectorEnv", "make", "make_vec"]
 
-gymnasium.register(
+gymnasium.register(  # pyright: ignore[reportUnknownMemberType]
     "mjrun/Task-v0",
     entry_point="mjrun.gym.environment:TaskEnv",
     vector_entry_point="mjrun.gym.vector:TaskVectorEnv",

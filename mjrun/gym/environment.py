@@ -1,4 +1,4 @@
-"""One episode of a task at a time, as an environment of Gymnasium."""
+"""One episode of a task at a time, as a Gymnasium environment."""
 
 from dataclasses import replace
 from os import PathLike
@@ -23,29 +23,29 @@ from mjrun.task.task import Task
 from mjrun.task.worlds import TaskWorlds
 
 ID = "mjrun/Task-v0"
-SEEDS = 2**31  # of episodes whose seed nobody gives
-SQUASHED = 5.0  # beyond it tanh is ±1 to within 1e-4: an algorithm that needs bounds loses nothing
+SEEDS = 2**31  # the range of drawn seeds
+SQUASHED = 5.0  # tanh is ±1 to within 1e-4 beyond it, so that these bounds lose nothing
 TaskLike = Task | str | PathLike[str]
 
 
 class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """A task as an environment.
+    """A task as a Gymnasium environment.
 
     Args:
-      task: it, or the file of its document.
+      task: a task, or the file of its document.
       render_mode: `rgb_array`, or None.
-      camera: what `render` shows, as on the command line.
-      width, height: of its images [pixels].
+      camera: the camera of `render`, in the syntax of the command line.
+      width, height: of rendered images [pixels].
 
-    `reset(seed=S)` begins the episode of seed S; without a seed, one that Gymnasium's generator draws. The info of a
-    step holds the weighted terms of the reward, `reward/NAME`; that of the last one also how the episode ended,
-    `ending`, and whether it was a success, `is_success`.
+    `reset(seed=S)` begins the episode of seed S; without a seed, that of a seed drawn from Gymnasium's generator. The
+    info of a step contains the weighted terms of the reward, `reward/NAME`; that of the last step also the ending of
+    the episode, `ending`, and whether it is a success, `is_success`.
 
-    It can be pickled and copied, also within an episode, and goes on with the same numbers. The model is read once; a
-    copy reads it again, and is refused where its file has changed since.
+    It can be pickled and copied, even within an episode; a copy continues with the same numbers. The model is read
+    once; a copy reads it again, and raises ModelError if its file has changed since.
     """
 
-    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium has it
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - a plain dictionary as in Gymnasium
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         height: int = 480,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode is rgb_array or None, not {render_mode!r}")
+            raise ValueError(f"render_mode must be rgb_array or None, not {render_mode!r}")
         self._spec: EnvSpec | None = None
         self.task = task_of(task)
         self.worlds = SingleWorld(self.task)
@@ -68,7 +68,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]
-        """What `gymnasium.make` made it from; `to_json` takes it where the task is a document."""
+        """The specification by which `gymnasium.make` created it; `to_json` requires a task from a document."""
         return self._spec
 
     @spec.setter
@@ -87,11 +87,11 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = dict(zip(self._reward_names, terms, strict=False))
         if code == RUNNING:
             return observation, reward, False, False, info
-        info |= ending_info(endings[code])
+        info |= ending_info(endings[int(code)])
         return observation, reward, bool(endings.terminated[code]), bool(endings.truncated[code]), info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """The state as an image `(height, width, 3)` uint8; None without a render mode."""
+        """Renders the state as an image `(height, width, 3)` uint8; returns None without a render mode."""
         if self.render_mode is None:
             return None
         model = self.worlds.model(0)
@@ -101,44 +101,44 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 def make(task: TaskLike, **options: Any) -> gymnasium.Env[np.ndarray, np.ndarray]:
-    """`gymnasium.make("mjrun/Task-v0", task=task, …)`: with Gymnasium's checks of order and types.
+    """Creates an environment with Gymnasium's checks, by `gymnasium.make("mjrun/Task-v0", task=task, …)`.
 
     Args:
-      task: it, or the file of its document.
-      options: those of `TaskEnv` and of `gymnasium.make`.
+      task: a task, or the file of its document.
+      options: of `TaskEnv` and of `gymnasium.make`.
 
     Returns:
-      The environment; its `spec.to_json()` needs a task that is a document.
+      The environment; its `spec.to_json()` requires a task from a document.
 
     Raises:
       UsageError: the task does not fit its model.
-      DocumentError: with everything that is wrong in the document.
+      DocumentError: the document is invalid; it lists every problem.
     """
     return gymnasium.make(ID, task=task, **options)
 
 
 def draw_seed(generator: np.random.Generator) -> int:
-    """The seed of an episode that was not given one."""
+    """Draws the seed of an episode for which none was given."""
     return int(generator.integers(SEEDS))
 
 
 def ending_info(ending: Ending) -> dict[str, Any]:
-    """What the info of the last step of an episode holds besides the terms of the reward."""
+    """Returns the info of the last step of an episode, without the terms of the reward."""
     return {"ending": ending.name, "is_success": ending.kind == "success"}
 
 
 def task_of(task: TaskLike) -> Task:
-    """A task, or the one that a document holds.
+    """Returns a task, or reads it from its document.
 
     Raises:
-      DocumentError: with everything that is wrong in the document.
-      FileError: it is not there, or cannot be read.
+      DocumentError: the document is invalid; it lists every problem.
+      FileError: it does not exist, or cannot be read.
     """
     return task if isinstance(task, Task) else read_task(str(task))
 
 
 def named(task: TaskLike) -> TaskLike:
-    """The text that names the document of a task; the task itself where it differs from its document, or has none."""
+    """Returns the text that names the document of a task; the task itself if it has none, or differs from it."""
     if not isinstance(task, Task):
         return str(task)
     has_document = task.path is not None and is_readable(task.path) and task.path.is_file()
@@ -146,17 +146,17 @@ def named(task: TaskLike) -> TaskLike:
 
 
 def observation_space(worlds: TaskWorlds) -> Box:
-    """All observations `(nobs,)` float64, within the limits of their terms."""
+    """Returns the space of observations `(nobs,)` float64, within the limits of their terms."""
     low = np.array([number.low for number in worlds.observed])
     high = np.array([number.high for number in worlds.observed])
     return Box(low, high, dtype=np.float64)
 
 
 def action_space(worlds: TaskWorlds) -> Box:
-    """All actions `(nact,)` float32, as the policy answers them, before squash, clip, scale and offset.
+    """Returns the space of actions `(nact,)` float32 of the policy, before squash, clip, scale and offset.
 
-    Their bounds are those of the clip; else those beyond which tanh changes nothing more; else those of the controls,
-    joints or torques that they stand for; else there are none.
+    Its bounds are those of the clip; else those beyond which tanh is constant; else those of the controls, joints or
+    torques that the actions set; else infinite.
     """
     actions, model = worlds.actions, worlds.model(0)
     limits = np.array([_limits(each, model) for each in actions.driven]).reshape(-1, 2)
@@ -168,7 +168,7 @@ def action_space(worlds: TaskWorlds) -> Box:
 
 
 def _within(actions: ActionMap, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds before squash and clip, from those behind them."""
+    """Returns bounds before squash and clip from those after them."""
     low, high = np.where(actions.squashed, -SQUASHED, low), np.where(actions.squashed, SQUASHED, high)
     squashed = np.asarray(actions.squashed, bool)
     is_clipped = ~squashed & np.isfinite(actions.low) & np.isfinite(actions.high)
@@ -176,7 +176,7 @@ def _within(actions: ActionMap, low: np.ndarray, high: np.ndarray) -> tuple[np.n
 
 
 def _limits(each: Driven, model: mujoco.MjModel) -> tuple[float, float]:
-    """The lowest and the highest target that makes a difference; infinite where there is none."""
+    """Returns the lowest and the highest effective target; infinite without limits."""
     actuator = each.actuator(model)
     if each.target in (CONTROL, TORQUE) and model.actuator_ctrllimited[each.control]:
         low, high = model.actuator_ctrlrange[each.control]

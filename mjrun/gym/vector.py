@@ -1,7 +1,7 @@
-"""Many episodes of a task at once, as a vector environment of Gymnasium, stepped in C on all cores."""
+"""Many episodes of a task at once, as a Gymnasium vector environment, stepped in C on all cores."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -15,18 +15,18 @@ MASK = "reset_mask"
 
 
 class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """`num_envs` worlds of a task: to the bit what Gymnasium's SyncVectorEnv makes of as many `TaskEnv`, but faster.
+    """`num_envs` worlds of a task, bit for bit those of Gymnasium's SyncVectorEnv with `TaskEnv`, but faster.
 
     Args:
-      task: it, or the file of its document.
-      num_envs: how many.
-      autoreset_mode: when a world whose episode has ended begins the next: with the next step, as Gymnasium does,
-        whatever the action; with the same step, with `final_obs` and `final_info` in the infos; or not by itself, but
-        by `reset(options={"reset_mask": …})`.
-      threads: as many as there are cores when 0.
+      task: a task, or the file of its document.
+      num_envs: the number of worlds.
+      autoreset_mode: when a finished world begins its next episode: at the next step, Gymnasium's default, ignoring the
+        action; within the same step, with `final_obs` and `final_info` in the infos; or by
+        `reset(options={"reset_mask": …})` alone.
+      threads: one for each core when 0.
 
-    `reset(seed=S)` gives world i the seed S + i; a list gives each its own. The infos of a step hold the weighted
-    terms of the reward, `reward/NAME` `(num_envs,)`; and for worlds whose episode has ended `ending` and `is_success`.
+    `reset(seed=S)` gives world i the seed S + i; a list gives a seed to each. The infos of a step contain the weighted
+    terms of the reward, `reward/NAME` `(num_envs,)`, and for worlds whose episode has ended `ending` and `is_success`.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observations.copy(), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """A control period of every world; see `VectorEnv`."""
+        """Steps every world by a control period; see `VectorEnv`."""
         if self._over.any():
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 raise ValueError("an episode is over: reset its world with the option reset_mask")
@@ -88,7 +88,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _step_after_end(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """A step in which some worlds begin their next episode instead."""
+        """Takes a step in which some worlds begin their next episode instead."""
         begin, go_on = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         self._observations[begin] = self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
@@ -102,19 +102,19 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observations.copy(), rewards, terminated, truncated, infos
 
     def _begin_next(self, step: TaskStep, infos: dict[str, Any]) -> dict[str, Any]:
-        """Begins the next episode in worlds whose last one has ended with this step."""
+        """Begins the next episode in worlds whose last one ended in this step."""
         over = np.flatnonzero(step.over)
         for world in over.tolist():
             terms = dict(zip(self._rewards, step.reward_terms[world].tolist(), strict=True))
-            info = terms | ending_info(step.endings[step.codes[world]])
+            info = terms | ending_info(step.endings[int(step.codes[world])])
             infos = self._add_info(infos, {"final_obs": step.observations[world].copy(), "final_info": info}, world)
         self._observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
         return infos
 
     def _infos(self, step: TaskStep, worlds: np.ndarray) -> dict[str, Any]:
-        """The infos of a step of `worlds` `(k,)`; in other worlds, and those that begin anew, there are none."""
+        """Returns the infos of a step of `worlds` `(k,)`, without worlds whose next episode begins in the same step."""
         infos: dict[str, Any] = {}
-        # Gymnasium reports a world whose next episode begins with the same step in its `final_info` alone.
+        # Gymnasium reports such a world in its `final_info` alone.
         is_told = ~step.over if self.autoreset_mode == AutoresetMode.SAME_STEP else np.ones(len(worlds), bool)
         if not is_told.any():
             return infos
@@ -124,7 +124,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), mask.copy()
             infos[name][mask] = terms[is_told]
         for row in np.flatnonzero(step.over & is_told).tolist():
-            infos = self._add_info(infos, ending_info(step.endings[step.codes[row]]), int(worlds[row]))
+            infos = self._add_info(infos, ending_info(step.endings[int(step.codes[row])]), int(worlds[row]))
         return infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
@@ -137,32 +137,32 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return seed
 
     def _mask(self, options: dict[str, Any]) -> np.ndarray | None:
-        """Which worlds are to be reset; None for all."""
+        """Returns the mask of worlds to be reset; None for all."""
         if MASK not in options:
             return None
-        mask = options[MASK]
+        mask = cast("np.ndarray | None", options[MASK])
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
-            raise ValueError(f"{MASK} is an array of bool of shape ({self.num_envs},)")
+            raise ValueError(f"{MASK} must be an array of bool of shape ({self.num_envs},)")
         if not mask.any():
-            raise ValueError(f"{MASK} names no world")
+            raise ValueError(f"{MASK} selects no world")
         return mask
 
     def _draw(self, world: int) -> int:
-        """The seed of the next episode of a world, which was not given one."""
+        """Draws the seed of the next episode of a world."""
         generator = self._generators[world] or seeding.np_random(None)[0]
         self._generators[world] = generator
         return draw_seed(generator)
 
 
 def make_vec(task: TaskLike, num_envs: int = 1, **options: Any) -> TaskVectorEnv:
-    """`num_envs` worlds of a task as a vector environment.
+    """Creates `num_envs` worlds of a task as a vector environment.
 
     Args:
-      task: it, or the file of its document.
-      options: those of `TaskVectorEnv`.
+      task: a task, or the file of its document.
+      options: of `TaskVectorEnv`.
 
     Raises:
       UsageError: the task does not fit its model.
-      DocumentError: with everything that is wrong in the document.
+      DocumentError: the document is invalid; it lists every problem.
     """
     return TaskVectorEnv(task, num_envs, **options)

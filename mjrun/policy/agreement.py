@@ -1,4 +1,4 @@
-"""Whether a policy and a task fit: what the file of the policy says of itself, beside what the task says."""
+"""Comparison of a policy with a task: the facts in the file of the policy, and their values in the task."""
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -18,15 +18,15 @@ from mjrun.task.worlds import TaskWorlds
 
 QUATERNIONS = {"wxyz": ["qw", "qx", "qy", "qz"], "xyzw": ["qx", "qy", "qz", "qw"]}
 EQUAL = 1e-6  # relative: numbers of files are often float32
-JOINT_POSITION = "joint_pos"  # what mjlab calls positions relative to the default pose
+JOINT_POSITION = "joint_pos"  # mjlab's name of positions relative to the default pose
 
 
 def check_agreement(task: Task, policy: Policy) -> None:
-    """Checks that nothing in the file of `policy` contradicts `task`; where the file is silent, the task counts.
+    """Checks that nothing in the file of `policy` contradicts `task`; facts that the file lacks are not compared.
 
     Raises:
-      UsageError: something does; the message shows both sides of all that does. Or the task does not fit its model.
-      ModelError: the model cannot be had.
+      UsageError: there are contradictions, all of which the message shows; or the task does not fit its model.
+      ModelError: the model cannot be loaded.
     """
     if policy.facts == PolicyFacts():
         return
@@ -37,7 +37,7 @@ def check_agreement(task: Task, policy: Policy) -> None:
 
 
 class _Comparison:
-    """A task beside the facts of a policy; names are compared without what a scene puts before them: `robot/knee`."""
+    """A comparison of a task and facts of a policy; names are compared without the prefix of a scene: `robot/knee`."""
 
     def __init__(self, task: Task, facts: PolicyFacts) -> None:
         self._task, self._facts = task, facts
@@ -49,7 +49,7 @@ class _Comparison:
             self._terms.setdefault(number.term, []).append(number)
 
     def contradictions(self) -> Iterator[str]:
-        """A sentence for each."""
+        """Yields a sentence for each contradiction."""
         facts, observed, driven = self._facts, self._worlds.observed, self._worlds.action_names
         if facts.control_dt not in (None, self._task.control_dt):
             periods = [f"{float(period):g} s" for period in (facts.control_dt, self._task.control_dt) if period]
@@ -71,7 +71,7 @@ class _Comparison:
     # --- observations ------------------------------------------------------------------------------
 
     def _parts(self) -> Iterator[str]:
-        """Of the parts of the observation that the file names."""
+        """Compares the parts of the observation that the file names."""
         parts = self._facts.observations or ()
         shared = [part.name for part in parts if part.name in self._terms]
         in_task = [name for name in self._terms if name in shared]
@@ -82,7 +82,7 @@ class _Comparison:
             in_task_sized = ", ".join(f"{clean(name)} ({len(numbers)})" for name, numbers in self._terms.items())
             yield (
                 f"parts of the observation: {_both(in_file, in_task_sized)}; "
-                "call the observations of the task as the policy does, NAME, or NAME/… where a part has several"
+                "name the observations of the task as the policy does, NAME, or NAME/… where a part has several"
             )
         else:
             for part, term in self._pairs(parts, shared):
@@ -91,7 +91,7 @@ class _Comparison:
     def _pairs(
         self, parts: Sequence[ObservationFacts], shared: Sequence[str]
     ) -> Iterator[tuple[ObservationFacts, Observation]]:
-        """Parts and their terms: one after the other if there are as many, whatever they are called; or by name."""
+        """Pairs parts with terms: in order if their numbers agree and no name contradicts it, else by name."""
         terms = self._task.observations
         if len(parts) == len(terms) and all(
             part.name == term.name or not {part.name, term.name} & {*shared}
@@ -103,9 +103,9 @@ class _Comparison:
             yield from ((part, term) for term in terms if term.name == part.name or _is_within(term.name, part.name))
 
     def _is_divided_alike(self, parts: Sequence[ObservationFacts]) -> bool:
-        """Whether each part is one term, or several whose names begin with its own.
+        """Returns whether each part is one term, or several whose names begin with its own.
 
-        A part whose size the file does not say may be a term of any name that no other part has.
+        A part of unknown size may be a term of any name that no other part has.
         """
         terms, names = list(self._terms.items()), {part.name for part in parts}
         for part in parts:
@@ -119,7 +119,7 @@ class _Comparison:
         return not terms
 
     def _part(self, part: ObservationFacts, term: Observation) -> Iterator[str]:
-        """Of a part and its term."""
+        """Compares a part with its term."""
         label, numbers = clean(term.name), self._terms[term.name]
         if part.history not in (None, term.history):
             yield f"history of {label}: {_both(str(part.history), str(term.history))}"
@@ -133,7 +133,7 @@ class _Comparison:
             return
         if (
             quantity is None and term.joints is None and part.scale is not None
-        ):  # what is taken from elsewhere may have the other sign there
+        ):  # another source may have the opposite sign
             signs = np.sign(np.broadcast_to(part.scale, len(scales)))
             scales = (np.abs(scales) * signs).tolist()
         for name, said, values in (
@@ -154,7 +154,7 @@ class _Comparison:
                 yield f"order of {label}: {_both(listing(in_file), listing(elements))}"
 
     def _term_order(self, name: str, numbers: Sequence[ObservedNumber]) -> Iterator[str]:
-        """Of the order of joints and of quaternions in a term, whatever it is called."""
+        """Compares the order of joints and of quaternion components in a term of any name."""
         elements = [_last(number.source) for number in numbers if number.delay == numbers[-1].delay]
         in_task = [element for element in elements if element in self._joints]
         in_file = [joint for joint in self._joints if joint in in_task]
@@ -194,18 +194,19 @@ class _Comparison:
 
     @cached_property
     def _driven_joints(self) -> list[str]:
-        """The joints that the action moves; the names of actuators that move something else."""
-        joints, found = names(self._model, "joint"), []
+        """The joints that the action moves; the names of actuators that do not move a joint."""
+        joints = names(self._model, "joint")
+        driven: list[str] = []
         for each in self._worlds.actions.driven:
             actuator = each.actuator(self._model)
             is_of_joint = each.joint < 0 and self._model.actuator_trntype[actuator] in TRANSMISSIONS
             joint = int(self._model.actuator_trnid[actuator, 0]) if is_of_joint else each.joint
-            found.append(_last(each.name if joint < 0 else joints[joint]))
-        return found
+            driven.append(_last(each.name if joint < 0 else joints[joint]))
+        return driven
 
     @property
     def _targets(self) -> Iterator[str | None]:
-        """What each action asks for: a position, a velocity or a torque; None of actuators that are none of these."""
+        """The target of each action: a position, a velocity or a torque; None for other actuators."""
         model = self._model
         for each in self._worlds.actions.driven:
             actuator = each.actuator(model)
@@ -221,7 +222,7 @@ class _Comparison:
 
     @property
     def _units(self) -> Iterator[float]:
-        """The position, velocity or torque of a joint [SI] for one unit of what each action gives to its actuator."""
+        """The position, velocity or torque of a joint [SI] for one unit of the control of each action."""
         model = self._model
         for each in self._worlds.actions.driven:
             actuator = each.actuator(model)
@@ -239,7 +240,7 @@ class _Comparison:
 
     @property
     def _gains(self) -> tuple[list[float], list[float]]:
-        """Of the position targets of all joints, in the task or in the model; 0 where a control is a torque."""
+        """The gains kp and kd of all joints, in the task or in the model; 0 where a control is a torque."""
         actions, model = self._worlds.actions, self._model
         kp, kd = actions.kp.tolist(), actions.kd.tolist()
         for index, each in enumerate(actions.driven):
@@ -261,7 +262,7 @@ class _Comparison:
     def _numbers(
         self, label: str, said: Sequence[float | None] | None, values: Sequence[float], elements: Sequence[str]
     ) -> Iterator[str]:
-        """Of numbers, one for each element, or one for all."""
+        """Compares numbers, one for each element or one for all."""
         if not said or len(said) not in (1, len(values)):
             return
         wanted = np.broadcast_to(np.array(said, float), len(values))
@@ -272,7 +273,7 @@ class _Comparison:
 
 
 def _listed(numbers: Sequence[float] | np.ndarray, elements: Sequence[str], chosen: np.ndarray) -> str:
-    """The chosen numbers; one alone if all are equal."""
+    """Formats the chosen numbers; as a single one if all are equal."""
     shown = [
         (element, float(number))
         for element, number, is_chosen in zip(elements, numbers, chosen, strict=True)
@@ -284,7 +285,7 @@ def _listed(numbers: Sequence[float] | np.ndarray, elements: Sequence[str], chos
 
 
 def _is_within(term: str, part: str) -> bool:
-    """Whether a term of the task is one of several that a part consists of."""
+    """Returns whether a term of the task is one of several that a part consists of."""
     return term.startswith(f"{part}/")
 
 

@@ -1,4 +1,4 @@
-"""The task of a policy whose file says all that a task needs; what it does not say is listed, and never guessed."""
+"""The task of a policy, from the facts in its file; missing ones are listed, and never guessed."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,11 @@ from mjrun.model.source import CollectionSource, Source
 from mjrun.options.option import is_given, options_of
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY, ActionOptions, ObservationOptions
 from mjrun.policy.policy import Numbers, ObservationFacts, Policy, PolicyFacts
-from mjrun.task.action_map import TRANSMISSIONS
+from mjrun.task.action_map import actuators_of
 from mjrun.task.task import Action, Observation, Reset, Task
 
-DURATION = Fraction(5)  # [s], as of simulations
-# What files name that needs nothing else to be known: mjlab's names, and the kinds of LEAPP.
+DURATION = Fraction(5)  # [s], the default duration of simulations
+# The sources of observations by their names in files: of mjlab, and the kinds of LEAPP.
 JOINTS = {"joint_pos": "qpos", "joint_vel": "qvel", "state/joint/position": "qpos", "state/joint/velocity": "qvel"}
 LAST_ACTION = ("actions", "last_action")
 BODIES = {"state/body/rotation": "xquat", "state/body/position": "xpos"}
@@ -27,23 +27,23 @@ PERIOD = "its control period"
 def inferred_task(
     policy: Policy, source: Source, control_dt: Fraction | None = None, duration: Fraction | None = None
 ) -> Task:
-    """The task that `policy` was made for, on the model of `source`.
+    """Returns the task for which `policy` was trained, on the model of `source`.
 
     Args:
-      control_dt: the control period [s], where the file does not say it.
-      duration: of an episode [s]; 5 if nothing is said.
+      control_dt: the control period [s], if the file does not specify it.
+      duration: of an episode [s]; 5 when None.
 
     Raises:
-      UsageError: the file does not say enough; the message says what a task document must add, and drafts it.
-      ModelError: the model cannot be had.
+      UsageError: the file lacks facts; the message lists them, and drafts a task document.
+      ModelError: the model cannot be loaded.
     """
     draft = _Draft(policy.facts, source.load(), policy.facts.control_dt or control_dt)
     if draft.missing:
         is_period_alone = draft.missing == [PERIOD]
-        advice = f"say it by {option('control_dt')}, or" if is_period_alone else "such things are never guessed:"
+        advice = f"set {option('control_dt')}, or" if is_period_alone else "these are never guessed:"
         lines = [
-            f"{option('policy')} {clean(policy.name)} does not say {', '.join(draft.missing)}",
-            f"{advice} write a task document, and play the policy on that instead of on {clean(source.text)}:",
+            f"{option('policy')} {clean(policy.name)} does not specify {', '.join(draft.missing)}",
+            f"{advice} write a task document, and play the policy on it instead of on {clean(source.text)}:",
             *draft.lines(source.text),
         ]
         if isinstance(source, CollectionSource) and source.NO_TASK:
@@ -62,16 +62,16 @@ def inferred_task(
 
 @dataclass(frozen=True)
 class _Unknown:
-    """A part of the observation of which the file has no more than the name."""
+    """A part of the observation that is known by name alone."""
 
     name: str
 
 
 class _Draft:
-    """What can be said of a task.
+    """The known parts of a task.
 
     Attributes:
-      missing: what cannot, in words.
+      missing: descriptions of the unknown ones.
     """
 
     def __init__(self, facts: PolicyFacts, model: mujoco.MjModel, control_dt: Fraction | None) -> None:
@@ -81,12 +81,12 @@ class _Draft:
         self.observations = [self._observation(part) or _Unknown(part.name) for part in facts.observations or ()]
         unknown = [clean(each.name) for each in self.observations if isinstance(each, _Unknown)]
         if unknown:
-            self.missing.append(f"where these observations are taken from: {', '.join(unknown)}")
+            self.missing.append(f"the sources of these observations: {', '.join(unknown)}")
         if not self.observations:
-            self.missing.append("what it observes")
+            self.missing.append("its observations")
         self.action = self._action()
         if not self.action:
-            self.missing.append("what its actions move")
+            self.missing.append("the targets of its actions")
 
     @property
     def start(self) -> Mapping[str, Numbers]:
@@ -95,25 +95,25 @@ class _Draft:
         return {self._joint(joint): (position,) for joint, position in zip(joints, pose, strict=False)}
 
     def lines(self, model: str) -> list[str]:
-        """A task document as far as it is known."""
+        """Returns the lines of a task document with the known parts."""
         pose = {joint: position for joint, (position,) in self.start.items()}
-        period = "# is not said" if self.control_dt is None else f"{float(self.control_dt):g}"
+        period = "# unknown" if self.control_dt is None else f"{float(self.control_dt):g}"
         return [
             f"  model: {clean(model)}",
             f"  control_dt: {period}",
             f"  duration: {float(DURATION):g}",
             *([f"  reset: {json.dumps({'qpos': pose})}"] if pose else []),
-            "  observations:" + ("" if self.observations else "  # are not said"),
+            "  observations:" + ("" if self.observations else "  # unknown"),
             *(
                 f"    - {{name: {json.dumps(each.name)}}}  # from where?" if isinstance(each, _Unknown) else _line(each)
                 for each in self.observations
             ),
-            "  actions:" + ("" if self.action else "  # are not said"),
+            "  actions:" + ("" if self.action else "  # unknown"),
             *([_line(self.action)] if self.action else []),
         ]
 
     def _observation(self, part: ObservationFacts) -> Observation | None:
-        """The term that a part is."""
+        """Returns the term of a part; None if its source is unknown."""
         changes = {
             "scale": part.scale or (1.0,),
             "clip": None if part.clip in (None, (float("-inf"), float("inf"))) else part.clip,
@@ -150,25 +150,20 @@ class _Draft:
         return Action(target=facts.action_target, offset=offset, kd=facts.damping, **kp, **values)  # type: ignore[arg-type]
 
     def _with_actuators(self) -> tuple[str, ...] | None:
-        """The joints of the file that the model has actuators for, if there are as many as actions."""
+        """Returns the joints of the file that have actuators in the model, if their number is that of the actions."""
         driven = [joint for joint in self._facts.joints or () if self._actuator(joint) is not None]
         return tuple(driven) if driven and len(driven) == self._facts.action_size else None
 
     def _has_servos(self, joints: Sequence[str]) -> bool:
-        """Whether the actuators of all joints hold positions by themselves."""
+        """Returns whether the actuators of all joints hold positions by themselves."""
         actuators = [self._actuator(joint) for joint in joints]
         affine = mujoco.mjtBias.mjBIAS_AFFINE
         return all(each is not None and self._model.actuator_biastype[each] == affine for each in actuators)
 
     def _actuator(self, joint: str) -> int | None:
-        """The actuator of a joint; None if it has none, or several."""
-        model, number = self._model, names(self._model, "joint").index(self._joint(joint))
-        found = [
-            i
-            for i in range(len(model.actuator_trntype))
-            if model.actuator_trntype[i] in TRANSMISSIONS and model.actuator_trnid[i, 0] == number
-        ]
-        return found[0] if len(found) == 1 else None
+        """Returns the actuator of a joint; None if it has none, or several."""
+        actuators = actuators_of(self._model, names(self._model, "joint").index(self._joint(joint)))
+        return actuators[0] if len(actuators) == 1 else None
 
     def _defaults(self, joints: Sequence[str]) -> Numbers:
         facts = self._facts
@@ -176,18 +171,18 @@ class _Draft:
         return tuple(pose.get(joint, 0.0) for joint in joints)
 
     def _joint(self, name: str) -> str:
-        """The name in the model, in which a scene may put something before it: `robot/knee`."""
+        """Returns the name of a joint in the model, where a scene may add a prefix: `robot/knee`."""
         alike = [each for each in self._names if _last(each) == _last(name)]
         if len(alike) == 1 or name in alike:
             return name if name in alike else alike[0]
         if alike:
             message = f"joint {quoted(name)} of the policy may be {' or '.join(map(quoted, alike))} of the model"
-            raise UsageError(f"{message}; write a task document, which says which", ("policy",))
+            raise UsageError(f"{message}; name it in a task document", ("policy",))
         raise UnknownNameError("joint", name, [*map(_last, self._names)], where="the model, which the policy names")
 
 
 def _line(term: Observation | Action) -> str:
-    """A term as a document may write it."""
+    """Returns the line of a term in a document."""
     declared = ObservationOptions if isinstance(term, Observation) else ActionOptions
     given = [each for each in options_of(declared) if each.is_required or is_given(term, each.name)]
     pairs = [f"{each.key}: {json.dumps(each.kind.plain(vars(term)[each.attribute]))}" for each in given]

@@ -1,4 +1,4 @@
-"""LEAPP packages, as Isaac Lab 3 exports policies: a YAML file that describes networks and what flows between them.
+"""LEAPP packages, the format of Isaac Lab 3: a YAML file that describes networks and the data flow between them.
 
 Source: `leapp/leapp.py`, `leapp/inference_manager.py` and `leapp/utils/tensor_description.py` of leapp 0.7.
 """
@@ -28,10 +28,10 @@ TYPES = {
     "int32": np.int32,
     "bool": np.bool_,
 }
-LARGEST, VALUES = 2**22, 1_000_000  # bytes of a description, and values in it
+LARGEST, VALUES = 2**22, 1_000_000  # the most bytes of a description, and values in it
 TEMPORAL = "__temporal_axis__"
 ONNX = "onnx"
-# Tensors in a file of the format safetensors: a header in JSON, and the numbers after it.
+# Tensors in the safetensors format: a header in JSON, and the numbers after it.
 # Source: https://huggingface.co/docs/safetensors, "Format".
 SAFETENSORS = (".safetensors",)
 TENSOR_TYPES = {
@@ -45,8 +45,8 @@ TENSOR_TYPES = {
     "U8": "u1",
     "BOOL": "?",
 }
-HEADER = 8  # bytes that say how long the header is
-LONGEST = 100_000_000  # bytes of a header
+HEADER = 8  # bytes of the length of the header
+LONGEST = 100_000_000  # the most bytes of a header
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class LeappTensor:
 
     Attributes:
       place: `network/tensor`.
-      kind: what it is, `state/joint/position`; None where the file is silent.
-      elements: a name of each of its numbers, `knee` or `foot/x`; None where the file is silent.
+      kind: of the quantity, `state/joint/position`; None if unspecified.
+      elements: the names of its numbers, `knee` or `foot/x`; None if unspecified.
     """
 
     place: str
@@ -67,12 +67,12 @@ class LeappTensor:
 
     @property
     def name(self) -> str:
-        """Without the network."""
+        """The name without the network."""
         return self.place.partition("/")[2]
 
     @property
     def size(self) -> int:
-        """How many numbers it holds."""
+        """The number of values."""
         return int(np.prod(self.shape))
 
 
@@ -91,11 +91,12 @@ class LeappPackage:
     """A package.
 
     Attributes:
-      networks: in the order in which they run.
-      flows: inputs that get an output, by the place of the output; an input that ran before gets it in the next call.
+      networks: in the order of execution.
+      flows: the inputs that receive an output, by the place of the output; an earlier network receives it in the next
+        call.
       inputs, outputs: of the package.
       initial: values of inputs at the start of an episode; zeros for others.
-      period: time between two calls [s]; None where the file is silent.
+      period: time between two calls [s]; None if unspecified.
     """
 
     path: Path
@@ -108,10 +109,10 @@ class LeappPackage:
 
 
 def find_package(path: Path) -> Path:
-    """The YAML file of a package that is named by it or by its folder.
+    """Returns the YAML file of a package, which is named by this file or by its folder.
 
     Raises:
-      UsageError: the folder holds none, or several.
+      UsageError: the folder contains none, or several.
     """
     if not is_folder(path):
         return path
@@ -119,16 +120,16 @@ def find_package(path: Path) -> Path:
     if len(documents) != 1:
         what = "several .yaml files" if documents else "no .yaml file"
         names = f": {listing([each.name for each in documents])}" if documents else ""
-        raise UsageError(f"{clean(str(path))} is no LEAPP package: it holds {what}{names}", ("policy",))
+        raise UsageError(f"{clean(str(path))} is not a LEAPP package: it contains {what}{names}", ("policy",))
     return documents[0]
 
 
 def read_package(path: Path) -> LeappPackage:
-    """The package that the YAML file at `path` describes.
+    """Reads the package that the YAML file at `path` describes.
 
     Raises:
-      FileError: it cannot be read, is no package, or its files are missing, changed or outside of its folder.
-      UsageError: its networks are of another kind than ONNX.
+      FileError: it cannot be read, is not a package, or its files are missing, changed or outside its folder.
+      UsageError: its networks are not in ONNX.
     """
     return _Reader(path).package(_document(path))
 
@@ -137,7 +138,7 @@ def files_beside(path: Path) -> list[Path]:
     """Returns the existing files that the YAML file at `path` names, in its folder or below; none if it is damaged."""
     try:
         waiting, files = [_document(path)], dict[Path, None]()
-    except FileError:  # which reading the package reports
+    except FileError:  # reading the package reports it
         return []
     while waiting:
         value = waiting.pop()
@@ -167,20 +168,20 @@ def _document(path: Path) -> object:
 
 
 def _count(value: object, known: dict[int, int]) -> int:
-    """How many values there are in `value`, of which some stand there several times, by aliases.
+    """Returns the number of values in `value`, in which aliases repeat values.
 
     Args:
-      known: of the values that are counted, by their identity; 0 for those that are being counted.
+      known: the counts of values by their identity; 0 for unfinished ones.
 
     Raises:
-      ValueError: a value stands in itself.
+      ValueError: a value contains itself.
     """
     if not isinstance(value, dict | list):
         return 1
     identity = id(cast("object", value))
     if identity in known:
         if not known[identity]:
-            raise ValueError("a value stands in itself, by an alias (*)")
+            raise ValueError("a value contains itself, by an alias (*)")
         return known[identity]
     known[identity] = 0
     inner = cast("dict[object, object]", value).values() if isinstance(value, dict) else cast("list[object]", value)
@@ -189,7 +190,7 @@ def _count(value: object, known: dict[int, int]) -> int:
 
 
 class _Reader:
-    """Turns a document into a package, and refuses what does not fit."""
+    """Converts a document to a package, and refuses an invalid one."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -217,7 +218,7 @@ class _Reader:
         parameters = self._mapping(description.get("parameters"), f"parameters of {name}")
         backend = parameters.get("backend")
         if backend != ONNX:
-            message = f"its network {clean(name)} is of the kind {quoted(str(backend))}; export it with onnx"
+            message = f"its network {clean(name)} has the format {quoted(str(backend))}; export it as onnx"
             raise UsageError(f"{clean(str(self._path))} cannot be played: {message}", ("policy",))
         path = self._file(parameters.get("model_path"), f"model_path of {name}")
         expected = parameters.get("sha256sum")
@@ -236,18 +237,18 @@ class _Reader:
             self._refuse(f"a tensor in {where} of {network} has no name")
         shape = self._list(description.get("shape"), f"the shape of {name}")
         if not all(isinstance(size, int) and size > 0 for size in shape):
-            self._refuse(f"the shape of {name} is no list of sizes")
+            self._refuse(f"the shape of {name} is not a list of sizes")
         if str(description.get("dtype")) not in TYPES:
-            self._refuse(f"the dtype of {name} is none of {', '.join(TYPES)}")
+            self._refuse(f"the dtype of {name} is not one of {', '.join(TYPES)}")
         sizes = cast("tuple[int, ...]", tuple(shape))
         elements = self._elements(description.get("element_names"), int(np.prod(sizes)))
         type_ = TYPES[str(description["dtype"])]
         return LeappTensor(f"{network}/{name}", sizes, type_, str(kind) if kind is not None else None, elements)
 
     def _elements(self, value: object, size: int) -> tuple[str, ...] | None:
-        """A name for each number, `foot/x` where several axes have names; None unless there are as many."""
-        axes = value if isinstance(value, list) else []
-        named = [cast("list[object]", axis) for axis in cast("list[object]", axes) if isinstance(axis, list)]
+        """Returns the names of the numbers, `foot/x` where several axes have names; None if their number differs."""
+        axes = cast("list[object]", value) if isinstance(value, list) else []
+        named = [cast("list[object]", axis) for axis in axes if isinstance(axis, list)]
         if not named or TEMPORAL in axes:
             return None
         if math.prod(map(len, named)) != size:
@@ -263,7 +264,7 @@ class _Reader:
                 targets = [str(target) for target in self._list(value, f"{key} of {source}")]
                 for place, known in [(source, outputs), *((target, inputs) for target in targets)]:
                     if place not in known:
-                        self._refuse(f"{key} names {quoted(place)}, and there is no such tensor")
+                        self._refuse(f"{key} names {quoted(place)}, which is not a tensor")
                 for target in targets:
                     if (inputs[target].shape, inputs[target].type) != (outputs[source].shape, outputs[source].type):
                         self._refuse(f"{key}: {source} and {target} differ in shape or type")
@@ -278,7 +279,7 @@ class _Reader:
             for name in self._list(value, f"{key} of {network}"):
                 place = f"{network}/{name}"
                 if place not in tensors:
-                    self._refuse(f"{key} of the pipeline name {quoted(place)}, and there is no such tensor")
+                    self._refuse(f"{key} of the pipeline name {quoted(place)}, which is not a tensor")
                 ports.append(tensors[place])
         return tuple(ports)
 
@@ -289,47 +290,47 @@ class _Reader:
         values = read_safetensors(path)
         for place, array in values.items():
             if place not in inputs or array.shape != inputs[place].shape:
-                raise FileError(path, f"{quoted(place)} is no input of a network, or of another shape")
+                raise FileError(path, f"{quoted(place)} is not an input of a network, or has another shape")
         return {place: array.astype(inputs[place].type) for place, array in values.items()}
 
     def _period(self, frequency: object) -> Fraction | None:
         if frequency is None:
             return None
         if not isinstance(frequency, int | float) or not 0 < frequency < float("inf"):
-            self._refuse(f"the frequency is {quoted(cut(str(frequency)))}, and no positive number")
+            self._refuse(f"the frequency is {quoted(cut(str(frequency)))}, not a positive number")
         return 1 / Fraction(str(frequency))
 
     def _file(self, value: object, what: str) -> Path:
-        """A file beside the document."""
+        """Returns the path of a file in the folder of the document."""
         if not isinstance(value, str) or not value:
-            self._refuse(f"{what} is no path")
+            self._refuse(f"{what} is not a path")
         if "\0" in value:
-            self._refuse(f"{what} is {quoted(cut(value))}, and no path")
+            self._refuse(f"{what} is {quoted(cut(value))}, not a path")
         folder = self._path.parent.resolve()
         path = (folder / value).resolve()
         if not path.is_relative_to(folder):
-            self._refuse(f"{what} is {quoted(cut(value))}, which is outside of its folder")
+            self._refuse(f"{what} is {quoted(cut(value))}, which is outside its folder")
         return path
 
     def _mapping(self, value: object, what: str) -> dict[str, object]:
         if not isinstance(value, dict):
-            self._refuse(f"{what} is no mapping")
+            self._refuse(f"{what} is not a mapping")
         return {str(key): entry for key, entry in cast("dict[object, object]", value).items()}
 
     def _list(self, value: object, what: str) -> Sequence[object]:
         if not isinstance(value, list):
-            self._refuse(f"{what} is no list")
+            self._refuse(f"{what} is not a list")
         return cast("list[object]", value)
 
     def _refuse(self, message: str) -> NoReturn:
-        raise FileError(self._path, f"is no LEAPP package: {clean(message)}")
+        raise FileError(self._path, f"is not a LEAPP package: {clean(message)}")
 
 
 def read_safetensors(path: Path) -> dict[str, np.ndarray]:
-    """The tensors at `path`, by name.
+    """Reads the tensors at `path`, by name.
 
     Raises:
-      FileError: it cannot be read, is damaged, or holds a type that NumPy lacks.
+      FileError: it cannot be read, is damaged, or contains a type that NumPy lacks.
     """
     with opened(path, "file of tensors", SAFETENSORS) as file, decoding(path, "cannot be read as safetensors"):
         length = int.from_bytes(file.read(HEADER), "little")

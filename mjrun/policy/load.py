@@ -1,24 +1,32 @@
-"""From what the user wrote to a policy."""
+"""Policies by the text that names them: files, Python code, and the built-in ones."""
 
+import copy
+import inspect
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
-from mjrun.errors import UsageError, clean, option, suggestion
+from mjrun.errors import ControllerError, UsageError, clean, option, quoted, suggestion
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.options.policy import BUILT_IN, NONE, RANDOM, ZERO, is_code
 from mjrun.policy.loaders import loader_of, loaders
 from mjrun.policy.normalization import normalized
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.policy.python_policy import PythonPolicy, load_python
+from mjrun.python_code import RedirectedFunction, load_code, made
 
-STREAM = 1_886_350_441  # keeps the random numbers of policies apart from those of tasks
+STREAM = 1_886_350_441  # separates the random numbers of policies from those of tasks
+FORM = (
+    "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (observation) that returns the action, or a class or object "
+    "with act(observation), or predict(observation) as in Stable-Baselines3, and reset() if it is stateful"
+)
+METHODS = ("act", "predict")
 
 
 class RandomPolicy(Policy):
-    """Actions that are uniform within the clip of the task, or within [-1, 1] where there is none."""
+    """Uniformly random actions within the clip of the task, or within [-1, 1] without one."""
 
     def __init__(self) -> None:
         super().__init__(RANDOM)
@@ -31,13 +39,104 @@ class RandomPolicy(Policy):
 
 
 class ZeroPolicy(Policy):
-    """Zeros, whatever is observed."""
+    """Zeros on any observation."""
 
     def __init__(self) -> None:
         super().__init__(ZERO)
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
         return lambda observation: np.zeros(len(actions.names))
+
+
+class PythonPolicy(Policy):
+    """A function, an object, or a class of which every episode gets an instance.
+
+    An object with `reset` is copied for each episode, so that episodes share no memory.
+
+    Raises:
+      UsageError: it is none of these.
+      ControllerError: its code failed.
+    """
+
+    def __init__(self, thing: object, name: str) -> None:
+        super().__init__(name)
+        self._thing = thing
+        instance = self._instance()
+        if not callable(instance) and not any(_method(instance, method) for method in METHODS):
+            kind = type(instance).__name__
+            raise UsageError(f"{option('policy')} {quoted(name)} is of type {kind}, which cannot act\n{FORM}")
+
+    def start(self, seed: int, actions: ActionSpace) -> Actor:
+        instance = self._instance()
+        reset = _method(instance, "reset")
+        if reset:
+            arguments = (seed,) if _takes_one(reset) else ()
+            self._guarded(reset)(*arguments)
+        act, predict = _method(instance, "act"), _method(instance, "predict")
+        if not act and predict:
+            return _predicting(self._guarded(predict), _keywords(predict))
+        function = self._guarded(act or cast("Callable[..., object]", instance))
+        return lambda observation: cast("np.ndarray", function(observation.copy()))
+
+    def _instance(self) -> object:
+        if isinstance(self._thing, type):
+            return made(self._thing, self.name, "policy")
+        if not _method(self._thing, "reset"):
+            return self._thing
+        try:
+            return copy.deepcopy(self._thing)
+        except Exception as error:
+            raise ControllerError.of(
+                f"{option('policy')} {quoted(self.name)}: copying it for an episode", error
+            ) from error
+
+    def _guarded(self, function: Callable[..., object]) -> Callable[..., object]:
+        def guarded(*arguments: object, **keywords: object) -> object:
+            try:
+                return RedirectedFunction(partial(function, **keywords))(*arguments)
+            except (Exception, SystemExit) as error:
+                raise ControllerError.of(f"{option('policy')} {quoted(self.name)}", error) from error
+
+        return guarded
+
+
+def _predicting(predict: Callable[..., object], keywords: frozenset[str]) -> Actor:
+    """Returns an actor that calls Stable-Baselines3's `predict` without noise, with the state that it returned last."""
+    state: object = None
+    is_start = True
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        nonlocal state, is_start
+        known = {"state": state, "episode_start": np.array([is_start]), "deterministic": True}
+        answer = predict(observation.copy(), **{name: known[name] for name in known if name in keywords})
+        action, state = answer, None
+        if isinstance(answer, tuple) and len(cast("tuple[object, ...]", answer)) == 2:
+            action, state = cast("tuple[object, object]", answer)
+        is_start = False
+        return cast("np.ndarray", action)
+
+    return act
+
+
+def _method(thing: object, name: str) -> Callable[..., object] | None:
+    method = getattr(thing, name, None)
+    return method if callable(method) else None
+
+
+def _keywords(function: Callable[..., object]) -> frozenset[str]:
+    try:
+        return frozenset(inspect.signature(function).parameters)
+    except (TypeError, ValueError):
+        return frozenset()
+
+
+def _takes_one(function: Callable[..., object]) -> bool:
+    """Returns whether `function` can be called with one argument."""
+    try:
+        inspect.signature(function).bind(0)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def load_policy(
@@ -47,15 +146,17 @@ def load_policy(
     normalize: str | None = None,
     place: Callable[[str | Path], Path] = Path,
 ) -> Policy:
-    """The policy that `text` names: a file, `random`, `zero` or code; in Python also a policy, a function or an object.
+    """Loads the policy that `text` names: a file, `random`, `zero` or code.
+
+    In Python, `text` may also be a policy, a function or an object.
 
     Args:
-      trust: whether files that can run code as they are opened may be opened.
-      normalize: a file of statistics that observations are normalized with, `none`, or nothing said.
-      place: says where files are read; the policy is named by its text in any case.
+      trust: opens files that can run code when they are opened.
+      normalize: a file with statistics for the normalization of observations, `none`, or None if unspecified.
+      place: resolves paths of files; the policy is named by its text in any case.
 
     Raises:
-      UsageError: it cannot be a policy, is not trusted, or its normalization is not said.
+      UsageError: it is not a policy, is not trusted, or its normalization is unspecified.
       FileError: a file cannot be read, or is damaged.
       ControllerError: its code failed.
       MissingExtraError: a library that it needs is not installed.
@@ -88,11 +189,11 @@ def _load(text: object, trust: bool, normalize: str | None, place: Callable[[str
     if text == ZERO:
         return ZeroPolicy()
     if is_code(text):
-        return load_python(text)
+        return PythonPolicy(load_code(text, "policy", FORM), text)
     path = place(text)
     if loader := loader_of(path):
         return loader.load(path, text, trust, normalize)
-    kinds = ", ".join([*sorted(each.description for each in loaders()), "FILE.py:NAME", *BUILT_IN])
+    formats = ", ".join([*sorted(each.description for each in loaders()), "FILE.py:NAME", *BUILT_IN])
     raise UsageError(
-        f"{option('policy')} {clean(text)} is of no kind that is known{suggestion(text, BUILT_IN)}\n{kinds}"
+        f"{option('policy')} {clean(text)}: unknown policy format{suggestion(text, BUILT_IN)}\nformats: {formats}"
     )

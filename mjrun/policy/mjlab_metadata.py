@@ -1,4 +1,4 @@
-"""What mjlab writes into the metadata of an ONNX file: lists separated by commas, numbers rounded to three decimals.
+"""The metadata of mjlab in an ONNX file: lists separated by commas, numbers rounded to three decimals.
 
 Source: `mjlab/rl/exporter_utils.py` of mjlab 1.6. Older versions wrote ranges as `[-1.0, 1.0]`, newer ones as `-1;1`.
 """
@@ -12,21 +12,21 @@ from mjrun.errors import FileError, counted, quoted
 from mjrun.options.task import POSITION
 from mjrun.policy.policy import Numbers, ObservationFacts, PolicyFacts
 
-KEYS = ("joint_names", "observation_names", "action_scale")  # that mjlab always writes, and others after its example
-ROUNDING = 5.1e-4  # of the numbers of these files
+KEYS = ("joint_names", "observation_names", "action_scale")  # always present in mjlab's files
+ROUNDING = 5.1e-4  # the largest error of rounded numbers
 T = TypeVar("T")
 
 
 def is_mjlab(metadata: Mapping[str, str]) -> bool:
-    """Whether this is metadata as mjlab writes it, or part of it: what others wrote counts too."""
+    """Returns whether the metadata has any of mjlab's keys; other tools write some of them too."""
     return any(key in metadata for key in KEYS)
 
 
 def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
-    """What the metadata say.
+    """Returns the facts in the metadata.
 
     Raises:
-      FileError: they are not as mjlab writes them.
+      FileError: the metadata is invalid.
     """
     lists = _Lists(metadata, path)
     joints = lists.names("joint_names")
@@ -38,7 +38,7 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
     if joints and default is not None and len(default) != len(joints):
         lists.refuse("default_joint_pos", f"has {counted(len(default), 'number')}, and joint_names {len(joints)}")
     by_mjlab = all(key in metadata for key in KEYS)
-    # Actions move the joints that have actuators; which these are, the file says only where all have.
+    # Actions move the joints with actuators; the file identifies these only if all joints have one.
     all_move = joints is not None and stiffness is not None and len(stiffness) == len(joints)
     return PolicyFacts(
         observations=_observations(lists),
@@ -46,12 +46,12 @@ def mjlab_facts(metadata: Mapping[str, str], path: Path) -> PolicyFacts:
         default_position=default,
         action_joints=joints if all_move else None,
         action_size=None if stiffness is None else len(stiffness),
-        action_target=POSITION if by_mjlab else None,  # mjlab writes metadata of no other actions
+        action_target=POSITION if by_mjlab else None,  # mjlab writes metadata of position actions alone
         action_scale=scale,
         commands=lists.names("command_names"),
         stiffness=stiffness,
         damping=damping,
-        quaternion_order="wxyz" if by_mjlab else None,  # MuJoCo's own
+        quaternion_order="wxyz" if by_mjlab else None,  # MuJoCo's order
         rounding=ROUNDING,
     )
 
@@ -70,7 +70,7 @@ def _observations(lists: "_Lists") -> tuple[ObservationFacts, ...]:
 
 
 def _scaled(clip: tuple[float, float] | None, scale: Numbers | None) -> tuple[float, float] | None:
-    """The clip after the scale; mjlab clips before. None if it cannot be said by two numbers."""
+    """Returns the clip after the scale, where mjlab clips before it; None if two numbers cannot express it."""
     factors = set(scale or (1.0,))
     if clip is None or len(factors) != 1:
         return None
@@ -79,7 +79,7 @@ def _scaled(clip: tuple[float, float] | None, scale: Numbers | None) -> tuple[fl
 
 
 class _Lists:
-    """The lists in metadata."""
+    """The lists in the metadata."""
 
     def __init__(self, metadata: Mapping[str, str], path: Path) -> None:
         self._metadata, self._path = metadata, path
@@ -98,16 +98,16 @@ class _Lists:
         try:
             return tuple(map(float, text.strip("[] ").split(","))) if text else ()
         except ValueError:
-            self.refuse(key, f"is {quoted(text[:60])}, and no list of numbers")
+            self.refuse(key, f"is {quoted(text[:60])}, not a list of numbers")
 
     def entries(self, key: str, count: int, parse: Callable[[str], T]) -> list[T | None]:
-        """An entry for each term of the observation; None where the file is silent."""
+        """Returns an entry for each term of the observation; None if the file has no such entries."""
         text = self._metadata.get(key)
         if text is None:
             return [None] * count
         entries = re.findall(r"\[[^\]]*\]|[^,]+", text)
         if len(entries) != count:
-            self.refuse(key, f"has {len(entries)} entries, and there are {count} observations")
+            self.refuse(key, f"has {len(entries)} entries for {count} observations")
         try:
             return [parse(entry) for entry in entries]
         except ValueError:
@@ -118,10 +118,10 @@ class _Lists:
 
 
 def _whole(text: str) -> int:
-    """A whole number, which newer versions write as `3.000` and older ones as `3`."""
+    """Parses an integer, which newer versions write as `3.000` and older ones as `3`."""
     number = float(text)
     if not number.is_integer():
-        raise ValueError(f"{text} is no whole number")
+        raise ValueError(f"{text} is not a whole number")
     return int(number)
 
 

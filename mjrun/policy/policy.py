@@ -1,10 +1,11 @@
-"""What a policy is: it answers observations with actions, and its file says something of itself."""
+"""The interface of policies: a function from observations to actions, and facts from its file."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -18,13 +19,13 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class ObservationFacts:
-    """What a file says of a part of the observation; None where it is silent.
+    """The facts of a file about a part of the observation; None where unspecified.
 
     Attributes:
-      name: of the part, in the words of the file.
-      size: how many numbers it has, history included.
-      kind: in the words of the file: `state/joint/position`.
-      elements: names of these numbers: joints, or x, y, z.
+      name: of the part in the file.
+      size: the number of values, history included.
+      kind: of the quantity in the file: `state/joint/position`.
+      elements: the names of these values: joints, or x, y, z.
       offset, scale, clip, history: as in the observations of a task; the clip follows the scale.
     """
 
@@ -40,22 +41,22 @@ class ObservationFacts:
 
 @dataclass(frozen=True)
 class PolicyFacts:
-    """What the file of a policy says of itself; None where it is silent.
+    """The facts of a file about its policy; None where unspecified.
 
     Attributes:
-      observation_size, action_size: how many numbers it takes and gives.
+      observation_size, action_size: the number of values in each.
       observations: the parts of the observation, in order.
-      joints: all joints of the robot but a free one, in the order in which observations hold them.
+      joints: all joints of the robot except a free one, in the order of observations.
       default_position: of these joints [m, rad].
-      action_joints: those that actions move, in their order.
-      action_target: what they mean once scaled: `position`, `velocity` or `torque`.
-      action_scale, action_offset: what actions are multiplied by, and what is added then, to get positions [m, rad],
+      action_joints: the joints that actions move, in order.
+      action_target: the quantity that scaled actions specify: `position`, `velocity` or `torque`.
+      action_scale, action_offset: the factor of actions, and the offset added after it, that give positions [m, rad],
         velocities or torques in SI units; one number, or one for each.
       commands: their names.
       stiffness, damping: gains of the joints that actions move [N m/rad, N m s/rad].
       control_dt: time between two actions [s].
       quaternion_order: `wxyz` or `xyzw`, of quaternions in observations.
-      rounding: by how much numbers may be off as the file writes them.
+      rounding: the largest error of numbers in the file.
     """
 
     observation_size: int | None = None
@@ -77,11 +78,11 @@ class PolicyFacts:
 
 @dataclass(frozen=True)
 class ActionSpace:
-    """The actions that a task takes.
+    """The actions of a task.
 
     Attributes:
-      names: of each number: an actuator or a joint.
-      low, high: `(nact,)`, the clip of the task; infinite where it has none.
+      names: of the values: actuators or joints.
+      low, high: `(nact,)`, the clip of the task; infinite without one.
     """
 
     names: Sequence[str]
@@ -93,8 +94,8 @@ class Policy(ABC):
     """A policy.
 
     Attributes:
-      name: as the user wrote it.
-      facts: what its file says of itself.
+      name: its text from the user.
+      facts: from its file.
     """
 
     name: str
@@ -104,30 +105,30 @@ class Policy(ABC):
         self.name, self.facts = name, facts or PolicyFacts()
 
     def episode(self, seed: int, actions: ActionSpace) -> Actor:
-        """The policy at the start of an episode.
+        """Returns the policy at the start of an episode.
 
         Args:
-          seed: of what is random in it; equal seeds give equal answers, whatever other episodes run beside.
-          actions: those that the task takes.
+          seed: of its random numbers; equal seeds give equal actions, independent of other episodes.
+          actions: of the task.
         """
         actor = self.start(seed, actions)
         return lambda observation: self._checked(actor, observation, actions.names)
 
     @abstractmethod
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        """The same, without checks of its answers."""
+        """Returns the policy at the start of an episode, without checks of its actions."""
 
     def _checked(self, actor: Actor, observation: np.ndarray, names: Sequence[str]) -> np.ndarray:
-        """The action `(nact,)`, float64.
+        """Returns the action `(nact,)`, float64.
 
         Raises:
-          UsageError: what the policy answers is no list of numbers, or has another size.
+          UsageError: the action has the wrong size.
           ControllerError: the policy failed.
         """
         try:
-            answer: object = actor(observation)
-            if answer is None:  # which NumPy takes for NaN
-                raise TypeError("it answers nothing")
+            answer = cast("object", actor(observation))
+            if answer is None:  # NumPy would convert it to NaN
+                raise TypeError("it returned None")
             action = np.asarray(answer, np.float64).reshape(-1)
         except MjrunError:
             raise
@@ -135,7 +136,7 @@ class Policy(ABC):
             raise ControllerError.of(f"{option('policy')} {clean(self.name)}", error) from error
         if len(action) != len(names):
             raise UsageError(
-                f"{option('policy')} {clean(self.name)} answers {counted(len(action), 'number')}, "
+                f"{option('policy')} {clean(self.name)} returned {counted(len(action), 'number')}, "
                 f"and the task takes {counted(len(names), 'action')}: {listing(names)}"
             )
         return action
@@ -143,15 +144,15 @@ class Policy(ABC):
 
 @dataclass(frozen=True)
 class PolicyLoader:
-    """A kind of policy files.
+    """A format of policy files.
 
     Attributes:
-      description: of such a file, for messages: `.zip of Stable-Baselines3`.
-      suffixes: of such files.
-      load: reads the policy of a file, which is named as the user wrote it; may files run code as they are opened; and
-        the file of its normalization, `none`, or nothing.
-      reads_folders: whether a folder is such a policy.
-      files: lists the files of the policy at a path that is a file, itself included.
+      description: of the format, for messages: `.zip of Stable-Baselines3`.
+      suffixes: of its files.
+      load: loads a policy from a path, its text from the user, whether files may run code when they are opened, and the
+        file of its normalization, `none`, or None.
+      reads_folders: whether a folder can be such a policy.
+      files: lists the files of the policy at the path of a file, itself included.
     """
 
     description: str
@@ -162,17 +163,17 @@ class PolicyLoader:
 
 
 def require_trusted_file(path: Path, trust: bool) -> None:
-    """Checks that `path` is a regular file that the user trusts, as it can run code when it is opened.
+    """Checks that `path` is a regular file that the user trusts, since it can run code when it is opened.
 
     Raises:
-      FileError: there is none.
+      FileError: it does not exist.
       UsageError: the user does not trust it.
     """
     require_file(path, "policy", [path.suffix.lower()])
-    require_unconfined(f"{clean(str(path))} can run any code as it is opened")
+    require_unconfined(f"{clean(str(path))} can run any code when it is opened")
     if not trust:
         raise UsageError(
-            f"{clean(str(path))} can run any code as it is opened\n"
-            f"{option('trust')} opens it, if you know where it comes from; a policy in ONNX needs no trust",
+            f"{clean(str(path))} can run any code when it is opened\n"
+            f"set {option('trust')} if you know its origin; a policy in ONNX needs no trust",
             ("policy",),
         )

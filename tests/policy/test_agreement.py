@@ -166,7 +166,7 @@ def test_parts_of_the_observation_are_named_by_the_task() -> None:
     check_agreement(task(named), Said(observations=parts))
     assert contradictions(task(), Said(observations=parts)).startswith(
         "  parts of the observation: the policy has state (4), actions (2); "
-        "the task has joint_pos (2), joint_vel (2), actions (2); call the observations of the task as the policy does"
+        "the task has joint_pos (2), joint_vel (2), actions (2); name the observations of the task as the policy does"
     )
 
 

@@ -45,14 +45,14 @@ def code(folder: Path) -> str:
 @pytest.mark.parametrize(
     ("make", "exit_code", "message"),
     [
-        (damaged, 7, "p.onnx: is no ONNX model, or a damaged one"),
+        (damaged, 7, "p.onnx: is not an ONNX model, or is damaged"),
         (wide, 2, "observations: the policy has 7 numbers; the task has 6: joint_pos (2), joint_vel (2), actions (2)"),
         (nan, 4, "p.onnx returned non-finite actions at step 0, time 0 s: hip = nan, knee = nan"),
         (permuted, 2, "order of joints in joint_pos: the policy has knee, hip; the task has hip, knee"),
-        (archive, 2, "--trust opens it, if you know where it comes from"),
+        (archive, 2, "set --trust if you know its origin"),
         (code, 2, "raised RuntimeError: no"),
         (lambda _: "nothing.onnx", 7, "nothing.onnx: no such file"),
-        (lambda _: "walk", 2, "--policy walk is of no kind that is known"),
+        (lambda _: "walk", 2, "--policy walk: unknown policy format"),
     ],
 )
 def test_a_policy_that_cannot_be_played_leaves_nothing_behind(

@@ -106,17 +106,19 @@ def test_servos_of_the_model_are_used_as_they_are(tmp_path: Path) -> None:
 def test_what_a_file_does_not_say_is_asked_for_and_not_guessed(tmp_path: Path, robot: Path) -> None:
     policy = exported(tmp_path, observation_names="base_lin_vel,joint_vel,actions", action_scale="0.25")
     with pytest.raises(
-        UsageError, match=r"^policy walk.onnx does not say its control period, where these obs"
+        UsageError, match=r"^policy walk.onnx does not specify its control period, the sources of these obs"
     ) as error:
         inferred_task(policy, source_of(robot))
     lines = str(error.value).splitlines()
-    assert lines[0].endswith("where these observations are taken from: base_lin_vel")
-    assert "  control_dt: # is not said" in lines
+    assert lines[0].endswith("the sources of these observations: base_lin_vel")
+    assert "  control_dt: # unknown" in lines
     assert '    - {name: "base_lin_vel"}  # from where?' in lines
     assert '    - {name: "joint_vel", joints: ["hip", "knee"], of: "qvel", scale: 0.05}' in lines
     assert '    - {name: "actions", action: "previous"}' in lines
     silent = OnnxPolicy(linear(tmp_path / "silent.onnx", WEIGHTS), "silent.onnx")
-    with pytest.raises(UsageError, match="does not say its control period, what it observes, what its actions move"):
+    with pytest.raises(
+        UsageError, match="does not specify its control period, its observations, the targets of its actions"
+    ):
         inferred_task(silent, source_of(robot))
 
 
@@ -125,12 +127,12 @@ def test_the_lines_of_the_draft_are_a_task_document(tmp_path: Path, robot: Path)
     with pytest.raises(UsageError) as error:
         inferred_task(policy, source_of(robot))
     assert str(error.value).splitlines()[:2] == [
-        "policy walk.onnx does not say its control period",
-        f"say it by control_dt, or write a task document, and play the policy on that instead of on {robot}:",
+        "policy walk.onnx does not specify its control period",
+        f"set control_dt, or write a task document, and play the policy on it instead of on {robot}:",
     ]
     text = "\n".join(line[2:] for line in str(error.value).splitlines()[2:])
     path = tmp_path / "draft.yaml"
-    path.write_text(text.replace("control_dt: # is not said", "control_dt: 0.02"))
+    path.write_text(text.replace("control_dt: # unknown", "control_dt: 0.02"))
     made = inferred_task(policy, source_of(robot), control_dt=DT)
     assert np.array_equal(played(read_task(path), policy), played(made, policy))
 
@@ -154,7 +156,7 @@ def test_a_leapp_package_is_a_task_where_it_names_bodies(tmp_path: Path, robot: 
     with pytest.raises(UsageError, match="order of quaternion: the policy has qx, qy, qz, qw; the task has qw, qx"):
         check_agreement(turned, policy)
     unnamed = LeappPolicy(package(tmp_path / "unnamed"), "unnamed")
-    with pytest.raises(UsageError, match="does not say where these observations are taken from: quaternion"):
+    with pytest.raises(UsageError, match="does not specify the sources of these observations: quaternion"):
         inferred_task(unnamed, source_of(robot))
 
 

@@ -46,14 +46,14 @@ def test_a_package_says_much_of_itself(tmp_path: Path) -> None:
 
 def test_an_observation_of_another_size_shows_both_sides(tmp_path: Path) -> None:
     actor = LeappPolicy(package(tmp_path / "walk"), "walk").episode(0, JOINTS)
-    with pytest.raises(UsageError, match=r"walk observes 6 numbers, and the task gives 5: quaternion \(4\), joint_pos"):
+    with pytest.raises(UsageError, match=r"walk observes 6 numbers, and the task has 5: quaternion \(4\), joint_pos"):
         actor(np.zeros(5))
 
 
 def test_gains_that_change_are_refused(tmp_path: Path) -> None:
     memory = "{name: memory_out, dtype: float32, shape: [1, 2], type: tensor"
     path = package(tmp_path, lambda text: text.replace(memory, f"{memory}, kind: kd").replace("kp, kd]", "memory_out]"))
-    with pytest.raises(UsageError, match="its gains kd change with what is observed"):
+    with pytest.raises(UsageError, match="its gains kd depend on the observation"):
         LeappPolicy(path, "walk")
 
 
@@ -63,7 +63,7 @@ def test_what_is_no_policy_of_numbers_is_refused(tmp_path: Path) -> None:
         LeappPolicy(gains, "walk")
     joint_pos = "{name: joint_pos, dtype: float32"
     integer = package(tmp_path / "integer", lambda text: text.replace(joint_pos, joint_pos.replace("float32", "int64")))
-    with pytest.raises(UsageError, match="policy/joint_pos holds no floating-point numbers"):
+    with pytest.raises(UsageError, match="policy/joint_pos is not a tensor of floating-point numbers"):
         LeappPolicy(integer, "walk")
 
 
@@ -103,28 +103,28 @@ def test_a_folder_is_a_package_if_it_holds_one_description(tmp_path: Path) -> No
     with pytest.raises(UsageError, match=r"several .yaml files: other.yml, walk.yaml"):
         find_package(tmp_path)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(UsageError, match=r"is no LEAPP package: it holds no .yaml file"):
+    with pytest.raises(UsageError, match=r"is not a LEAPP package: it contains no .yaml file"):
         find_package(tmp_path / "empty")
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("models:", "networks:", "is no LEAPP package: models is no mapping"),
-        ("pipeline:", "pipes:", "pipeline is no mapping"),
-        ("model_path: policy.onnx", "model_path: ../secret.onnx", "'../secret.onnx', which is outside of its folder"),
-        ("model_path: policy.onnx", "model_path: /etc/passwd", "'/etc/passwd', which is outside of its folder"),
+        ("models:", "networks:", "is not a LEAPP package: models is not a mapping"),
+        ("pipeline:", "pipes:", "pipeline is not a mapping"),
+        ("model_path: policy.onnx", "model_path: ../secret.onnx", "'../secret.onnx', which is outside its folder"),
+        ("model_path: policy.onnx", "model_path: /etc/passwd", "'/etc/passwd', which is outside its folder"),
         ("walk_initial_values", "../walk", "initial_values is '../walk.safetensors', which is outside"),
         ("walk_initial_values", "none", "no such file"),
         ("sha256sum: ", "sha256sum: a", "is not the file that walk.yaml describes: its SHA-256 differs"),
-        ("dtype: float32", "dtype: bfloat16", "the dtype of quaternion is none of float16, float32"),
-        ("shape: [1, 4]", "shape: [1, n]", "the shape of quaternion is no list of sizes"),
-        ("shape: [1, 4]", "shape: 4", "the shape of quaternion is no list"),
+        ("dtype: float32", "dtype: bfloat16", "the dtype of quaternion is not one of float16, float32"),
+        ("shape: [1, 4]", "shape: [1, n]", "the shape of quaternion is not a list of sizes"),
+        ("shape: [1, 4]", "shape: 4", "the shape of quaternion is not a list"),
         ("{name: quaternion, ", "{", "a tensor in inputs of observer has no name"),
-        ("[policy/features]", "[policy/nothing]", "data_flow names 'policy/nothing', and there is no such tensor"),
+        ("[policy/features]", "[policy/nothing]", "data_flow names 'policy/nothing', which is not a tensor"),
         ("[policy/features]", "[observer/quaternion]", "observer/features and observer/quaternion differ in shape"),
         ("policy: [joint_pos]", 'policy: ["jo\\x1bint"]', r"inputs of the pipeline name 'policy/jo\\\\?x1bint'"),
-        ("frequency: 50.0", "frequency: -1", "the frequency is '-1', and no positive number"),
+        ("frequency: 50.0", "frequency: -1", "the frequency is '-1', not a positive number"),
         ("frequency: 50.0", "frequency: .nan", "the frequency is 'nan'"),
         ("models:", "models: !!python/object/apply:os.mkdir [made]\nx:", "cannot be read as YAML"),
         ("models:", "models: [", "cannot be read as YAML"),
@@ -139,7 +139,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, old: str, new: str, messag
 
 
 def test_networks_of_other_kinds_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="its network observer is of the kind 'jit'; export it with onnx"):
+    with pytest.raises(UsageError, match="its network observer has the format 'jit'; export it as onnx"):
         read_package(package(tmp_path, lambda text: text.replace("backend: onnx", "backend: jit")))
 
 
@@ -150,7 +150,7 @@ LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}, *a{i 
     ("text", "message"),
     [
         (f"{LAUGHS}models: {{p: {{parameters: {{backend: *a29}}}}}}\npipeline: {{}}\n", "its aliases"),
-        ("&a {models: *a, pipeline: *a}\n", "stands in itself"),
+        ("&a {models: *a, pipeline: *a}\n", "contains itself"),
         ("models: " + "[" * 10_000, "cannot be read as YAML"),
     ],
 )
@@ -163,7 +163,7 @@ def test_a_description_that_means_more_than_memory_holds_is_refused(tmp_path: Pa
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("model_path: policy.onnx", 'model_path: "a\\0b"', "no path"),
+        ("model_path: policy.onnx", 'model_path: "a\\0b"', "not a path"),
         ("dtype: float32", "dtype: [1]", "the dtype of"),
     ],
 )

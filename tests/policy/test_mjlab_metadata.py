@@ -76,10 +76,10 @@ def test_what_is_not_said_is_not_known() -> None:
 @pytest.mark.parametrize(
     ("key", "text", "message"),
     [
-        ("joint_stiffness", "20,x\x1b", r"the metadata joint_stiffness is '20,x\\x1b', and no list of numbers"),
+        ("joint_stiffness", "20,x\x1b", r"the metadata joint_stiffness is '20,x\\x1b', not a list of numbers"),
         ("joint_damping", "1.0", "joint_damping has 1 number, and joint_stiffness 2"),
         ("default_joint_pos", "1.0", "default_joint_pos has 1 number, and joint_names 3"),
-        ("observation_terms_scale", "1.0,1.0", "observation_terms_scale has 2 entries, and there are 4 observations"),
+        ("observation_terms_scale", "1.0,1.0", "observation_terms_scale has 2 entries for 4 observations"),
         ("observation_terms_scale", "1.0,one,1.0,1.0", "observation_terms_scale is '1.0,one,1.0,1.0', which cannot"),
         ("observation_terms_clip", "1;2,1,1;2,1;2", "which cannot be read"),
         ("observation_terms_history_length", "0,0,0,1.5", "which cannot be read"),

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, UsageError
+from mjrun.policy.load import PythonPolicy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.normalization import NormalizedPolicy, normalized, read_statistics
-from mjrun.policy.python_policy import PythonPolicy
 from tests.policy.networks import LEFT_RIGHT, linear
 
 MEAN, VAR = np.array([1.0, -2.0]), np.array([4.0, 0.0])
@@ -75,19 +75,19 @@ def test_a_lost_normalization_is_visible(tmp_path: Path) -> None:
 def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
     np.savez(tmp_path / "s.npz", mean=MEAN, var=VAR)
     policy = OnnxPolicy(linear(tmp_path / "a.onnx", np.ones((2, 3), np.float32)), "a.onnx")
-    with pytest.raises(UsageError, match=r"^normalize .*s.npz is of 2 numbers, and policy a.onnx observes 3"):
+    with pytest.raises(UsageError, match=r"s.npz has statistics of 2 numbers, and policy a.onnx observes 3"):
         normalized(policy, tmp_path / "s.npz")
     unknown = normalized(PythonPolicy(lambda observation: observation, "it"), tmp_path / "s.npz")
     assert isinstance(unknown, NormalizedPolicy)
-    with pytest.raises(UsageError, match=r"s.npz is of 2 numbers, and the task gives 3"):
+    with pytest.raises(UsageError, match=r"s.npz has statistics of 2 numbers, and the task has 3"):
         unknown.episode(0, LEFT_RIGHT)(np.ones(3))
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"mean": MEAN}, "holds no statistics: mean, var, epsilon and clip"),
-        ({"mean": MEAN, "var": np.ones(3)}, "two lists of as many finite numbers"),
+        ({"mean": MEAN}, "lacks statistics: mean, var, epsilon and clip"),
+        ({"mean": MEAN, "var": np.ones(3)}, "two lists of equally many finite numbers"),
         ({"mean": MEAN, "var": -VAR}, "var from 0 on"),
         ({"mean": [np.nan, 0], "var": VAR}, "finite"),
         ({"mean": np.ones((2, 2)), "var": np.ones((2, 2))}, "two lists"),
@@ -102,7 +102,7 @@ def test_what_is_no_statistics_is_refused(tmp_path: Path, values: dict[str, obje
 
 
 def test_files_of_other_kinds_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match=r"^normalize: .*a.csv is none of .pkl, .pickle, .npz, and not none"):
+    with pytest.raises(UsageError, match=r"a.csv is not a file of statistics: expected .pkl, .pickle, .npz, or none"):
         read_statistics(tmp_path / "a.csv")
     with pytest.raises(FileError, match="no such file"):
         read_statistics(tmp_path / "a.pkl")
@@ -110,7 +110,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(FileError, match="cannot be read as"):
         read_statistics(tmp_path / "a.npz")
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"obs_rms": 3}))
-    with pytest.raises(FileError, match="holds no VecNormalize of Stable-Baselines3"):
+    with pytest.raises(FileError, match="is not a VecNormalize of Stable-Baselines3"):
         read_statistics(tmp_path / "a.pkl")
     with pytest.raises(FileError, match="several observations by name"):
         read_statistics(vec_normalize(tmp_path / "a.pkl", monkeypatch, obs_rms={"a": 1}))

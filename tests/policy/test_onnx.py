@@ -81,18 +81,18 @@ def test_of_several_outputs_the_action_is_the_one_of_that_name(tmp_path: Path) -
     model = onnx.load(path)
     model.graph.node[1].output[0] = model.graph.output[1].name = "std"
     path.write_bytes(model.SerializeToString())
-    with pytest.raises(UsageError, match=r"several outputs, and none says that it is the action: value \(1, 2\), std"):
+    with pytest.raises(UsageError, match=r"several outputs that could be the action: value \(1, 2\), std"):
         OnnxPolicy(path, "a.onnx")
 
 
 @pytest.mark.parametrize(
     ("shape", "kind", "message"),
     [
-        (None, TensorProto.FLOAT, "its input obs is a single number, or of a shape that is not said"),
+        (None, TensorProto.FLOAT, "its input obs is a single number, or has no specified shape"),
         ([], TensorProto.FLOAT, "its input obs is a single number"),
-        ([4096, 2], TensorProto.FLOAT, r"the input obs \(4096, 2\) holds more than one observation"),
-        ([1, 5, 2], TensorProto.FLOAT, r"the input obs \(1, 5, 2\) holds more than one observation"),
-        ([1, 2], TensorProto.INT64, r"obs is a tensor\(int64\), and policies take and give real"),
+        ([4096, 2], TensorProto.FLOAT, r"the input obs \(4096, 2\) contains more than one observation"),
+        ([1, 5, 2], TensorProto.FLOAT, r"the input obs \(1, 5, 2\) contains more than one observation"),
+        ([1, 2], TensorProto.INT64, r"obs is a tensor\(int64\); a policy requires floating-point"),
         ([1, 2], TensorProto.BOOL, r"obs is a tensor\(bool\)"),
     ],
 )
@@ -108,10 +108,10 @@ def test_inputs_that_are_no_observation_are_refused(
 
 def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
     path = linear(tmp_path / "a.onnx", WEIGHTS)
-    with pytest.raises(UsageError, match=r"a.onnx observes 4 numbers, and the task gives 3: obs \(1, 4\)"):
+    with pytest.raises(UsageError, match=r"a.onnx observes 4 numbers, and the task has 3: obs \(1, 4\)"):
         acted(path, [OBSERVATION[:3]])
     wide = linear(tmp_path / "b.onnx", np.ones((3, 4), np.float32))
-    with pytest.raises(UsageError, match=r"b.onnx answers 3 numbers, and the task takes 2 actions: left, right"):
+    with pytest.raises(UsageError, match=r"b.onnx returned 3 numbers, and the task takes 2 actions: left, right"):
         acted(wide, [OBSERVATION])
 
 
@@ -170,7 +170,7 @@ def test_what_is_no_model_or_a_damaged_one_is_refused(
 ) -> None:
     path = linear(tmp_path / "a.onnx", WEIGHTS)
     path.write_bytes(make(path.read_bytes()))
-    with pytest.raises(FileError, match="is no ONNX model, or a damaged one"):
+    with pytest.raises(FileError, match="is not an ONNX model, or is damaged"):
         OnnxModel(path)
     assert capfd.readouterr() == ("", "")
 
@@ -197,8 +197,8 @@ def version(model: onnx.ModelProto) -> None:
     [
         (operator, r"it uses an operator that onnxruntime lacks: 'Bad\\x1b\[31m'"),
         (domain, "it uses an operator that onnxruntime lacks: 'com.example:MatMul'"),
-        (opset, "it is written for a newer onnxruntime"),
-        (version, "it is written for a newer onnxruntime"),
+        (opset, "it requires a newer onnxruntime"),
+        (version, "it requires a newer onnxruntime"),
     ],
 )
 def test_what_onnxruntime_does_not_know_is_named(
@@ -255,7 +255,7 @@ def test_weights_outside_of_the_folder_are_not_read(
     model = onnx.load(path, load_external_data=False)
     model.graph.initializer.extend(weights)
     path.write_bytes(model.SerializeToString())
-    with pytest.raises(FileError, match="its weights are in a file outside of its folder"):
+    with pytest.raises(FileError, match="its weights are in a file outside its folder"):
         OnnxModel(path)
 
 

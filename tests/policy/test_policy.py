@@ -8,11 +8,10 @@ import pytest
 from scipy import stats
 
 from mjrun.errors import ControllerError, FileError, UsageError
-from mjrun.policy.load import RandomPolicy, ZeroPolicy, load_policy
+from mjrun.policy.load import PythonPolicy, RandomPolicy, ZeroPolicy, load_policy
 from mjrun.policy.loaders.onnx import OnnxPolicy
 from mjrun.policy.normalization import NormalizedPolicy
 from mjrun.policy.policy import ActionSpace, Actor, Policy, require_trusted_file
-from mjrun.policy.python_policy import PythonPolicy
 from tests.policy.action_spaces import unbounded
 from tests.policy.networks import linear
 
@@ -38,7 +37,7 @@ def test_an_answer_is_a_vector_of_doubles(answer: object) -> None:
 @pytest.mark.parametrize("answer", [[1], 3.0, np.zeros((2, 2)), []])
 def test_another_number_of_numbers_shows_both_sides(answer: object) -> None:
     with pytest.raises(
-        UsageError, match=r"^policy con\\x1bstant answers \d numbers?, and the task takes 2 actions: left"
+        UsageError, match=r"^policy con\\x1bstant returned \d numbers?, and the task takes 2 actions: left"
     ):
         Constant(answer).episode(0, NAMES)(np.zeros(3))
 
@@ -77,9 +76,9 @@ def test_statistics_normalize_and_none_declines(tmp_path: Path) -> None:
     ("name", "error", "message"),
     [
         ("walk.onnx", FileError, r"walk.onnx: no such file"),
-        ("walk.h5", UsageError, r"^policy walk.h5 is of no kind that is known\n.onnx, "),
-        ("wa\x1blk", UsageError, r"^policy wa\\x1blk is of no kind"),
-        ("ramdom", UsageError, r"is of no kind that is known \(did you mean .random.\?\)"),
+        ("walk.h5", UsageError, r"^policy walk.h5: unknown policy format\nformats: .onnx, "),
+        ("wa\x1blk", UsageError, r"^policy wa\\x1blk: unknown policy format"),
+        ("ramdom", UsageError, r"unknown policy format \(did you mean .random.\?\)"),
     ],
 )
 def test_what_is_no_policy_is_refused(name: str, error: type[Exception], message: str) -> None:
@@ -118,6 +117,6 @@ def test_trust_is_asked_for_a_file_that_is_there(tmp_path: Path) -> None:
         require_trusted_file(path, False)
     path.touch()
     require_trusted_file(path, True)
-    with pytest.raises(UsageError, match=r"walk.zip can run any code as it is opened\ntrust opens it") as error:
+    with pytest.raises(UsageError, match=r"walk.zip can run any code when it is opened\nset trust") as error:
         require_trusted_file(path, False)
     assert error.value.path == ("policy",)

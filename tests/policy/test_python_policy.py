@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError
-from mjrun.policy.python_policy import PythonPolicy, load_python
+from mjrun.policy.load import PythonPolicy, load_policy
+from mjrun.policy.policy import Policy
 from tests.policy.action_spaces import unbounded
 
 ONE = unbounded(["motor"])
@@ -60,7 +61,7 @@ def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return str(path)
 
 
-def acted(policy: PythonPolicy, seed: int = 0) -> list[float]:
+def acted(policy: Policy, seed: int = 0) -> list[float]:
     actor = policy.episode(seed, ONE)
     return [float(actor(np.array([1.0, 5.0]))[0]) for _ in range(3)]
 
@@ -78,20 +79,20 @@ def acted(policy: PythonPolicy, seed: int = 0) -> list[float]:
 def test_whatever_acts_is_a_policy_and_forgets_between_episodes(
     code: str, name: str, actions: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    policy = load_python(f"{code}:{name}")
+    policy = load_policy(f"{code}:{name}")
     assert acted(policy, 9) == acted(policy, 9) == actions
     assert capsys.readouterr().out == ""  # what it prints is not payload
 
 
 def test_episodes_side_by_side_do_not_share_memory(code: str) -> None:
-    policy = load_python(f"{code}:shared")
+    policy = load_policy(f"{code}:shared")
     one, other = policy.episode(0, ONE), policy.episode(1, ONE)
     assert [float(actor(np.zeros(1))[0]) for actor in (one, one, other, one)] == [1, 2, 1, 3]
 
 
 def test_the_observation_is_the_tasks(code: str) -> None:
     observation = np.array([1.0, 2.0])
-    load_python(f"{code}:double").episode(0, ONE)(observation)
+    load_policy(f"{code}:double").episode(0, ONE)(observation)
     assert observation.tolist() == [1, 2]
 
 
@@ -100,11 +101,11 @@ def test_a_function_of_pythons_is_a_policy_too() -> None:
 
 
 def test_what_cannot_act_is_refused(code: str) -> None:
-    with pytest.raises(UsageError, match=r"is of type int, and cannot act\nFILE.py:NAME or"):
-        load_python(f"{code}:VALUE")
+    with pytest.raises(UsageError, match=r"is of type int, which cannot act\nFILE.py:NAME or"):
+        load_policy(f"{code}:VALUE")
     with pytest.raises(UnknownNameError, match=r"no policy 'dubble' in .* \(did you mean 'double'\?\)\npolicies: "):
-        load_python(f"{code}:dubble")
+        load_policy(f"{code}:dubble")
     with pytest.raises(FileError, match="there is no such file"):
-        load_python(f"{code}.py:double")
+        load_policy(f"{code}.py:double")
     with pytest.raises(ControllerError, match=r"raised RuntimeError: no \\x1bway"):
-        acted(load_python(f"{code}:fails"))
+        acted(load_policy(f"{code}:fails"))

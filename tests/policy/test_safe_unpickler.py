@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.policy.safe_unpickler import Inert, read_inert
+from mjrun.policy.normalization import Inert, read_inert
 
 
 class Plain:
@@ -75,5 +75,5 @@ def test_no_code_runs(tmp_path: Path) -> None:
 def test_what_is_damaged_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.pkl"
     path.write_bytes(content)
-    with pytest.raises(FileError, match=r"a.pkl: is no pickle, or a damaged one"):
+    with pytest.raises(FileError, match=r"a.pkl: is not a pickle, or is damaged"):
         read_inert(path)

@@ -17,9 +17,9 @@ INSTALLED = importlib.util.find_spec("stable_baselines3") is not None
 def test_trust_and_normalization_are_asked_for_before_anything_is_opened(tmp_path: Path) -> None:
     path = tmp_path / "walk.zip"
     path.write_bytes(b"PK\3\4")
-    with pytest.raises(UsageError, match="can run any code as it is opened"):
+    with pytest.raises(UsageError, match="can run any code when it is opened"):
         load_policy(str(path), normalize="none")
-    with pytest.raises(UsageError, match=r"keeps the statistics of VecNormalize in a file of their own\n") as error:
+    with pytest.raises(UsageError, match=r"keeps the statistics of VecNormalize in a separate file\n") as error:
         load_policy(str(path), trust=True)
     assert error.value.path == ("normalize",)
 
@@ -51,8 +51,8 @@ def test_other_archives_and_discrete_actions_are_refused(tmp_path: Path) -> None
     from stable_baselines3 import DQN  # type: ignore[import-not-found]
 
     (tmp_path / "walk.zip").write_bytes(b"PK\3\4")
-    with pytest.raises(FileError, match="is no archive of Stable-Baselines3 that can be read"):
+    with pytest.raises(FileError, match="is not a readable archive of Stable-Baselines3"):
         load_policy(str(tmp_path / "walk.zip"), trust=True, normalize="none")
     DQN("MlpPolicy", "CartPole-v1").save(tmp_path / "walk.zip")
-    with pytest.raises(UsageError, match="its action is no vector of numbers"):
+    with pytest.raises(UsageError, match="its action is not a vector of numbers"):
         load_policy(str(tmp_path / "walk.zip"), trust=True, normalize="none")

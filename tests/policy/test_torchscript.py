@@ -16,7 +16,7 @@ INSTALLED = importlib.util.find_spec("torch") is not None
 
 def test_trust_is_asked_for(tmp_path: Path) -> None:
     (tmp_path / "walk.pt").write_bytes(b"PK\3\4")
-    with pytest.raises(UsageError, match="can run any code as it is opened"):
+    with pytest.raises(UsageError, match="can run any code when it is opened"):
         load_policy(str(tmp_path / "walk.pt"))
 
 
@@ -59,5 +59,5 @@ def test_a_checkpoint_of_weights_is_told_from_a_network(tmp_path: Path) -> None:
     import torch  # type: ignore[import-not-found]
 
     torch.save({"actor": torch.zeros(3)}, tmp_path / "model.pt")
-    with pytest.raises(FileError, match=r"is no TorchScript\na checkpoint holds weights without the network"):
+    with pytest.raises(FileError, match=r"is not TorchScript\na checkpoint has weights without the network"):
         load_policy(str(tmp_path / "model.pt"), trust=True)

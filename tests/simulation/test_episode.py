@@ -173,7 +173,7 @@ def test_a_model_alone_is_played_where_the_file_of_the_policy_says_the_rest(tmp_
         Trace(simulation, str(tmp_path / "t.csv"), probe=["qpos", "action"]).run()
         tables.append((tmp_path / "t.csv").read_bytes())
     assert tables[0] == tables[1]
-    with pytest.raises(UsageError, match=r"does not say its control period\nsay it by control_dt"):
+    with pytest.raises(UsageError, match=r"does not specify its control period\nset control_dt"):
         Trace(Simulation(str(tmp_path / "robot.xml"), policy=policy), str(tmp_path / "t.csv")).run()
     with pytest.raises(UsageError, match=r"^control_dt: .*task.yaml says its control period"):
         Trace(Simulation(task, policy=policy, control_dt="0.01"), str(tmp_path / "t.csv")).run()

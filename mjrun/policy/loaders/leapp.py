@@ -1,4 +1,4 @@
-"""Policies out of LEAPP packages: networks that run one after the other, with what flows between them and back."""
+"""Policies in LEAPP packages: networks that run in order, with data flow between them and back."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -28,16 +28,15 @@ Values = Mapping[str, np.ndarray]
 
 
 class LeappPolicy(Policy):
-    """A package. The observation is its inputs, one after the other; the action its outputs, but for gains."""
+    """A LEAPP package. The observation is its inputs in order; the action its outputs, without gains.
+
+    Raises:
+      FileError: it cannot be read, or onnxruntime refuses one of its networks.
+      UsageError: its tensors are not floating-point numbers, or its gains change from call to call.
+      MissingExtraError: onnxruntime is not installed.
+    """
 
     def __init__(self, path: Path, name: str) -> None:
-        """Opens a package.
-
-        Raises:
-          FileError: it cannot be read, or onnxruntime refuses one of its networks.
-          UsageError: it is no policy of numbers, or its gains change from call to call.
-          MissingExtraError: onnxruntime is not installed.
-        """
         self.package = read_package(find_package(path))
         self._models = [_Network(network) for network in self.package.networks]
         self.targets = [tensor for tensor in self.package.outputs if tensor.kind not in GAINS]
@@ -47,7 +46,7 @@ class LeappPolicy(Policy):
             )
         for tensor in (*self.package.inputs, *self.targets):
             if not np.issubdtype(tensor.type, np.floating):
-                message = f"{clean(tensor.place)} holds no floating-point numbers"
+                message = f"{clean(tensor.place)} is not a tensor of floating-point numbers"
                 raise UsageError(f"{clean(str(self.package.path))} cannot be played: {message}", ("policy",))
         super().__init__(name, self._facts())
 
@@ -62,12 +61,12 @@ class LeappPolicy(Policy):
         return act
 
     def values_at_start(self) -> dict[str, np.ndarray]:
-        """The inputs of all networks as an episode begins, by place."""
+        """Returns the inputs of all networks at the start of an episode, by place."""
         tensors = [tensor for network in self.package.networks for tensor in network.inputs]
         return {each.place: self.package.initial.get(each.place, np.zeros(each.shape, each.type)) for each in tensors}
 
     def run(self, values: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Runs all networks on `values`, in which the inputs of the next call are then; returns all outputs."""
+        """Runs all networks on `values`, and stores the inputs of the next call there; returns all outputs."""
         outputs: dict[str, np.ndarray] = {}
         for model in self._models:
             results = model.run(values)
@@ -77,17 +76,17 @@ class LeappPolicy(Policy):
         return outputs
 
     def parts(self, observation: np.ndarray) -> dict[str, np.ndarray]:
-        """`observation` as the inputs of the package, by place.
+        """Splits `observation` into the inputs of the package, by place.
 
         Raises:
-          UsageError: it is of another size.
+          UsageError: it has another size.
         """
         inputs = self.package.inputs
         sizes = [tensor.size for tensor in inputs]
         if sum(sizes) != len(observation):
             what = f"{option('policy')} {clean(self.name)} observes {counted(sum(sizes), 'number')}"
             parts = listing([f"{tensor.name} ({tensor.size})" for tensor in inputs])
-            raise UsageError(f"{what}, and the task gives {len(observation)}: {parts}")
+            raise UsageError(f"{what}, and the task has {len(observation)}: {parts}")
         pieces = np.split(observation, np.cumsum(sizes)[:-1])
         return {
             tensor.place: piece.astype(tensor.type).reshape(tensor.shape)
@@ -101,7 +100,7 @@ class LeappPolicy(Policy):
         named = [tensor.elements for tensor in self.targets]
         joints = tuple(name for names in named for name in names or ())
         targets = {TARGETS.get(tensor.kind or "") for tensor in self.targets}
-        target = targets.pop() if len(targets) == 1 else None  # the network puts out SI units
+        target = targets.pop() if len(targets) == 1 else None  # outputs are in SI units
         kp, kd = (self._gains(kind) for kind in GAINS)
         return PolicyFacts(
             observation_size=sum(tensor.size for tensor in inputs),
@@ -118,7 +117,7 @@ class LeappPolicy(Policy):
         )
 
     def _gains(self, kind: str) -> Numbers | None:
-        """The gains that the package puts out, which must be the same whatever is observed."""
+        """Returns the gains among the outputs, which must not depend on the observation."""
         outputs = [tensor for tensor in self.package.outputs if tensor.kind == kind]
         if not outputs:
             return None
@@ -129,19 +128,19 @@ class LeappPolicy(Policy):
             results = self.run(values)
             answers.append(tuple(float(x) for tensor in outputs for x in results[tensor.place].reshape(-1)))
         if answers[0] != answers[1]:
-            message = f"its gains {kind} change with what is observed"
+            message = f"its gains {kind} depend on the observation"
             raise UsageError(f"{clean(str(self.package.path))} cannot be played: {message}", ("policy",))
         return answers[0]
 
 
 def _part(tensor: LeappTensor) -> ObservationFacts:
-    """What a package says of an input. States of joints come as they are, in SI units: the network scales them."""
+    """Returns the facts of an input. States of joints are in SI units; the network scales them."""
     part = ObservationFacts(tensor.name, tensor.size, tensor.kind, tensor.elements)
     return replace(part, offset=(0.0,), scale=(1.0,)) if (tensor.kind or "").startswith(JOINT_STATE) else part
 
 
 class _Network:
-    """A network of a package, whose tensors are known by their places."""
+    """A network of a package, with its tensors by their places."""
 
     def __init__(self, network: LeappNetwork) -> None:
         self._model = OnnxModel(network.path)
@@ -155,7 +154,7 @@ class _Network:
         return dict(zip(self._outputs, results, strict=True))
 
     def _named(self, network: LeappNetwork, tensors: Sequence[LeappTensor], names: Sequence[str]) -> dict[str, str]:
-        """The names of tensors in the file of the network, by their places."""
+        """Returns the names of tensors in the file of the network, by their places."""
         by_name = {tensor.place: tensor.name for tensor in tensors}
         if sorted(by_name.values()) == sorted(names):
             return by_name
@@ -166,7 +165,7 @@ class _Network:
 
 
 def _files(path: Path) -> list[Path]:
-    """The YAML file of a package, the files that it names, and the weights of its networks."""
+    """Returns the YAML file of a package, the files that it names, and the weights of its networks."""
     files = [path, *files_beside(path)]
     networks = [file for file in files if file.suffix.lower() in ONNX.suffixes]
     return [*files, *(weights for network in networks for weights in ONNX.files(network))]

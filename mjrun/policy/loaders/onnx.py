@@ -1,6 +1,6 @@
-"""Policies in ONNX: one observation in, one action out, and recurrent state carried from call to call.
+"""Policies in ONNX: an observation as input, an action as output, and recurrent state carried from call to call.
 
-Models are opened by onnxruntime with care, and run on the CPU by one thread, for equal bits from equal inputs.
+onnxruntime opens models with restrictions, and runs them on the CPU by one thread, for equal bits from equal inputs.
 """
 
 import os
@@ -23,31 +23,32 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".onnx",)
 FLOATS = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(float16)": np.float16}
-QUIET = 4  # onnxruntime's severity of what cannot go on, which it raises anyway
+QUIET = 4  # onnxruntime's severity of fatal errors, which it also raises
 OUTSIDE = r"External data path.*(escapes|Absolute)|should be (file inside|a relative path)|it is a symbolic link"
 UNKNOWN = r"No Op registered for ([^ ]+)|: (\S+)\(-?\d+\) is not a registered"
-# What onnxruntime says of a model that it refuses, and what that means.
+DAMAGED = "is not an ONNX model, or is damaged"
+# The messages with which onnxruntime refuses a model, and their causes.
 CAUSES = (
-    (OUTSIDE, "its weights are in a file outside of its folder"),
+    (OUTSIDE, "its weights are in a file outside its folder"),
     (r"External data path.*does not exist", "the file with its weights is missing"),
     (UNKNOWN, "it uses an operator that onnxruntime lacks"),
-    (r"only \*guarantees\* support|Unsupported model IR version", "it is written for a newer onnxruntime"),
-    (r"Protobuf parsing failed|codec can't decode|No graph was found", "is no ONNX model, or a damaged one"),
+    (r"only \*guarantees\* support|Unsupported model IR version", "it requires a newer onnxruntime"),
+    (r"Protobuf parsing failed|codec can't decode|No graph was found", DAMAGED),
 )
 
-# Words that tell the two ends of a state apart: h_in and h_out, state and next_state, h0 and hn.
+# Words that distinguish the two ends of a state: h_in and h_out, state and next_state, h0 and hn.
 ENDS = {"in", "out", "input", "output", "prev", "previous", "next", "new", "old", "initial", "final"}
 ACTIONS = ("actions", "action", "continuous_actions", "deterministic_continuous_actions")
 
 
 def weight_files(path: Path) -> list[Path]:
-    """Returns the existing files beside an ONNX file that hold its weights, as far as its bytes name them.
+    """Returns the existing files beside an ONNX file that contain its weights, as far as its bytes name them.
 
     Source: `external_data` of TensorProto in onnx.proto, entries of a key `location` and a relative path.
     """
     try:
         content = path.read_bytes()
-    except OSError:  # which opening the model reports
+    except OSError:  # opening the model reports it
         return []
     names = dict[str, None]()
     for entry in re.finditer(rb"\x0a\x08location\x12([\x80-\xff]*[\x00-\x7f])", content):
@@ -57,7 +58,7 @@ def weight_files(path: Path) -> list[Path]:
 
 
 class _Node(Protocol):
-    """What onnxruntime says of an input or output."""
+    """onnxruntime's description of an input or output."""
 
     name: str
     type: str
@@ -69,8 +70,8 @@ class Tensor:
     """An input or output of a model.
 
     Attributes:
-      type: `tensor(float)` and so on, in the words of ONNX.
-      shape: sizes; None where one may vary.
+      type: in the syntax of ONNX: `tensor(float)`.
+      shape: sizes; None for a variable one.
     """
 
     name: str
@@ -79,12 +80,12 @@ class Tensor:
 
     @property
     def size(self) -> int | None:
-        """How many numbers of one observation it holds, taking the batch for one; None if the file does not say."""
+        """The number of values for one observation, with a batch of one; None if unspecified."""
         return None if not self.shape or self.shape[-1] is None else int(np.prod(self.one))
 
     @property
     def one(self) -> tuple[int, ...]:
-        """Its shape where every size that may vary is 1."""
+        """Its shape with 1 for every variable size."""
         return tuple(1 if each is None else each for each in self.shape)
 
     def __str__(self) -> str:
@@ -93,55 +94,56 @@ class Tensor:
 
 
 class OnnxModel:
-    """A model.
+    """An ONNX model.
+
+    Args:
+      path: its file.
 
     Attributes:
       path: its file.
       inputs, outputs: in the order of the file.
       metadata: texts by key.
+
+    Raises:
+      FileError: it cannot be read, or onnxruntime refuses it.
+      MissingExtraError: onnxruntime is not installed.
     """
 
     def __init__(self, path: Path) -> None:
-        """Opens a model.
-
-        Raises:
-          FileError: it cannot be read, or onnxruntime refuses it.
-          MissingExtraError: onnxruntime is not installed.
-        """
         self.path = path
         self._session = _session(path)
-        with decoding(path, "is no ONNX model, or a damaged one"):  # a name may be no text
+        with decoding(path, DAMAGED):  # a name may not be text
             self.inputs = [_tensor(each) for each in self._session.get_inputs()]
             self.outputs = [_tensor(each) for each in self._session.get_outputs()]
             self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
 
     def run(self, inputs: Mapping[str, np.ndarray], outputs: Sequence[str]) -> list[np.ndarray]:
-        """The values of `outputs`.
+        """Returns the values of `outputs`.
 
         Raises:
-          UsageError: the model cannot be computed with these inputs.
+          UsageError: onnxruntime fails on these inputs.
         """
         try:
             return cast("list[np.ndarray]", self._session.run(outputs, inputs))
-        except Exception as error:  # onnxruntime's have no base of their own
+        except Exception as error:  # onnxruntime's errors have no common base
             reason = _reason(str(error))
             raise UsageError(f"{clean(str(self.path))} cannot be computed: {reason}", ("policy",)) from error
 
     def float_type(self, tensor: Tensor) -> type[np.floating]:
-        """The type of `tensor`, which must be of floating point.
+        """Returns the floating-point type of `tensor`.
 
         Raises:
-          UsageError: it is not.
+          UsageError: it has another type.
         """
         if tensor.type not in FLOATS:
             kind = f"{clean(tensor.name)} is a {clean(tensor.type)}"
-            raise UsageError(f"{clean(str(self.path))}: {kind}, and policies take and give real numbers", ("policy",))
+            raise UsageError(f"{clean(str(self.path))}: {kind}; a policy requires floating-point numbers", ("policy",))
         return FLOATS[tensor.type]
 
 
 def _session(path: Path) -> "InferenceSession":
     require("a policy in ONNX", "policy", "onnxruntime")
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # which would leave a file, and may call its makers
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # telemetry would leave a file, and may contact its vendor
     import onnxruntime
 
     require_file(path, "policy", SUFFIXES)
@@ -151,8 +153,8 @@ def _session(path: Path) -> "InferenceSession":
     options.use_deterministic_compute = True
     try:
         providers = ["CPUExecutionProvider"]
-        return onnxruntime.InferenceSession(str(path), options, providers, enable_fallback=0)  # which prints
-    except Exception as error:  # onnxruntime's have no base of their own
+        return onnxruntime.InferenceSession(str(path), options, providers, enable_fallback=0)  # a fallback prints
+    except Exception as error:  # onnxruntime's errors have no common base
         raise _refusal(path, str(error), onnxruntime.__version__) from error
 
 
@@ -166,7 +168,7 @@ def _refusal(path: Path, message: str, version: str) -> FileError:
 
 
 def _reason(message: str) -> str:
-    """What onnxruntime says, without codes and places in its source."""
+    """Returns onnxruntime's message without codes and positions in its source."""
     text = re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", message)
     text = re.sub(r"^Load model from .*? failed:", "", text, flags=re.DOTALL)
     text = re.sub(r"/onnxruntime_src/\S+ .*?\) (?=[A-Z!])", "", text, flags=re.DOTALL)
@@ -179,21 +181,20 @@ def _tensor(node: "_Node") -> Tensor:
 
 
 def names_of(tensors: Sequence[Tensor]) -> str:
-    """`tensors` as a list for messages."""
+    """Lists `tensors` for messages."""
     return listing([str(tensor) for tensor in tensors])
 
 
 class OnnxPolicy(Policy):
-    """A network. Inputs other than recurrent state are parts of the observation, in the order of the file."""
+    """A network. Inputs other than recurrent state are parts of the observation, in the order of the file.
+
+    Raises:
+      FileError: it cannot be read, or onnxruntime refuses it.
+      UsageError: its inputs or outputs are not those of a policy.
+      MissingExtraError: onnxruntime is not installed.
+    """
 
     def __init__(self, path: Path, name: str) -> None:
-        """Opens the network.
-
-        Raises:
-          FileError: it cannot be read, or onnxruntime refuses it.
-          UsageError: its inputs or outputs are not those of a policy.
-          MissingExtraError: onnxruntime is not installed.
-        """
         self.model = OnnxModel(path)
         self.states = state_pairs(self.model.inputs, self.model.outputs)
         starts, ends = {start.name for start, _ in self.states}, {end.name for _, end in self.states}
@@ -202,7 +203,7 @@ class OnnxPolicy(Policy):
         self._check_inputs()
         super().__init__(name, self._facts())
         ends_of_parts = [int(end) for end in np.cumsum([tensor.size or 0 for tensor in self.inputs])]
-        # Where each input stands in the observation; one alone may be of any size, which the network will tell.
+        # The place of each input in the observation; a single input may have any size, which the network checks.
         self._places = [
             (tensor.name, slice(end - size, end) if size else slice(None), self.model.float_type(tensor), shape)
             for tensor, end in zip(self.inputs, ends_of_parts, strict=True)
@@ -222,46 +223,44 @@ class OnnxPolicy(Policy):
         return act
 
     def parts(self, observation: np.ndarray) -> dict[str, np.ndarray]:
-        """`observation` as the inputs of the network.
+        """Splits `observation` into the inputs of the network.
 
         Raises:
-          UsageError: it is of another size.
+          UsageError: it has another size.
         """
         size = self.facts.observation_size
         if size is not None and size != len(observation):
             what = f"{option('policy')} {clean(self.name)} observes {counted(size, 'number')}"
-            raise UsageError(f"{what}, and the task gives {len(observation)}: {names_of(self.inputs)}")
+            raise UsageError(f"{what}, and the task has {len(observation)}: {names_of(self.inputs)}")
         return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self._places}
 
     def _action_of(self, outputs: Sequence[Tensor]) -> Tensor:
-        """The output that is the action."""
+        """Returns the output that is the action."""
         named = [tensor for tensor in outputs if tensor.name in ACTIONS]
         choices = [tensor for tensor in named if tensor.name.startswith("deterministic")] or named or [*outputs]
         if len(choices) != 1:
-            what = "no output that could be" if not choices else "several outputs, and none says that it is"
+            what = "several outputs that could be" if choices else "no output that could be"
             raise self._refusal(
-                f"it has {what} the action: {names_of(self.model.outputs)}\nthe names are {', '.join(ACTIONS)}"
+                f"it has {what} the action: {names_of(self.model.outputs)}\nname it one of {', '.join(ACTIONS)}"
             )
         self.model.float_type(choices[0])
         return choices[0]
 
     def _check_inputs(self) -> None:
         if not self.inputs:
-            raise self._refusal(f"it has no input for an observation: {names_of(self.model.inputs) or 'none at all'}")
+            raise self._refusal(f"it has no input for an observation: {names_of(self.model.inputs) or 'no inputs'}")
         for tensor in self.inputs:
             self.model.float_type(tensor)
             if not tensor.shape:
-                raise self._refusal(
-                    f"its input {clean(tensor.name)} is a single number, or of a shape that is not said"
-                )
+                raise self._refusal(f"its input {clean(tensor.name)} is a single number, or has no specified shape")
             batch = [size for size in tensor.shape[:-1] if size not in (None, 1)]
             if batch:
                 raise self._refusal(
-                    f"the input {tensor} holds more than one observation; export it for a batch of 1, "
-                    "and let the task say the history"
+                    f"the input {tensor} contains more than one observation; export it for a batch of 1, "
+                    "and set the history in the task"
                 )
             if len(self.inputs) > 1 and tensor.size is None:
-                raise self._refusal(f"of several inputs each must say its size: {names_of(self.inputs)}")
+                raise self._refusal(f"each of several inputs must have a specified size: {names_of(self.inputs)}")
         for start, _ in self.states:
             self.model.float_type(start)
 
@@ -282,7 +281,7 @@ class OnnxPolicy(Policy):
 
 
 def state_pairs(inputs: Sequence[Tensor], outputs: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
-    """Inputs, each with the output that it gets in the next call: alike in all but the end in their names."""
+    """Returns inputs, each with the output that it receives in the next call, by their types, shapes and names."""
     ends = [tensor for tensor in outputs if tensor.name not in ACTIONS]
     pairs: list[tuple[Tensor, Tensor]] = []
     for start in inputs:
@@ -294,7 +293,7 @@ def state_pairs(inputs: Sequence[Tensor], outputs: Sequence[Tensor]) -> list[tup
 
 
 def _stem(name: str) -> str:
-    """`name` without what tells the ends of a state apart."""
+    """Returns `name` without the words that distinguish the ends of a state."""
     words = re.split(r"[^0-9a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower())
     words = [re.sub(r"^([hc])[0n]$", r"\1", word) for word in words if word not in ENDS]
     if len(words) == 2 and words[0] in ("h", "c") and words[1] in ("0", "n"):

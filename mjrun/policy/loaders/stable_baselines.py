@@ -1,4 +1,4 @@
-"""Policies of Stable-Baselines3, from the archives that its models save."""
+"""Policies of Stable-Baselines3, from the archives of its models."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,21 +14,20 @@ if TYPE_CHECKING:
 
 
 class StableBaselinesPolicy(Policy):
-    """The policy of an archive, which answers without noise, and clips and scales its actions as in training."""
+    """The policy of an archive. It acts without noise, and clips and scales its actions as in training.
+
+    Raises:
+      UsageError: it is not trusted, its normalization is unspecified, or its spaces are not vectors of numbers.
+      FileError: it cannot be read.
+      MissingExtraError: Stable-Baselines3 is not installed.
+    """
 
     def __init__(self, path: Path, name: str, *, trust: bool, normalize: str | None) -> None:
-        """Opens an archive.
-
-        Raises:
-          UsageError: it is not trusted, its normalization is not said, or it is no policy of numbers.
-          FileError: it cannot be read.
-          MissingExtraError: Stable-Baselines3 is not installed.
-        """
         require_trusted_file(path, trust)
         if normalize is None:
             raise UsageError(
-                f"{clean(str(path))}: Stable-Baselines3 keeps the statistics of VecNormalize in a file of their own\n"
-                f"give that file by {option('normalize')}, or none if the policy was trained without",
+                f"{clean(str(path))}: Stable-Baselines3 keeps the statistics of VecNormalize in a separate file\n"
+                f"set {option('normalize')} to that file, or to none if the policy was trained without",
                 ("normalize",),
             )
         self._policy = _read(path)
@@ -36,7 +35,7 @@ class StableBaselinesPolicy(Policy):
         sizes: dict[str, int] = {}
         for what, shape in spaces.items():
             if shape is None or len(shape) != 1 or (what == "action" and not _is_continuous(self._policy)):
-                raise UsageError(f"{clean(str(path))}: its {what} is no vector of numbers", ("policy",))
+                raise UsageError(f"{clean(str(path))}: its {what} is not a vector of numbers", ("policy",))
             sizes[what] = shape[0]
         facts = PolicyFacts(observation_size=sizes["observation"], action_size=sizes["action"])
         super().__init__(name, facts)
@@ -63,7 +62,7 @@ def _read(path: Path) -> "BasePolicy":
     import torch  # pyright: ignore[reportMissingImports]
     from stable_baselines3.common.save_util import load_from_zip_file  # pyright: ignore[reportMissingImports]
 
-    torch.set_num_threads(1)  # so that sums have one order
+    torch.set_num_threads(1)  # for a fixed order of sums
     try:
         data, parameters, _ = load_from_zip_file(str(path), device="cpu")
         assert data is not None
@@ -74,9 +73,7 @@ def _read(path: Path) -> "BasePolicy":
         policy.set_training_mode(False)
     except Exception as error:  # unpickling may raise anything
         kind = type(error).__name__
-        raise FileError(
-            path, f"is no archive of Stable-Baselines3 that can be read: {kind}: {clean(str(error))}"
-        ) from error
+        raise FileError(path, f"is not a readable archive of Stable-Baselines3: {kind}: {clean(str(error))}") from error
     return policy
 
 

@@ -1,4 +1,4 @@
-"""Policies in TorchScript, as Isaac Lab and rsl_rl export them beside ONNX."""
+"""Policies in TorchScript, an export format of Isaac Lab and rsl_rl."""
 
 import io
 import warnings
@@ -16,16 +16,15 @@ if TYPE_CHECKING:
 
 
 class TorchScriptPolicy(Policy):
-    """A network with its weights. It may hold recurrent state, so every episode gets a copy of its own."""
+    """A network with its weights. It may contain recurrent state, so every episode gets a copy.
+
+    Raises:
+      UsageError: it is not trusted.
+      FileError: it cannot be read, or contains weights alone.
+      MissingExtraError: torch is not installed.
+    """
 
     def __init__(self, path: Path, name: str, *, trust: bool) -> None:
-        """Opens a network.
-
-        Raises:
-          UsageError: it is not trusted.
-          FileError: it cannot be read, or holds weights alone.
-          MissingExtraError: torch is not installed.
-        """
         require_trusted_file(path, trust)
         super().__init__(name)
         self._path, self._content = path, path.read_bytes()
@@ -42,15 +41,15 @@ class TorchScriptPolicy(Policy):
         require("a policy in TorchScript", "", "torch")
         import torch  # pyright: ignore[reportMissingImports]
 
-        torch.set_num_threads(1)  # so that sums have one order
+        torch.set_num_threads(1)  # for a fixed order of sums
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # torch deprecates what Isaac Lab and rsl_rl export
+                warnings.simplefilter("ignore")  # torch deprecates the export format of Isaac Lab and rsl_rl
                 return torch.jit.load(io.BytesIO(self._content), map_location="cpu").eval()
         except (RuntimeError, ValueError) as error:
-            advice = "a checkpoint holds weights without the network; export the policy as ONNX or TorchScript"
+            advice = "a checkpoint has weights without the network; export the policy as ONNX or TorchScript"
             raise FileError(
-                self._path, "is no TorchScript", f"{advice}\n{clean(str(error)).partition(chr(10))[0][:200]}"
+                self._path, "is not TorchScript", f"{advice}\n{clean(str(error)).partition(chr(10))[0][:200]}"
             ) from error
 
     def _act(self, network: "ScriptModule", observation: np.ndarray) -> np.ndarray:

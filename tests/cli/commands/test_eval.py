@@ -127,7 +127,7 @@ def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str)
     ("arguments", "code", "text"),
     [
         (["cart.yaml"], 2, "--policy"),
-        (["cart.xml", "--policy", "zero"], 2, "does not say its control period"),
+        (["cart.xml", "--policy", "zero"], 2, "does not specify its control period"),
         (["cart.xml", "duration=1", "--policy", "zero"], 2, "no document"),
         (["missing.yaml", "--policy", "zero"], 7, "missing.yaml"),
         (["cart.yaml", "--policy", "missing.onnx"], 7, "missing.onnx"),
