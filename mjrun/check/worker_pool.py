@@ -32,7 +32,7 @@ class WorkerTask:
       codes: the codes of the rules to apply.
       steps: the number of steps to simulate.
       timeout: the time limit [s].
-      memory: the limit of memory beyond that of mjrun itself [MiB].
+      memory: the limit of memory in addition to that of mjrun itself [MiB].
       reader: the function that reads tasks, `package.module:name`; empty if `path` is a model.
       policy: the policy for a task, in addition to random actions; empty for none.
       normalize, trust: the options for loading it.

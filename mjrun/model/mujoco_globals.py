@@ -25,7 +25,7 @@ def without_log() -> Iterator[None]:
         log.set()
 
 
-class without_timers:  # noqa: N801 - a context manager, and a class as it is entered once a step
+class without_timers:  # noqa: N801 - a context manager, and a class because it is entered once a step
     """A context in which MuJoCo does not read the clock dozens of times per step for its profile, which mjrun ignores.
 
     The Python bindings install a clock, and `set_mjcb_time(None)` only restores it. Without it, a step is as fast as

@@ -73,7 +73,7 @@ class CameraCalibration:
 
 @dataclass(frozen=True)
 class RenderedView:
-    """The images of one instant seen by one camera; those that were not requested are None.
+    """The images of one instant seen by one camera; None for those that were not requested.
 
     Attributes:
       calibration: the calibration of the camera.

@@ -41,7 +41,7 @@ class Source(ABC):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files that loading reads, the model file first, as far as they are known without compiling."""
+        """The files that loading reads, the model file first, as far as known without compiling."""
         return ()
 
     def with_overrides(self, overrides: Sequence[Override]) -> Self:
@@ -54,7 +54,7 @@ class Source(ABC):
 
     @property
     def code(self) -> str:
-        """The code and version that, besides the files, determine what a policy is played on; empty without code."""
+        """The code and version that, in addition to the files, determine what a policy is played on; empty without code."""
         return ""
 
     def load(self) -> mujoco.MjModel:

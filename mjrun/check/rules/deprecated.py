@@ -16,7 +16,7 @@ REMOVED_PLUGINS = {
     "mujoco.elasticity.shell": ("in MuJoCo 3.3.3", 'use <flexcomp dim="2"> with <elasticity>'),
     "mujoco.elasticity.solid": ("in MuJoCo 3.2.4", 'use <flexcomp dim="3"> with <elasticity>'),
     "mujoco.elasticity.membrane": ("in MuJoCo 3.2.4", 'use <flexcomp dim="2"> with <elasticity>'),
-    "mujoco.sdf.sdflib": ("in MuJoCo 3.3.5", 'use a mesh of its own: <geom type="sdf" mesh=…>'),
+    "mujoco.sdf.sdflib": ("in MuJoCo 3.3.5", 'use a separate mesh: <geom type="sdf" mesh=…>'),
 }
 
 # The version without the attribute of an element, and the remedy.

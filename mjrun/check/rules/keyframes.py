@@ -1,4 +1,4 @@
-"""Keyframes that a simulation cannot start from as they are written."""
+"""Keyframes that a simulation cannot start from as written."""
 
 from collections.abc import Iterator
 
@@ -118,7 +118,7 @@ def size_message(field: str, count: int, size: int) -> str:
 
 
 def _written_qpos(context: LintContext, key: int) -> np.ndarray:
-    """Returns the positions as they are written; the compiler has normalized those of the model."""
+    """Returns the positions as written; the compiler has normalized those of the model."""
     try:
         written = np.array([float(word) for word in _words(context, key, "qpos")])
     except ValueError:
@@ -133,6 +133,6 @@ def _entry(context: LintContext, key: int, field: str, index: int) -> str:
 
 
 def _words(context: LintContext, key: int, field: str) -> list[str]:
-    """Returns the numbers in a field of a keyframe as they are written."""
+    """Returns the numbers in a field of a keyframe as written."""
     element = context.element("keyframe", key)
     return element.attributes.get(field, "").split() if element else []

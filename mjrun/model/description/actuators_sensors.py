@@ -89,7 +89,7 @@ class Actuator(ModelObject):
       dynamics, gain, bias: their types; their parameters are listed without trailing zeros.
       ctrl, ctrl_size: the address and the number of its controls in `ctrl`.
       ctrl_range: the range of each control; None without limits.
-      act, act_size: the address and the number of its activations in `act`; the address is None without any.
+      act, act_size: the address and the number of its activations in `act`; no address without any.
       act_range: the range of its activation; None without limits.
       force_range: the range of its force [force_unit]; None without limits.
       delay: the delay of its controls [s].

@@ -86,7 +86,7 @@ class Equality(ModelObject):
 
     Attributes:
       type: `connect`, `weld`, `joint`, `tendon`, `flex` …
-      object_kind, object1, object2: the bound objects; the second is None for a binding to a constant or the world.
+      object_kind, object1, object2: the bound objects; a binding to a constant or the world has no second one.
       active: true if it is active at the start.
       data: its numbers in MuJoCo's order, without trailing zeros: anchors, a relative pose or polynomial coefficients,
         depending on the type.

@@ -72,7 +72,7 @@ def source_of(model: ModelLike) -> Source:
     """Returns the source of `model`: text is parsed, a path is a file, a compiled model represents itself.
 
     Raises:
-      BadValueError: it is none of these.
+      BadValueError: it is something else.
     """
     match model:
         case Source():
