@@ -1,13 +1,12 @@
 """Models that violate rules, and what the rules find in them, in this process and without simulation."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mjrun.check.check import Check, CheckResult, ModelResult
 from mjrun.check.context import LintContext
-from mjrun.check.rule import SEVERITIES, Finding
+from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.errors import ModelError
 from mjrun.model.xml_source import read_xml
@@ -19,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
 
 
-def mjcf(body: str, after: str = "", before: str = "") -> str:
-    """A model whose world holds `body` from line 4 on."""
-    return f"<mujoco>\n{before}\n<worldbody>\n{body}\n</worldbody>\n{after}\n</mujoco>"
+def mjcf(world: str = "", after: str = "", before: str = "") -> str:
+    """A model whose world holds `world` from line 4 on."""
+    return f"<mujoco>\n{before}\n<worldbody>\n{world}\n</worldbody>\n{after}\n</mujoco>"
 
 
 def hinged(joint: str = "", geom: str = 'size=".1"', after: str = "", before: str = "", world: str = "") -> str:
@@ -35,30 +34,6 @@ def keyed(key: str, joint: str = 'range="-1 1"', before: str = '<compiler angle=
 
 
 FINE = hinged()
-
-
-@dataclass(frozen=True)
-class Case:
-    """A model in which the rule `code` finds something at `line`, with a message that contains `message`; and one
-    like it that is correct."""
-
-    code: str
-    bad: str
-    line: int | None
-    message: str
-    good: str
-
-    def check(self) -> None:
-        found = [finding for finding in lint(self.bad) if finding.code == self.code]
-        assert [finding.line for finding in found] == [self.line]
-        assert self.message in found[0].message
-        assert found[0].file == "model.xml"
-        assert found[0].severity in SEVERITIES
-        assert found[0].remedy
-        assert [finding for finding in lint(self.good) if finding.code == self.code] == []
-
-    def __str__(self) -> str:
-        return f"{self.code} {self.message[:40]}"
 
 
 def lint_file(path: Path, codes: Collection[str] = RULES.keys()) -> list[Finding]:

@@ -5,37 +5,6 @@ from pathlib import Path
 import pytest
 
 from mjrun.model.xml_source import Element, read_xml
-from tests.check.models import LFS, lint, mjcf
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "message", "remedy"),
-    [
-        (
-            mjcf("<geom name='g'\n size=.1/>"),
-            5,
-            "not well-formed XML: not well-formed (invalid token) at column 7",
-            'write size="…": attribute values must be quoted',
-        ),
-        (
-            mjcf('<geom < size="1"/>'),
-            4,
-            "not well-formed XML: not well-formed (invalid token) at column 7",
-            "save the file as UTF-8, and write & and < as &amp; and &lt;",
-        ),
-        (
-            mjcf("") + "\ngarbage",
-            8,
-            "not well-formed XML: junk after document element at column 1",
-            "a file has one root element; put everything into one <mujoco>",
-        ),
-        (LFS, 1, "it is a Git LFS pointer, not the file itself", "fetch the file itself: git lfs pull"),
-    ],
-)
-def test_xml_that_is_not_well_formed_is_told_with_what_to_do(text: str, line: int, message: str, remedy: str) -> None:
-    (finding,) = lint(text)
-    assert (finding.code, finding.file, finding.line) == ("MJ101", "model.xml", line)
-    assert (finding.message, finding.remedy) == (message, remedy)
 
 
 def test_an_included_circle_is_read_once() -> None:

@@ -4,44 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.check.models import FINE, PARENT, Case, attached_arm, hinged, keyed, lint, lint_file, mjcf
-
-CASES = [
-    Case("MJ100", mjcf("<joint/>"), 4, "World body cannot have joints", FINE),
-    Case(
-        "MJ101", mjcf('<body name="x"><geom size="1"/>'), 4, '<body name="x"> is not closed before </worldbody>', FINE
-    ),
-    Case("MJ101", "<mujoco>\n<worldbody>\n<body>", 3, "the file ends before <body> is closed", "<mujoco/>"),
-    Case("MJ101", mjcf("</bodies>"), 4, "</bodies> closes nothing: the open element is <worldbody>", FINE),
-    Case("MJ101", mjcf('<geom size="1" size="2"/>'), 4, "duplicate attribute", mjcf('<geom size="1"/>')),
-    Case("MJ101", "", 1, "the file is empty", "<mujoco/>"),
-    Case("MJ108", mjcf('<site name="a"/>\n<site name="a"/>'), 5, "the name 'a' is already taken on line 4", FINE),
-    Case("MJ112", mjcf('<replicate><geom size="1"/></replicate>'), 4, "<replicate> needs the attribute 'count'", FINE),
-    Case("MJ114", hinged(before='<option timestep="0"/>'), 2, "the timestep must be positive and finite, not 0", FINE),
-    Case(
-        "MJ114", hinged(before='<option timestep="-1"/>'), 2, "the timestep must be positive and finite, not -1", FINE
-    ),
-    Case("MJ202", hinged(geom='size=".1" mass="0"'), 4, '<body name="b"> can move, but has no mass', FINE),
-    Case(
-        "MJ303",
-        hinged('limited="true"'),
-        5,
-        "it is limited, but has no range or a reversed one",
-        hinged('limited="false"'),
-    ),
-    Case(
-        "MJ303",
-        hinged('range="-1 1"', before='<compiler autolimits="false"/>'),
-        5,
-        "joint has `range` but not `limited`: is it limited or not?",
-        hinged('range="-1 1" limited="true"', before='<compiler autolimits="false"/>'),
-    ),
-]
-
-
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
-    case.check()
+from tests.check.models import PARENT, attached_arm, keyed, lint, lint_file
 
 
 def test_the_users_own_mistakes_are_explained_all_at_once() -> None:

@@ -4,108 +4,10 @@ import re
 from pathlib import Path
 
 import mujoco
-import pytest
 
 from mjrun.check.rules import keywords, mjcf_schema
 from mjrun.model.xml_source import Element
-from tests.check.models import FINE, Case, hinged, lint, mjcf
-
-CASES = [
-    Case("MJ110", mjcf('<geom type="shere" size="1"/>'), 4, "type of <geom>: no such keyword: 'shere'", FINE),
-    Case(
-        "MJ110", hinged('limited="yes"'), 5, "limited of <joint>: no such keyword: 'yes' (did you mean 'true'?)", FINE
-    ),
-    Case("MJ110", mjcf('<geom pos="1 2" size="1"/>'), 4, "'pos' does not have enough data: '1 2'", FINE),
-]
-
-
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
-    case.check()
-
-
-Expected = tuple[int | None, str, str]
-
-
-KEYWORDS: list[tuple[str, list[Expected]]] = [
-    (
-        '<option integrator="rk4" solver="newton"/>',
-        [
-            (
-                6,
-                "integrator of <option>: no such keyword: 'rk4' (did you mean 'RK4'?)",
-                'write integrator="RK4"; valid: Euler, RK4, implicit, implicitfast, discrete',
-            ),
-            (
-                6,
-                "solver of <option>: no such keyword: 'newton' (did you mean 'Newton'?)",
-                'write solver="Newton"; valid: PGS, CG, Newton',
-            ),
-        ],
-    ),
-    (
-        '<option solver="Newtons"/>\n<compiler angle="radians"/>',
-        [
-            (
-                6,
-                "solver of <option>: no such keyword: 'Newtons' (did you mean 'Newton'?)",
-                'write solver="Newton"; valid: PGS, CG, Newton',
-            ),
-            (
-                7,
-                "angle of <compiler>: no such keyword: 'radians' (did you mean 'radian'?)",
-                'write angle="radian"; valid: radian, degree',
-            ),
-        ],
-    ),
-    (
-        '<option><flag contact="off"/></option>',
-        [
-            (
-                6,
-                "contact of <flag>: no such keyword: 'off' (did you mean 'disable'?)",
-                'write contact="disable"; valid: enable, disable',
-            )
-        ],
-    ),
-    (
-        '<asset><texture type="2D" builtin="xxx" width="2" height="2"/></asset>',
-        [
-            (
-                6,
-                "type of <texture>: no such keyword: '2D' (did you mean '2d'?)",
-                'write type="2d"; valid: 2d, cube, skybox',
-            ),
-            (
-                6,
-                "builtin of <texture>: no such keyword: 'xxx'",
-                "valid: none, gradient, checker, flat",
-            ),
-        ],
-    ),
-    (
-        '<default><geom type="cube" pos="0 0 0"/>\n<camera output="rgb deep"/></default>',
-        [
-            (
-                6,
-                "type of <geom>: no such keyword: 'cube' (did you mean 'box'?)",
-                'write type="box"; valid: plane, hfield, sphere, capsule, ellipsoid, cylinder, box, mesh, sdf',
-            ),
-            (
-                7,
-                "output of <camera>: no such keyword: 'deep' (did you mean 'depth'?)",
-                'write output="depth"; valid: rgb, depth, distance, normal, segmentation',
-            ),
-        ],
-    ),
-]
-
-
-@pytest.mark.parametrize(("text", "expected"), KEYWORDS, ids=lambda value: value if isinstance(value, str) else "")
-def test_all_wrong_keywords_are_told_as_xml_spells_them(text: str, expected: list[Expected]) -> None:
-    findings = lint(mjcf("", text))
-    assert {(f.code, f.file) for f in findings} == {("MJ110", "model.xml")}
-    assert [(f.line, f.message, f.remedy) for f in findings] == expected
+from tests.check.models import lint, mjcf
 
 
 def test_keywords_are_told_beside_what_else_the_xml_has_wrong() -> None:

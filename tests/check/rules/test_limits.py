@@ -5,41 +5,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from tests.check.models import FINE, Case, arms, attaching, hinged, lint, lint_file, mjcf
-
-
-def driven(motor: str) -> str:
-    return hinged(after=f'<actuator>\n<motor name="m" joint="j" {motor}/></actuator>')
-
-
-CASES = [
-    Case("MJ301", driven(""), 11, "it has neither ctrlrange nor forcerange", driven('ctrlrange="-1 1"')),
-    Case("MJ301", driven('gear="2"'), 11, "nothing limits it", driven('forcerange="-1 1"')),
-    Case("MJ302", hinged('range="1 -1"'), 5, "is reversed and has no effect", hinged('range="-1 1"')),
-    Case("MJ302", driven('ctrlrange="1 -1"'), 11, "its ctrlrange 1 -1 is reversed", driven('ctrlrange="-1 1"')),
-    Case("MJ304", hinged('type="slide" range="1 2"'), 5, "it starts at 0 m, outside [1, 2]", hinged('range="-1 2"')),
-    Case("MJ304", hinged('ref="90" range="0 60"'), 5, "it starts at 1.571 rad, outside [0, 1.047]", FINE),
-    Case(
-        "MJ305",
-        hinged('range="-1.57 1.57"'),
-        5,
-        "its range -1.57 1.57 is in degrees, but looks like radians",
-        hinged('range="-1.57 1.57"', before='<compiler angle="radian"/>'),
-    ),
-    Case(
-        "MJ305",
-        hinged('range="0 90"', before='<compiler angle="radian"/>'),
-        5,
-        "its range 0 90 is in radians, but looks like degrees",
-        hinged('range="0 90"'),
-    ),
-]
-
-
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
-    case.check()
-
+from tests.check.models import arms, attaching, hinged, lint, lint_file, mjcf
 
 MUSCLE = ".75 1.05 5 200 .5 1.6 1.5 1.3 1.2"
 

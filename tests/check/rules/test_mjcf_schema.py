@@ -3,50 +3,11 @@
 from pathlib import Path
 
 import mujoco
-import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mjrun.check.rules import mjcf_schema
 from mjrun.model.xml_source import read_xml
-from tests.check.models import FINE, Case, mjcf
-
-CASES = [
-    Case("MJ102", mjcf("", "<solver/>"), 6, "<mujoco> has no element <solver>", mjcf("", '<option solver="CG"/>')),
-    Case("MJ102", mjcf('<goem size="1"/>'), 4, "has no element <goem> (did you mean 'geom'?)", FINE),
-    Case(
-        "MJ103", mjcf("<actuator/>"), 4, "<actuator> is inside <worldbody>, but must be directly inside <mujoco>", FINE
-    ),
-    Case("MJ103", mjcf("", "<motor/>"), 6, "<motor> is inside <mujoco>, but must be directly inside <actuator>", FINE),
-    Case("MJ104", mjcf('<geom siez="1"/>'), 4, "<geom> has no attribute 'siez' (did you mean 'size'?)", FINE),
-    Case("MJ104", mjcf('<frame>\n<geom size="1" siez="1"/></frame>'), 5, "<geom> has no attribute 'siez'", FINE),
-    Case("MJ105", mjcf('<composite type="cable"/>'), 4, "<composite> was removed in MuJoCo 4.0.0", FINE),
-    Case("MJ105", mjcf("", '<equality><flexvert flex="f"/></equality>'), 6, "<flexvert> was removed", FINE),
-    Case("MJ105", mjcf("", '<option apirate="1"/>'), 6, "the attribute 'apirate' of <option> was removed", FINE),
-    Case(
-        "MJ105",
-        mjcf("", '<extension><plugin plugin="mujoco.elasticity.cable"/></extension>'),
-        6,
-        "plugin='mujoco.elasticity.cable' of <plugin> was removed in MuJoCo 4.0.0",
-        FINE,
-    ),
-    Case(
-        "MJ106",
-        mjcf("", "<contact>\n<friction>0.3</friction></contact>"),
-        7,
-        "<friction> is written as an element, but is an attribute of <pair>",
-        mjcf('<geom name="g" size="1"/>', '<contact><pair geom1="g" geom2="g" friction="0.3"/></contact>'),
-    ),
-    Case("MJ106", mjcf("", "garbage"), 6, "text between the tags of <mujoco>: 'garbage'", FINE),
-    Case("MJ106", mjcf('<geom size="1">0.3</geom>'), 4, "text between the tags of <geom>: '0.3'", FINE),
-    Case("MJ111", mjcf("", "<option>\n<flag/>\n<flag/></option>"), 8, "<flag> occurs more than once in <option>", FINE),
-]
-
-
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_rule_finds_what_it_is_for_at_its_line_and_nothing_in_a_correct_model(case: Case) -> None:
-    case.check()
-
 
 NODES = {tag: node for tag, places in mjcf_schema.valid_parents().items() for _, node in places}
 
