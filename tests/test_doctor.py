@@ -136,5 +136,5 @@ def test_collections_of_models_are_counted_or_say_how_to_get_them(monkeypatch: p
     files = [path for suffix in ("xml", "yaml") for path in (ROOT / "scenes").glob(f"*.{suffix}")]
     scenes = len({path.stem for path in files if not path.stem.endswith("_fit")})
     assert (found["scene"].status, found["scene"].value) == ("ok", f"{scenes} scenes: mjrun info scene:")
-    assert found["menagerie"].value == "MJRUN_MENAGERIE=/no/such/folder: is no folder"
+    assert found["menagerie"].value == "MJRUN_MENAGERIE=/no/such/folder: is not a folder"
     assert found["menagerie"].remedy == "not needed"
