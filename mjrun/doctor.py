@@ -14,7 +14,7 @@ import numpy as np
 
 from mjrun.confinement.confinement import CHECKS
 from mjrun.confinement.sandbox import means
-from mjrun.diff import frames
+from mjrun.diff import pictures
 from mjrun.errors import (
     EncoderError,
     MissingExtraError,
@@ -147,7 +147,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
-        frames.EXTRA: ([frames.LIBRARY], [option("min_ssim")]),
+        pictures.EXTRA: ([pictures.LIBRARY], [option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARIES, [f"{option('engine')} warp"]),
     }
 

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import ClassVar
 from xml.parsers import expat
 
-from mjrun.check.checker import MEMORY_REMEDY
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker_pool import WorkerOutput, WorkerPool, WorkerTask
+from mjrun.check.worker_pool import MEMORY_REMEDY, WorkerOutput, WorkerPool, WorkerTask
 from mjrun.errors import Spelling, UnknownNameError, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource

@@ -10,22 +10,13 @@ import numpy as np
 
 from mjrun.check.rule import Place, Violation
 from mjrun.model.names import COUNTS, KINDS, names
+from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
 from mjrun.model.xml_source import Element, XmlSource
 from mjrun.suffixes import XML
 
 MAX_KEYFRAMES = 8  # the number of keyframes that rules start from
-SPEC_LISTS = {
-    "body": "bodies",
-    "joint": "joints",
-    "geom": "geoms",
-    "camera": "cameras",
-    "actuator": "actuators",
-    "sensor": "sensors",
-    "tendon": "tendons",
-    "equality": "equalities",
-    "keyframe": "keys",
-}
+SPEC_LISTS = ELEMENTS | {"keyframe": "keys"}
 TAGS = {
     "body": ("body", "flexcomp", "link"),
     "joint": ("joint", "freejoint"),

@@ -6,10 +6,10 @@ from pkgutil import resolve_name
 from typing import TextIO, cast
 
 from mjrun.check import rule_table
-from mjrun.check.checker import ARENAS, Checker
 from mjrun.check.rule import Finding, Place
 from mjrun.check.rules import tasks
 from mjrun.check.task_episodes import COUNT, TaskPlaces, place_of, watch
+from mjrun.check.worker import ARENAS, Checker
 from mjrun.check.worker_pool import MIB, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import DocumentError, FileError, MjrunError, ModelError, UsageError, clean

@@ -8,21 +8,25 @@ import json
 import math
 import os
 import signal
-from typing import TextIO
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TextIO
 
 import mujoco
 
 from mjrun.check import rule_table
-from mjrun.check.checker import ARENAS, Checker
 from mjrun.check.context import LintContext
+from mjrun.check.rule import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
-from mjrun.check.task_checker import TaskChecker
-from mjrun.check.worker_pool import MIB, WorkerTask
+from mjrun.check.worker_pool import MEMORY_REMEDY, MIB, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
 
+ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly ever filled
 GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
@@ -30,13 +34,55 @@ def main(task: str) -> None:
     """Checks the model or the task of a `WorkerTask`, which is given as JSON."""
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape")
     os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
-    worker_task = WorkerTask(**json.loads(task))
-    worker = TaskChecker(worker_task, channel) if worker_task.reader else ModelChecker(worker_task, channel)
+    checker = _checker(WorkerTask(**json.loads(task)), channel)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(int(worker.task.timeout) + GRACE)
+    signal.alarm(int(checker.task.timeout) + GRACE)
     # These limit addresses; the parent watches the memory in use, and reports it.
-    limit_this_process(memory=worker.task.memory * MIB, file_size=0, core=0)
-    worker.run()
+    limit_this_process(memory=checker.task.memory * MIB, file_size=0, core=0)
+    checker.run()
+
+
+def _checker(task: WorkerTask, channel: TextIO) -> "Checker":
+    """Returns the check of a model or a task; only a task needs the modules of tasks and policies."""
+    if not task.reader:
+        return ModelChecker(task, channel)
+    from mjrun.check.task_checker import TaskChecker
+
+    return TaskChecker(task, channel)
+
+
+class Checker(ABC):
+    """A check of one model or task, which writes its findings to `channel`."""
+
+    def __init__(self, task: WorkerTask, channel: TextIO) -> None:
+        self.task, self.channel = task, channel
+        self.path = Path(task.path)
+
+    def run(self) -> None:
+        """Runs the check, and writes each finding at once."""
+        try:
+            self.check()
+        except (MemoryError, mujoco.FatalError) as error:
+            if isinstance(error, mujoco.FatalError) and "allocate" not in str(error):
+                raise
+            limit_this_process(memory=math.inf)
+            message = "it needs more memory than allowed"
+            self.write_findings([process_failures.OUT_OF_MEMORY.in_model(self.path, message, MEMORY_REMEDY)])
+        self.write(done=True)
+
+    @abstractmethod
+    def check(self) -> None:
+        """Runs the check."""
+
+    def write_findings(self, findings: Iterable[Finding]) -> None:
+        """Writes each of `findings`."""
+        for finding in findings:
+            self.write(finding=asdict(finding))
+
+    def write(self, **message: Any) -> None:
+        """Writes one message: `stage`, `finding`, `loaded` or `done`."""
+        self.channel.write(json.dumps(message) + "\n")
+        self.channel.flush()
 
 
 class ModelChecker(Checker):

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from mjrun.child_process import ChildProcess, ExitStatus, python_call
+from mjrun.errors import option
 
 MIB = 2**20
+MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 PACKAGE = str(Path(__file__).parents[2])
 ENVIRONMENT = {
     "MUJOCO_GL": "disable",

@@ -8,8 +8,17 @@ from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.report import Report, annotation
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
-from mjrun.diff.picture_sentences import frame_facts, frame_place, percent
-from mjrun.diff.sentences import cell_texts, golden_versions, model_lines, place, shared_sentence, unmatched_place
+from mjrun.diff.sentences import (
+    cell_texts,
+    frame_facts,
+    frame_place,
+    golden_versions,
+    model_lines,
+    percent,
+    place,
+    shared_sentence,
+    unmatched_place,
+)
 from mjrun.errors import clean, counted, flag, listing, spelled
 from mjrun.formats.input_file import is_file
 

@@ -5,6 +5,7 @@ to the necessary files, a filter of system calls denies network, other processes
 loaded in a thread that can read only their folder.
 """
 
+import ctypes
 import json
 import os
 import site
@@ -19,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
-from mjrun.confinement import capabilities, landlock, seccomp
+from mjrun.confinement import landlock, seccomp
 from mjrun.confinement.confinement import CHECKS, VARIABLE, Confinement, confinement, is_within
 from mjrun.confinement.connector import Connector
 
@@ -39,6 +40,13 @@ DEVICES = (
     *("null", "zero", "full", "random", "urandom", "dri", "kfd", "dxg"),
     *("nvidiactl", "nvidia-modeset", "nvidia-uvm", "nvidia-uvm-tools", *(f"nvidia{number}" for number in range(16))),
 )
+
+# Capabilities, the parts of a superuser's privileges: see capabilities(7) and linux/capability.h.
+DAC_OVERRIDE, DAC_READ_SEARCH, FOWNER = 1, 2, 3
+KEPT_CAPABILITIES = 1 << DAC_OVERRIDE | 1 << DAC_READ_SEARCH | 1 << FOWNER  # to use files of other owners
+CAPABILITY_VERSION = 0x20080522
+LAST_CAPABILITY = 63
+BOUNDING_DROP = 24  # of prctl
 
 T = TypeVar("T")
 
@@ -84,7 +92,7 @@ def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
             *((path, landlock.WRITE) for path in (*made.written, made.temporary)),
         ]
         landlock.restrict(rules, serves=serves)
-    capabilities.drop()
+    drop_capabilities()
     if seccomp.is_known():
         listener = seccomp.restrict(serves=serves)
         if connector and listener is not None:
@@ -119,6 +127,42 @@ def confined_load(load: Callable[[], T]) -> T:
     if errors:
         raise errors[0]
     return results[0]
+
+
+class _CapabilityHeader(ctypes.Structure):
+    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
+
+
+class _CapabilitySets(ctypes.Structure):
+    """The capabilities 0 to 31, and those from 32 on."""
+
+    _fields_ = (("effective", ctypes.c_uint32), ("permitted", ctypes.c_uint32), ("inheritable", ctypes.c_uint32))
+
+
+def drop_capabilities() -> None:
+    """Drops all capabilities of this process except those on files.
+
+    Raises:
+      OSError: they cannot be dropped.
+    """
+    if sys.platform != "linux":
+        return
+    library = ctypes.CDLL(None, use_errno=True)
+    header, sets = _CapabilityHeader(CAPABILITY_VERSION, 0), (_CapabilitySets * 2)()
+    if library.capget(ctypes.byref(header), sets):
+        raise OSError(ctypes.get_errno(), "the capabilities of this process are unknown")
+    if not any(each.permitted for each in sets):
+        return
+    for number in range(LAST_CAPABILITY + 1):
+        if not KEPT_CAPABILITIES >> number & 1:
+            library.prctl(BOUNDING_DROP, number, 0, 0, 0)  # fails for unknown numbers, and without the privilege
+    for place, each in enumerate(sets):
+        lasting = KEPT_CAPABILITIES >> 32 * place
+        each.effective &= lasting
+        each.permitted &= lasting
+        each.inheritable &= lasting  # this removes the ambient ones, too
+    if library.capset(ctypes.byref(header), sets):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
 
 
 def _close_inherited() -> None:

@@ -75,7 +75,7 @@ class ComputedDifference:
 
 
 @dataclass(frozen=True)
-class ModelObject:
+class UnmatchedObject:
     """An object that only one of two models has.
 
     Attributes:
@@ -141,8 +141,8 @@ class ModelComparison:
     b: str
     fields: Sequence[FieldDifference]
     arrays: Sequence[ArrayDifference]
-    only_a: Sequence[ModelObject]
-    only_b: Sequence[ModelObject]
+    only_a: Sequence[UnmatchedObject]
+    only_b: Sequence[UnmatchedObject]
     computed: Sequence[ComputedDifference]
     xml: Sequence[XmlChange]
     warnings: Sequence[str] = ()

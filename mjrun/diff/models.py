@@ -12,7 +12,7 @@ from mjrun.diff.model_differences import (
     Difference,
     FieldDifference,
     ModelComparison,
-    ModelObject,
+    UnmatchedObject,
     Value,
 )
 from mjrun.diff.model_matching import PARENTS, ModelObjects, ObjectMatching, RowMatching
@@ -244,8 +244,8 @@ def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -
         else:
             stated += differences
 
-    only_a = [ModelObject(kind, objects.a.label(kind, i)) for kind, m in objects.matches.items() for i in m.only_a]
-    only_b = [ModelObject(kind, objects.b.label(kind, i)) for kind, m in objects.matches.items() for i in m.only_b]
+    only_a = [UnmatchedObject(kind, objects.a.label(kind, i)) for kind, m in objects.matches.items() for i in m.only_a]
+    only_b = [UnmatchedObject(kind, objects.b.label(kind, i)) for kind, m in objects.matches.items() for i in m.only_b]
     follow = [_summary(name, differences) for name, differences in computed.items() if differences]
     if not (stated or only_a or only_b):
         stated, follow = [each for differences in computed.values() for each in differences], []

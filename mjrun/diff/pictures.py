@@ -1,21 +1,113 @@
 """The comparison of videos and images, frame by frame, with two frames and the worst pair in memory."""
 
+import importlib.util
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from mjrun.diff.frames import FrameComparison, compare_frames, decibels, is_colour
-from mjrun.diff.result import FrameDifference, PictureDifference
+from mjrun.diff.result import SSIM_WINDOW, FrameDifference, PictureDifference
 from mjrun.diff.tolerances import Tolerance
-from mjrun.errors import FileError
+from mjrun.errors import FileError, option
 from mjrun.formats.image_reader import read_image, read_palette
 from mjrun.formats.input_file import is_folder
 from mjrun.formats.video_reader import read_video
+from mjrun.options.diff import PictureDiffOptions
+from mjrun.packages import require
+
+LIBRARY, EXTRA = "skimage", "diff"
+PEAK = 255  # of colours
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # of red, green and blue: ITU-R BT.601
+
+
+@dataclass(frozen=True)
+class FrameComparison:
+    """The comparison of two frames of one size.
+
+    Attributes:
+      changed: the share of the pixels that differ beyond the tolerance.
+      maximum: the largest absolute difference; infinite where only one of two numbers is finite.
+      mean_square: the mean square of the differences.
+      ssim: the structural similarity, 1 for equal frames; None if it cannot be computed.
+    """
+
+    changed: float
+    maximum: float
+    mean_square: float
+    ssim: float | None
+
+    @property
+    def psnr(self) -> float:
+        """The peak signal-to-noise ratio of colours [dB], infinite if they are equal."""
+        return decibels(self.mean_square)
+
+
+EQUAL = FrameComparison(0.0, 0.0, 0.0, 1.0)
+
+
+def decibels(mean_square: float) -> float:
+    """Returns the peak signal-to-noise ratio of colours with this mean square difference [dB]."""
+    return 10 * math.log10(PEAK**2 / mean_square) if mean_square else math.inf
+
+
+def is_colour(frame: np.ndarray) -> bool:
+    """Returns whether a frame has colours `(height, width, channels)`, and not numbers `(height, width)`."""
+    return frame.ndim == 3
+
+
+def compare_frames(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FrameComparison:
+    """Compares two frames of one size, both colours or both numbers."""
+    if a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes():
+        return EQUAL
+    if not is_colour(a):
+        return _compare_numbers(a, b, tolerance)
+    one, other = _same_channels(a, b)
+    size = np.abs(one.astype(np.int16) - other)
+    beyond = size > (tolerance.atol + tolerance.rtol * other if tolerance.rtol else tolerance.atol)
+    square = float(np.mean(np.square(size, dtype=np.float32), dtype=np.float64))
+    return FrameComparison(float(beyond.any(axis=2).mean()), float(size.max()), square, _similarity(one, other))
+
+
+def _compare_numbers(a: np.ndarray, b: np.ndarray, tolerance: Tolerance) -> FrameComparison:
+    one, other = a.astype(np.float64), b.astype(np.float64)
+    same = (one == other) | (np.isnan(one) & np.isnan(other))
+    with np.errstate(invalid="ignore", over="ignore"):
+        size = np.where(same, 0.0, np.abs(one - other))
+        size[np.isnan(size)] = math.inf
+        square = float(np.mean(size**2))
+    return FrameComparison(float((~(same | tolerance.agree(one, other))).mean()), float(size.max()), square, None)
+
+
+def _same_channels(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns both with the channels of the one that has more; a missing alpha channel is opaque."""
+    if a.shape[2] == b.shape[2]:
+        return a, b
+    opaque = np.full((*a.shape[:2], 1), PEAK, np.uint8)
+    return (np.dstack([a, opaque]), b) if a.shape[2] < b.shape[2] else (a, np.dstack([b, opaque]))
+
+
+def require_library(options: PictureDiffOptions) -> None:
+    """Raises MissingExtraError or WrongVersionError if a requested similarity cannot be computed."""
+    if options.min_ssim is not None:
+        require(option("min_ssim"), EXTRA, LIBRARY)
+
+
+def has_similarity() -> bool:
+    """Returns whether the library that computes structural similarity is installed."""
+    return importlib.util.find_spec(LIBRARY) is not None
+
+
+def _similarity(a: np.ndarray, b: np.ndarray) -> float | None:
+    if min(a.shape[:2]) < SSIM_WINDOW or not has_similarity():
+        return None
+    from skimage.metrics import structural_similarity
+
+    similarity: Any = structural_similarity(a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=SSIM_WINDOW)
+    return float(similarity)
 
 
 class Frames(Protocol):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from mjrun.diff.model_differences import ModelComparison
 
 SCHEMA = "mjrun-diff-1"
+SSIM_WINDOW = 7  # pixels per side, over which structural similarity is computed
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The differences of two tables, recordings or models as lines of text."""
+"""The differences of two results as lines of text: tables, recordings, models, videos and images."""
 
 from collections.abc import Iterator, Sequence
 from itertools import groupby
@@ -8,13 +8,23 @@ from mjrun.diff.model_differences import (
     ComputedDifference,
     FieldDifference,
     ModelComparison,
-    ModelObject,
+    UnmatchedObject,
     Value,
     XmlChange,
 )
-from mjrun.diff.result import CellDifference, ColumnDifference, GoldenFacts, TableDifference, UnmatchedRows
-from mjrun.errors import clean, counted, listing, option, quoted
+from mjrun.diff.result import (
+    SSIM_WINDOW,
+    CellDifference,
+    ColumnDifference,
+    FrameDifference,
+    GoldenFacts,
+    PictureDifference,
+    TableDifference,
+    UnmatchedRows,
+)
+from mjrun.errors import UsageError, clean, counted, listing, option, quoted
 from mjrun.model.names import PLURALS
+from mjrun.options.diff import PictureDiffOptions
 
 
 def table_sentences(table: TableDifference, a: str, b: str, what: str = "row", *, common: bool = False) -> list[str]:
@@ -204,7 +214,7 @@ def _plain(value: Value) -> str:
     return f"{value:.{DIGITS}g}" if isinstance(value, float) else clean(str(value)) or "''"
 
 
-def _objects(objects: Sequence[ModelObject]) -> str:
+def _objects(objects: Sequence[UnmatchedObject]) -> str:
     """Formats objects by kind."""
     parts: list[str] = []
     for kind, group in groupby(objects, lambda each: each.kind):
@@ -227,3 +237,89 @@ def _xml_line(change: XmlChange) -> str:
         return f"{places}: {element} {'removed' if change.place_b is None else 'added'}"
     a, b = ("not set" if text is None else f'"{clean(text)}"' for text in (change.a, change.b))
     return f"{places}: {element} {clean(change.attribute)} {a} → {b}"
+
+
+def picture_sentences(picture: PictureDifference, a: str, b: str, options: PictureDiffOptions) -> list[str]:
+    """Returns the differences beyond the limits of `options`; without limits, every pixel beyond the tolerance counts.
+
+    Raises:
+      UsageError: a limit does not apply to these pictures.
+    """
+    _require_fitting(picture, options)
+    differences = [*_structure(picture, a, b)]
+    if not picture.frames:
+        return differences
+    limits = (options.min_psnr, options.min_ssim, options.max_changed)
+    beyond = _changed(picture) if limits == (None, None, None) else _beyond_limits(picture, options)
+    return [*differences, *beyond]
+
+
+def frame_facts(frame: FrameDifference) -> str:
+    """Returns the measures of a frame: `PSNR 31.2 dB, SSIM 0.912, 3.1 % of the pixels changed, by 0.25 at most`."""
+    facts = [
+        "" if frame.psnr is None else f"PSNR {frame.psnr:.2f} dB",
+        "" if frame.ssim is None else f"SSIM {frame.ssim:.4f}",
+        f"{percent(frame.changed)} of the pixels changed",
+        f"by {'a non-finite value' if frame.maximum is None else f'{frame.maximum:.6g} at most'}",
+    ]
+    return ", ".join(filter(None, facts))
+
+
+def percent(share: float) -> str:
+    """Formats a share as a percentage, which is never rounded to zero."""
+    return f"{100 * share:.3g} %"
+
+
+def frame_place(frame: FrameDifference, picture: PictureDifference) -> str:
+    """Returns the place of a frame, `frame 17, time 0.283 s: `; empty for images."""
+    if picture.frames_a == picture.frames_b == 1 and frame.time is None:
+        return ""
+    return f"frame {frame.frame}" + ("" if frame.time is None else f", time {frame.time:.6g} s") + ": "
+
+
+def _require_fitting(picture: PictureDifference, options: PictureDiffOptions) -> None:
+    limits = {"min_psnr": options.min_psnr, "min_ssim": options.min_ssim}
+    for name, limit in limits.items():
+        if limit is not None and picture.pixels == "numbers":
+            raise UsageError(
+                f"{option(name)} applies to colours; numbers are compared within {option('atol')} and {option('rtol')}"
+            )
+    if options.min_ssim is not None and min(picture.size_a) < SSIM_WINDOW:
+        raise UsageError(f"{option('min_ssim')} requires images of at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels")
+
+
+def _structure(picture: PictureDifference, a: str, b: str) -> Iterator[str]:
+    """Yields the differences other than those of pixels."""
+    if picture.size_a != picture.size_b:
+        one, other = (f"{width}x{height}" for width, height in (picture.size_a, picture.size_b))
+        yield f"the size is {one} in {a}, {other} in {b}"
+    elif not picture.frames:
+        yield f"one of {a} and {b} has colours, the other one numbers"
+    if picture.fps_a and picture.fps_b and picture.fps_a != picture.fps_b:
+        yield f"the rate is {picture.fps_a:.9g} frames per second in {a}, {picture.fps_b:.9g} in {b}"
+    if picture.frames_a != picture.frames_b:
+        yield f"the number of frames is {picture.frames_a} in {a}, {picture.frames_b} in {b}"
+
+
+def _changed(picture: PictureDifference) -> Iterator[str]:
+    if picture.first is None or picture.worst is None:
+        return
+    if picture.frames_a == picture.frames_b == 1:
+        yield f"{frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
+        return
+    yield f"{picture.differing} of {picture.frames} frames differ"
+    yield f"first {frame_place(picture.first, picture)}{frame_facts(picture.first)}"
+    if picture.worst != picture.first:
+        yield f"worst {frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
+
+
+def _beyond_limits(picture: PictureDifference, options: PictureDiffOptions) -> Iterator[str]:
+    """Yields the worst frame by each limit that is exceeded."""
+    worst, similar, changed = picture.worst, picture.least_similar, picture.most_changed
+    if options.min_psnr is not None and worst and worst.psnr is not None and worst.psnr < options.min_psnr:
+        yield f"{frame_place(worst, picture)}PSNR {worst.psnr:.6g} dB is less than {options.min_psnr:g} dB"
+    if options.min_ssim is not None and similar and similar.ssim is not None and similar.ssim < options.min_ssim:
+        yield f"{frame_place(similar, picture)}SSIM {similar.ssim:.6g} is less than {options.min_ssim:g}"
+    if options.max_changed is not None and changed and changed.changed > options.max_changed:
+        share = f"{percent(changed.changed)} of the pixels changed"
+        yield f"{frame_place(changed, picture)}{share}, more than {percent(options.max_changed)}"

@@ -182,27 +182,16 @@ def _of_section(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> 
 
 def _written(text: XmlSource, kind: str) -> list[Element]:
     """Returns the elements of a kind in the order of MjSpec."""
+    in_section = kind in ("actuator", "tendon", "equality", "sensor")
+    tags = {"joint": ("joint", "freejoint"), "body": ("body", "worldbody")}.get(kind, (kind,))
     elements: list[Element] = []
     for element in text.elements():
         parent = element.parent.tag if element.parent else ""
-        if element.within("default"):
-            continue
-        match kind:
-            case "joint":
-                fits = element.tag in ("joint", "freejoint") and (parent == "body" or parent == "worldbody")
-            case "actuator":
-                fits = parent == "actuator"
-            case "tendon":
-                fits = parent == "tendon"
-            case "equality":
-                fits = parent == "equality"
-            case "sensor":
-                fits = parent == "sensor"
-            case "body":
-                fits = element.tag in ("body", "worldbody")
-            case _:
-                fits = element.tag == kind
-        elements += [element] if fits else []
+        fits = parent == kind if in_section else element.tag in tags
+        if kind == "joint":  # those of tendons and actuators are references
+            fits = fits and parent in ("body", "worldbody")
+        if fits and not element.within("default"):
+            elements.append(element)
     return elements
 
 

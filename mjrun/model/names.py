@@ -42,7 +42,7 @@ KINDS = {
     kind: getattr(mujoco.mjtObj, "mjOBJ_KEY" if kind == "keyframe" else f"mjOBJ_{kind.upper()}") for kind in PREFIXES
 }
 KIND_OF = {int(obj): kind for kind, obj in KINDS.items()} | {int(mujoco.mjtObj.mjOBJ_XBODY): "body"}
-PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes"}
+PLURALS = {"body": "bodies", "equality": "equalities", "flex": "flexes", "mesh": "meshes"}
 
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
-from mjrun.model.names import enum_members, enum_value, is_enum, is_index
+from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_index
 from mjrun.options.model import ModelOptions
 
 
@@ -44,30 +44,13 @@ ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "compiler": lambda spec: spec.compiler,
     "size": _Sizes,
 }
+# The list of MjSpec with the elements of each kind.
 ELEMENTS = {
-    "body": "bodies",
-    "frame": "frames",
-    "joint": "joints",
-    "geom": "geoms",
-    "site": "sites",
-    "camera": "cameras",
-    "light": "lights",
-    "material": "materials",
-    "texture": "textures",
-    "mesh": "meshes",
-    "hfield": "hfields",
-    "flex": "flexes",
-    "skin": "skins",
-    "pair": "pairs",
-    "exclude": "excludes",
-    "equality": "equalities",
-    "tendon": "tendons",
-    "actuator": "actuators",
-    "sensor": "sensors",
-    "numeric": "numerics",
-    "text": "texts",
-    "tuple": "tuples",
-    "key": "keys",
+    kind: PLURALS.get(kind, f"{kind}s")
+    for kind in (
+        *("body", "frame", "joint", "geom", "site", "camera", "light", "material", "texture", "mesh", "hfield", "flex"),
+        *("skin", "pair", "exclude", "equality", "tendon", "actuator", "sensor", "numeric", "text", "tuple", "key"),
+    )
 }
 # Fields that MjSpec stores as plain integers and MJCF writes by name.
 NAMED_INTEGERS = {

@@ -54,7 +54,7 @@ class Source(ABC):
 
     @property
     def code(self) -> str:
-        """The code and version that, in addition to the files, determine what a policy is played on; empty without code."""
+        """The code and versions that determine, with the files, what a policy is played on; empty without code."""
         return ""
 
     def load(self) -> mujoco.MjModel:

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mjrun.diff.frames import is_colour
-from mjrun.diff.picture_sentences import percent
-from mjrun.diff.pictures import WorstFrames
+from mjrun.diff.pictures import WorstFrames, is_colour
 from mjrun.diff.result import FrameDifference
+from mjrun.diff.sentences import percent
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.rendering.colormaps import UNSEEN, colormap_table

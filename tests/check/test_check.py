@@ -1,29 +1,29 @@
 """Theorems about checking models."""
 
+import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from mjrun.check.check import Check, CheckResult, ModelResult, matching_codes
+from mjrun.check.check import Check, CheckResult, ModelResult, find_models, matching_codes, root_tag
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import UsageError
 from tests.check.models import PASSIVE, checked, codes, write
 
 
-def test_a_model_that_is_well_is_found_well() -> None:
-    result = checked(write("fine.xml", PASSIVE.format("")))
-    assert result == CheckResult((ModelResult("fine.xml", True, ()),), 0, 0)
-
-
-def test_results_keep_the_order_given_however_many_are_looked_at_at_once() -> None:
-    names = [f"{i}.xml" for i in range(6)]
+def test_results_keep_the_order_given_however_many_are_checked_at_once() -> None:
+    names = [f"{i}.xml" for i in range(3)]
     for name in names:
-        write(name, PASSIVE.format('range="2 1"' if name in ("1.xml", "4.xml") else ""))
-    one, many = checked(*names, jobs=1), checked(*names, jobs=4)
+        write(name, PASSIVE.format('range="2 1"' if name == "1.xml" else ""))
+    one, many = checked(*names, jobs=1), checked(*names, jobs=3)
     assert one == many
-    assert [model.model for model in many.models] == names
-    assert [codes(model) for model in many.models] == [[], ["MJ302"], [], [], ["MJ302"], []]
+    assert [(model.model, codes(model)) for model in many.models] == [
+        ("0.xml", []),
+        ("1.xml", ["MJ302"]),
+        ("2.xml", []),
+    ]
 
 
 def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
@@ -36,20 +36,20 @@ def test_a_part_that_models_include_is_skipped_wherever_it_is_given() -> None:
         checked("parts")
 
 
-@pytest.mark.parametrize(
-    ("fail_on", "code"),
-    [("error", 0), ("warning", 1), ("note", 1)],
-)
-def test_the_answer_is_no_from_the_severity_asked_for_on(fail_on: str, code: int) -> None:
-    assert checked(write("warned.xml", PASSIVE.format('range="2 1"')), fail_on=fail_on).code == code
+@pytest.mark.parametrize(("fail_on", "code"), [("error", 0), ("warning", 1), ("note", 1)])
+def test_the_exit_code_is_1_from_the_chosen_severity_on(fail_on: Any, code: int) -> None:
+    warned = ModelResult("a", True, (Finding("MJ302", "warning", "", "a.xml"),))
+    check = Check(["a.xml"], fail_on=fail_on)
+    assert check._exit_code([warned]) == code
+    assert check._exit_code([warned, ModelResult("b", False, ())]) == 3
 
 
 def test_codes_are_chosen_by_their_beginnings() -> None:
+    chosen = {code for code in RULES if code.startswith("MJ3")}
+    assert Check(["a.xml"], select=["mj3", "MJ201"]).codes == chosen | {"MJ201"}
+    assert Check(["a.xml"], ignore=["MJ2", "MJ601"]).codes == {c for c in RULES if not c.startswith(("MJ2", "MJ601"))}
     name = write("two.xml", PASSIVE.format('range="2 1"').replace("</worldbody>", "<camera/></worldbody>"))
-    assert codes(checked(name).models[0]) == ["MJ201", "MJ302", "MJ601"]
-    assert codes(checked(name, select=["mj3", "MJ201"]).models[0]) == ["MJ201", "MJ302"]
-    assert codes(checked(name, ignore=["MJ2", "MJ601"]).models[0]) == ["MJ302"]
-    assert codes(checked(name, select=["MJ3"], ignore=["MJ302"]).models[0]) == []
+    assert codes(checked(name, select=["MJ3", "MJ201"], ignore=["MJ302"]).models[0]) == ["MJ201"]
 
 
 def test_what_keeps_a_model_from_loading_is_told_whatever_is_chosen() -> None:
@@ -89,3 +89,28 @@ def test_counts_are_of_all_models() -> None:
     noted = Finding("MJ201", "note", "", "a.xml")
     result = CheckResult((ModelResult("a", True, (noted,)), ModelResult("b", True, (noted, noted))), 0, 0)
     assert (result.count("note"), result.count("error")) == (3, 0)
+
+
+def test_a_folder_means_the_models_below_it_that_stand_by_themselves() -> None:
+    for name, text in {
+        "b/two.xml": "<!-- a remark --><mujoco/>",
+        "b/part.xml": "<mujocoinclude/>",
+        "b/other.xml": "not xml at all",
+        "a/one.urdf": '<robot name="r"/>',
+        "a/three.mjz": "",
+        "a/notes.txt": "<mujoco/>",
+        ".hidden/four.xml": "<mujoco/>",
+        "five.xml": "<mujoco/>",
+    }.items():
+        path = Path(name)
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    models, skipped = find_models([".", "gone.xml", "five.xml"])
+    assert models == ["five.xml", "a/one.urdf", "a/three.mjz", "b/two.xml", "gone.xml"]
+    assert skipped == 2
+    assert find_models(["five.xml", "b/part.xml", "b/other.xml"]) == (["five.xml", "b/other.xml"], 1)
+
+
+def test_the_root_of_a_pipe_is_not_waited_for() -> None:
+    os.mkfifo("pipe.xml")
+    assert root_tag(Path("pipe.xml")) == ""

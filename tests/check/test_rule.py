@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Finding, Place, Rule, Violation, rule
+from mjrun.check.rule import Finding, Place, Rule, Violation, rule, short_path
 from mjrun.model.xml_source import Element, read_xml
 from tests.check.models import FINE, write
 
@@ -45,3 +45,12 @@ def test_the_origin_of_an_attached_object_is_part_of_the_message() -> None:
     assert PLAIN.finding("m", "r", place) == Finding(
         "MJ999", "warning", "m (attached from arm.xml:9)", "a.xml", 3, "", "r"
     )
+
+
+def test_a_detour_in_a_path_is_taken_out_only_if_it_leads_to_the_same_file() -> None:
+    Path("a/b").mkdir(parents=True)
+    Path("x.xml").touch()
+    Path("link").symlink_to("a/b")
+    Path("a/x.xml").touch()
+    assert short_path(Path("a/../x.xml")) == "x.xml"
+    assert short_path(Path("link/../x.xml")) == "link/../x.xml"

@@ -10,11 +10,11 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="capabilities ar
 
 TRY = """
 import re, subprocess
-from mjrun.confinement.capabilities import drop
+from mjrun.confinement.sandbox import drop_capabilities
 def sets(status):
     return [int(re.search(f"Cap{name}:\\\\s*(\\\\w+)", status)[1], 16) for name in ("Inh", "Prm", "Eff", "Bnd", "Amb")]
 print(*sets(open("/proc/self/status").read()))
-drop()
+drop_capabilities()
 print(*sets(open("/proc/self/status").read()))
 print(*sets(subprocess.run(["cat", "/proc/self/status"], capture_output=True, text=True).stdout))
 """

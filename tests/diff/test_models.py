@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.diff.model_differences import ArrayDifference, FieldDifference, ModelComparison, ModelObject
+from mjrun.diff.model_differences import ArrayDifference, FieldDifference, ModelComparison, UnmatchedObject
 from mjrun.diff.models import compare_models
 from mjrun.model.fields import COMPUTED, ModelField, is_layout, model_fields
 from mjrun.model.override import Override
@@ -112,7 +112,11 @@ def test_an_inserted_body_is_all_that_differs() -> None:
     result = compared(spec().compile(), spec(CRATE).compile())
     assert not told(result)
     assert not result.only_a
-    assert result.only_b == [ModelObject("body", "crate"), ModelObject("joint", "crate"), ModelObject("geom", "lid")]
+    assert result.only_b == [
+        UnmatchedObject("body", "crate"),
+        UnmatchedObject("joint", "crate"),
+        UnmatchedObject("geom", "lid"),
+    ]
     swapped = compared(spec(CRATE).compile(), spec().compile())
     assert not told(swapped)
     assert swapped.only_a == result.only_b

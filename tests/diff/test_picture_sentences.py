@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from mjrun.diff.picture_sentences import percent, picture_sentences, require_library
+from mjrun.diff.pictures import require_library
 from mjrun.diff.result import FrameDifference, PictureDifference
+from mjrun.diff.sentences import percent, picture_sentences
 from mjrun.errors import MissingExtraError, UsageError
 from mjrun.options.diff import PictureDiffOptions
 

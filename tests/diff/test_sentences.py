@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from mjrun.diff.model_differences import FieldDifference, ModelComparison, ModelObject
+from mjrun.diff.model_differences import FieldDifference, ModelComparison, UnmatchedObject
 from mjrun.diff.models import compare_models
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference, UnmatchedRows
 from mjrun.diff.sentences import model_lines, model_sentences, place, shared_sentence, table_sentences
@@ -74,7 +74,7 @@ def test_a_place_is_a_row_with_its_time_or_a_step() -> None:
     assert place(CellDifference(2, 2, 7.0, "", ""), "step") == "step 7"
 
 
-def result(*fields: FieldDifference, only_b: tuple[ModelObject, ...] = ()) -> ModelComparison:
+def result(*fields: FieldDifference, only_b: tuple[UnmatchedObject, ...] = ()) -> ModelComparison:
     return ModelComparison("a.xml", "b.xml", fields, [], [], only_b, [], [])
 
 
@@ -113,7 +113,7 @@ def test_long_lists_are_cut() -> None:
 
 
 def test_names_from_models_are_cleaned() -> None:
-    text = [*model_lines(result(only_b=(ModelObject("body", "\x1b[31m"),)))]
+    text = [*model_lines(result(only_b=(UnmatchedObject("body", "\x1b[31m"),)))]
     assert text == ["only in b.xml: body \\x1b[31m"]
 
 

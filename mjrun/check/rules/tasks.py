@@ -1,16 +1,18 @@
 """Faults of a task beyond mistakes in its document: those that random actions reveal."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mjrun.check.rule import Finding, Rule
-from mjrun.check.task_episodes import NotFinite, TaskEpisodes, TaskPlaces
 from mjrun.errors import counted, listing, quoted
 from mjrun.model.names import names
 from mjrun.options.task import CONTROL
-from mjrun.task.description import control_range
-from mjrun.task.worlds import TaskWorlds
+
+if TYPE_CHECKING:  # the rules are loaded for every check, tasks and policies for few
+    from mjrun.check.task_episodes import NotFinite, TaskEpisodes, TaskPlaces
+    from mjrun.task.worlds import TaskWorlds
 
 MISTAKE = Rule("MJ801", "error", "mistake in a task document")
 MISFIT = Rule("MJ802", "error", "policy that does not fit its task")
@@ -25,8 +27,10 @@ MEASURED = ("probe", "joints", "value")  # sources of observations that should n
 SLACK = 1e-9  # relative to a range
 
 
-def beyond_ranges(worlds: TaskWorlds, places: TaskPlaces) -> Iterator[Finding]:
+def beyond_ranges(worlds: "TaskWorlds", places: "TaskPlaces") -> Iterator[Finding]:
     """Yields actions that exceed the limits of a control, where MuJoCo clamps them."""
+    from mjrun.task.description import control_range
+
     model, actions = worlds.model(0), worlds.actions
     limits = np.where(actions.squashed, 1.0, np.inf)
     low, high = np.maximum(actions.low, -limits), np.minimum(actions.high, limits)
@@ -50,7 +54,7 @@ def beyond_ranges(worlds: TaskWorlds, places: TaskPlaces) -> Iterator[Finding]:
             yield BEYOND_RANGE.finding(message, "lower the scale, or clip", places.at("actions", index))
 
 
-def episode_findings(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
+def episode_findings(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding]:
     """Yields the faults that episodes show."""
     yield from _at_once(episodes, places)
     for fault in episodes.not_finite:
@@ -64,7 +68,7 @@ def episode_findings(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Fin
     yield from _constant(episodes, places)
 
 
-def _at_once(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
+def _at_once(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding]:
     for name, seeds in episodes.ended_at_start.items():
         always = len(seeds) == episodes.count
         which = "every episode" if always else f"{len(seeds)} of {counted(episodes.count, 'episode')}"
@@ -75,7 +79,7 @@ def _at_once(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
         )
 
 
-def _not_finite(fault: NotFinite, episodes: TaskEpisodes, places: TaskPlaces) -> Finding:
+def _not_finite(fault: "NotFinite", episodes: "TaskEpisodes", places: "TaskPlaces") -> Finding:
     message = f"{quoted(fault.name)} is {fault.value} {fault.time:.6g} s into the episode of seed {fault.seed}"
     remedy = f"with {episodes.acting}; guard it in the expression: where(isfinite(x), x, 0)"
     if fault.kind == "rewards":
@@ -84,7 +88,7 @@ def _not_finite(fault: NotFinite, episodes: TaskEpisodes, places: TaskPlaces) ->
     return NOT_FINITE.finding(message, remedy, places.at("observations", index), f"observation '{fault.name}'")
 
 
-def _constant(episodes: TaskEpisodes, places: TaskPlaces) -> Iterator[Finding]:
+def _constant(episodes: "TaskEpisodes", places: "TaskPlaces") -> Iterator[Finding]:
     if episodes.periods < 2 or episodes.unstable:
         return
     for index, term in enumerate(places.task.observations):

@@ -1,22 +1,23 @@
 """The description of a compiled model: its summary, and plain values for each kind of object, computed on demand."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 import mujoco
+import numpy as np
 
 from mjrun.model.description.actuators_sensors import Actuator, Sensor
 from mjrun.model.description.assets import Asset, assets
 from mjrun.model.description.bodies import Body, Camera, Geom, Joint, Light, Site
 from mjrun.model.description.constraints import ContactPair, Equality, Exclude, Flex, Tendon
-from mjrun.model.description.declaration import ModelObject, objects
-from mjrun.model.description.keyframes import Keyframe
+from mjrun.model.description.declaration import ModelObject, computed, objects, of_field
 from mjrun.model.description.non_default_settings import NonDefaultSetting, options, visual
 from mjrun.model.description.plugins import Plugin
 from mjrun.model.fields import floats
-from mjrun.model.names import enum_name
+from mjrun.model.names import BALL, enum_name, names
 
 SIZES = (
     *("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic"),
@@ -122,6 +123,72 @@ def statistics(model: mujoco.MjModel) -> Statistics:
     stat = model.stat
     return Statistics(
         floats(stat.center), float(stat.extent), float(stat.meansize), float(stat.meanmass), float(stat.meaninertia)
+    )
+
+
+SLACK = 1e-9  # relative to a range, for the rounding of angles written in decimals
+
+
+def _joints_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
+    joints = names(model, "joint")
+    for joint in np.flatnonzero(model.jnt_limited):
+        qpos = model.key_qpos[key, model.jnt_qposadr[joint] :]
+        value = _turned(qpos[:4]) if int(model.jnt_type[joint]) == BALL else qpos[0]
+        if _beyond(value, model.jnt_range[joint]):
+            yield f"qpos/{joints[joint]}"
+
+
+def _actuators_outside(model: mujoco.MjModel, key: int) -> Iterator[str]:
+    for i, name in enumerate(names(model, "actuator")):
+        control, activation = model.actuator_ctrladr[i], model.actuator_actadr[i]
+        controls = range(control, control + model.actuator_ctrlnum[i])
+        if any(
+            model.actuator_ctrllimited[k] and _beyond(model.key_ctrl[key, k], model.actuator_ctrlrange[k])
+            for k in controls
+        ):
+            yield f"ctrl/{name}"
+        limited = model.actuator_actnum[i] if model.actuator_actlimited[i] else 0
+        if any(
+            _beyond(model.key_act[key, k], model.actuator_actrange[i]) for k in range(activation, activation + limited)
+        ):
+            yield f"act/{name}"
+
+
+def _turned(quaternion: np.ndarray) -> float:
+    """Returns the angle of a rotation [rad], which the range of a ball joint limits."""
+    return 2 * float(np.arctan2(np.linalg.norm(quaternion[1:]), abs(quaternion[0])))
+
+
+def _beyond(value: float, limits: np.ndarray) -> bool:
+    low, high = limits
+    slack = SLACK * max(1.0, abs(low), abs(high))
+    return bool(value < low - slack or value > high + slack)
+
+
+def _is_finite(model: mujoco.MjModel, key: int) -> bool:
+    fields = (
+        *(model.key_time, model.key_qpos, model.key_qvel, model.key_act, model.key_ctrl),
+        *(model.key_mpos, model.key_mquat, model.key_plastic),
+    )
+    return all(bool(np.isfinite(field[key]).all()) for field in fields)
+
+
+@dataclass(frozen=True)
+class Keyframe(ModelObject):
+    """A keyframe.
+
+    Attributes:
+      time: the time [s].
+      finite: true if every number in it is finite.
+      outside: the columns whose values are outside their range: `qpos/knee`, `ctrl/motor`, `act/muscle`.
+    """
+
+    KIND = "keyframe"
+
+    time: float = of_field("key_time", usual=-1)
+    finite: bool = computed(_is_finite)
+    outside: tuple[str, ...] = computed(
+        lambda model, key: (*_joints_outside(model, key), *_actuators_outside(model, key))
     )
 
 
