@@ -4,7 +4,7 @@
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check bench score docs clean
+.PHONY: help setup setup-python demo gallery test quick explore test-lowest lint types check bench score docs release-check clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-11s  %s\n", $$1, $$2}' Makefile
@@ -67,6 +67,9 @@ score: setup ## measure faults, hostile input and determinism, and write SCORE.m
 
 docs: setup ## build the site of the documentation: out/site/index.html
 	.venv/bin/python scripts/make_docs.py
+
+release-check: setup ## build the release in dist, and try it in a fresh environment
+	.venv/bin/python scripts/release_check.py
 
 clean: ## remove outputs, packages and caches; .venv stays
 	rm -rf out dist .pytest_cache .ruff_cache .hypothesis

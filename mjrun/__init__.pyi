@@ -189,6 +189,7 @@ class Check(_Check):
         select: str | Sequence[str] = ...,
         ignore: str | Sequence[str] = ...,
         fail_on: Literal["error", "warning", "note"] = ...,
+        skip_other: bool = ...,
         steps: int = ...,
         timeout: float | str | Fraction = ...,
         memory: int = ...,

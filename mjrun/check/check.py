@@ -119,7 +119,7 @@ class Check(PolicyOptions, CheckOptions):
           UsageError: `models` are folders without any model.
         """
         reporter = reporter or WarningReporter()
-        paths, skipped = find_models(self.models)
+        paths, skipped = find_models(self.models, skip_other=self.skip_other)
         if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("no model to check: give model files, or folders that contain some")
         results = []
@@ -204,16 +204,20 @@ def _spelled(finding: Finding, spelling: Spelling) -> Finding:
     return replace(finding, message=spelled(finding.message, spelling), remedy=spelled(finding.remedy, spelling))
 
 
-def find_models(paths: Sequence[str | Path]) -> tuple[list[str], int]:
+def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tuple[list[str], int]:
     """Returns the models among files and folders, each once and in order, and the number of files that are not models.
 
     The latter are files in folders whose root element is not that of a model, and parts that models include.
+
+    Args:
+      skip_other: Whether files given by name are not models either if their root element is another one.
     """
     models: dict[str, None] = {}
     skipped = 0
     for path in map(_path, paths):
         if not is_folder(path):
-            if root_tag(Path(path)) == FRAGMENT:
+            tag = root_tag(Path(path))
+            if tag == FRAGMENT or (skip_other and tag not in ("", *ROOTS)):
                 skipped += 1
             else:
                 models[path] = None

@@ -31,6 +31,11 @@ class CheckOptions(Options):
         default="error",
         help="Exit with code 1 if a finding has at least this severity.",
     )
+    skip_other: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Skip XML files that are neither MJCF nor URDF, as in folders, instead of reporting them.",
+    )
     steps: int = option(
         converter=Integer(),
         default=200,

@@ -111,6 +111,16 @@ def test_a_folder_means_the_models_below_it_that_stand_by_themselves() -> None:
     assert find_models(["five.xml", "b/part.xml", "b/other.xml"]) == (["five.xml", "b/other.xml"], 1)
 
 
+def test_files_of_other_formats_are_skipped_on_request_and_broken_ones_are_not() -> None:
+    texts = {"a.xml": "<mujoco/>", "package.xml": "<package/>", "part.xml": "<mujocoinclude/>", "b.xml": "<mujoco"}
+    texts["c.xml"] = "text"
+    for name, text in texts.items():
+        Path(name).write_text(text)
+
+    assert find_models([*texts], skip_other=True) == (["a.xml", "b.xml", "c.xml"], 2)
+    assert find_models([*texts]) == (["a.xml", "package.xml", "b.xml", "c.xml"], 1)
+
+
 def test_the_root_of_a_pipe_is_not_waited_for() -> None:
     os.mkfifo("pipe.xml")
     assert root_tag(Path("pipe.xml")) == ""

@@ -1,0 +1,160 @@
+"""What is around a release: files by their own schemas and tools, and the shell and Python in them, executed."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.documentation import ROOT
+
+sys.path.append(str(ROOT))
+
+from scripts import release_check
+
+TOOLS = Path(sys.executable).parent
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+SCHEMAS = [
+    ("vendor.github-actions", ROOT / "action.yml"),
+    ("vendor.citation-file-format", ROOT / "CITATION.cff"),
+    ("vendor.github-issue-config", ROOT / ".github/ISSUE_TEMPLATE/config.yml"),
+    *(("vendor.github-issue-forms", ROOT / f".github/ISSUE_TEMPLATE/{name}.yml") for name in ("bug", "feature")),
+    *(("vendor.github-workflows", path) for path in WORKFLOWS),
+    *(("custom.github-workflows-require-timeout", path) for path in WORKFLOWS),
+]
+ACTION = yaml.safe_load((ROOT / "action.yml").read_text("utf-8"))
+STEPS = {step.get("name", step.get("uses")): step for step in ACTION["runs"]["steps"]}
+
+
+@pytest.mark.parametrize("schema", sorted({name for name, _ in SCHEMAS}))
+def test_files_fit_their_schemas(schema: str) -> None:
+    files = [str(path) for name, path in SCHEMAS if name == schema]
+    done = subprocess.run(
+        [TOOLS / "check-jsonschema", "--builtin-schema", schema, *files], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["pre-commit", "validate-manifest", ".pre-commit-hooks.yaml"], ["hadolint", "packaging/Containerfile"]],
+    ids=["pre-commit", "hadolint"],
+)
+def test_files_pass_their_tools(command: list[str]) -> None:
+    name, *arguments = command
+    done = subprocess.run([TOOLS / name, *arguments], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", [ROOT / "action.yml", *WORKFLOWS], ids=lambda path: path.name)
+def test_actions_of_others_are_pinned_and_inputs_reach_shells_as_variables(path: Path) -> None:
+    text = path.read_text("utf-8")
+    assert all(re.search(r"@[0-9a-f]{40} # v[\d.]+$", line) for line in text.splitlines() if "uses:" in line)
+    scripts = [step["run"] for step in all_steps(yaml.safe_load(text)) if "run" in step]
+    assert scripts
+    assert [script for script in scripts if "${{" in script] == []
+
+
+def all_steps(document: dict[str, object]) -> list[dict[str, str]]:
+    jobs = document.get("jobs", {"": document.get("runs")})
+    assert isinstance(jobs, dict)
+    return [step for job in jobs.values() for step in job["steps"]]
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> dict[str, str]:
+    """The variables of a runner, with `mjrun` and `gh` on the path; `gh` writes down its arguments."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    (programs / "mjrun").write_text(f'#!/bin/sh\nPYTHONPATH="{ROOT}" exec "{sys.executable}" -m mjrun "$@"\n')
+    (programs / "gh").write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" > "{tmp_path}/gh"\n')
+    for program in programs.iterdir():
+        program.chmod(0o755)
+    (tmp_path / "work").mkdir()
+    files = {name: str(tmp_path / name) for name in ("GITHUB_STEP_SUMMARY", "GITHUB_OUTPUT")}
+    paths = {"PATH": f"{programs}:{os.environ['PATH']}", "RUNNER_TEMP": str(tmp_path)}
+    return {**os.environ, **files, **paths, "GITHUB_REPOSITORY": "owner/name", "GITHUB_SHA": "1", "GITHUB_REF": "r"}
+
+
+def run_action(runner: dict[str, str], command: str, **variables: str) -> dict[str, str]:
+    """Executes the step of the action that runs mjrun, and returns its outputs."""
+    folder = Path(runner["RUNNER_TEMP"]) / "work"
+    environment = {**runner, "COMMAND": command, **variables}
+    subprocess.run([sys.executable, ROOT / "packaging/action.py"], cwd=folder, env=environment, check=True, timeout=120)
+    text = Path(runner["GITHUB_OUTPUT"]).read_text("utf-8")
+    several = dict(re.findall(r"^(\S+)<<END_OF_FILES\n(.*?)\nEND_OF_FILES$", text, re.DOTALL | re.MULTILINE))
+    return {**dict(re.findall(r"^([\w-]+)=(.*)$", text, re.MULTILINE)), **several}
+
+
+def test_the_action_reports_the_command_its_output_and_its_files(runner: dict[str, str]) -> None:
+    outputs = run_action(runner, "trace scene:pendulum --key level --duration 0.01 -o 'a table.csv'")
+
+    assert outputs["exit-code"] == "0"
+    assert outputs["files"] == str(Path(runner["RUNNER_TEMP"]) / "work/a table.csv")
+    summary = Path(runner["GITHUB_STEP_SUMMARY"]).read_text("utf-8")
+    assert "mjrun trace scene:pendulum" in summary
+    assert "rows" in summary
+    assert summary == Path(outputs["report"]).read_text("utf-8")
+
+
+def test_a_command_of_the_action_reaches_no_shell(runner: dict[str, str]) -> None:
+    outputs = run_action(runner, "info scene:pendulum; touch owned $(touch owned)")
+
+    assert outputs["exit-code"] != "0"
+    assert "files" not in outputs
+
+
+def test_the_action_uploads_findings_and_comments_on_differences(runner: dict[str, str]) -> None:
+    (Path(runner["RUNNER_TEMP"]) / "work/broken.xml").write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
+    outputs = run_action(runner, "check broken.xml --github", SARIF="true")
+    assert '"version": "2.1.0"' in Path(outputs["sarif"]).read_text("utf-8")
+
+    uploaded = run_step(runner, "Upload findings", FINDINGS=outputs["sarif"])
+    assert uploaded[:2] == ["api", "repos/owner/name/code-scanning/sarifs"]
+
+    comment = run_step(runner, "Comment on the pull request", NUMBER="7", REPORT=outputs["report"], FILES="https://a/b")
+    assert comment[:3] == ["pr", "comment", "7"]
+    assert "(https://a/b)" in Path(outputs["report"]).read_text("utf-8")
+
+
+def run_step(runner: dict[str, str], name: str, **variables: str) -> list[str]:
+    """Executes the script of a step of the action, and returns what it passed to `gh`."""
+    script = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", STEPS[name]["run"]]
+    subprocess.run(script, env={**runner, **variables}, check=True, timeout=60)
+    return (Path(runner["RUNNER_TEMP"]) / "gh").read_text("utf-8").splitlines()
+
+
+@pytest.mark.parametrize("code", ["0", "1", "4"])
+def test_the_action_ends_with_the_exit_code_of_the_command(code: str, runner: dict[str, str]) -> None:
+    script = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", STEPS["Fail if mjrun failed"]["run"]]
+    assert subprocess.run(script, env={**runner, "CODE": code}, timeout=60).returncode == int(code)
+
+
+def test_every_file_states_the_version_and_the_changelog_describes_it() -> None:
+    release_check.check_versions()
+    assert release_check.notes(release_check.version())
+
+
+def test_the_recipe_of_conda_has_the_dependencies_of_the_package() -> None:
+    project = (ROOT / "pyproject.toml").read_text("utf-8")
+    (block,) = re.findall(r"^dependencies = \[\n(.*?)^\]", project, re.DOTALL | re.MULTILINE)
+    wanted = set(re.findall(r'"([^"]+)"', block))
+    recipe = yaml.safe_load((ROOT / "packaging/recipe.yaml").read_text("utf-8"))
+    stated = {each.replace(" ", "") for each in recipe["requirements"]["run"]} - {"python>=${{python_min}}", "__linux"}
+
+    assert {each.replace("mujoco-python", "mujoco") for each in stated} == wanted
+
+
+def test_the_hook_skips_files_that_are_not_models(tmp_path: Path) -> None:
+    (hook,) = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text("utf-8"))
+    (tmp_path / "package.xml").write_text("<package/>")
+    (tmp_path / "part.xml").write_text("<mujocoinclude/>")
+    command = [sys.executable, "-m", *hook["entry"].split(), "package.xml", "part.xml"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+
+    assert (done.returncode, done.stdout.count("2 files skipped")) == (0, 1), done.stdout
