@@ -1,8 +1,8 @@
-"""Seconds that `mjrun diff` takes for two large CSV files, against `cmp` and against pandas.
+"""Wall time of `mjrun diff` for two large CSV files, compared with `cmp` and pandas.
 
-Each is timed as a whole process, side by side in one run. pandas reads both files, merges their rows by time and
-compares all numbers; cmp stops at the first byte that differs. Three pairs of files: equal but for one bit in the last
-row, every number off by little, and every other row left out. The files have a time and 19 columns, and are made in a
+Each program is timed as a whole process, alternately in one run. pandas reads both files, merges their rows by time and
+compares all numbers; cmp stops at the first byte that differs. Three pairs of files: equal except for one bit in the
+last row, every number slightly off, and every other row missing. The files contain a time and 19 columns, in a
 temporary folder. Ratios below 1 are better.
 
     python benchmarks/diff.py
@@ -10,25 +10,23 @@ temporary folder. Ratios below 1 are better.
 """
 
 import argparse
-import os
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from measured_process import run
 
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 
 COLUMNS = [Column("time", "s"), *(Column(f"qpos/{i}", "rad") for i in range(19))]
 BLOCK = 10_000  # rows
-ROW = 382  # bytes of a line, about
+ROW = 382  # approximate length of a line [bytes]
 PANDAS = """
 import sys, numpy as np, pandas as pd
 a, b = (pd.read_csv(path) for path in sys.argv[1:3])
@@ -37,36 +35,28 @@ differences = {name: np.abs(both[name + "_a"] - both[name + "_b"]) for name in a
 for name, size in differences.items():
     print(name, (size > 0).sum(), size.max(), np.sqrt((size**2).mean()), size.iloc[-1], size.gt(0).idxmax())
 """
-Change = Callable[[np.ndarray, bool], np.ndarray]  # of a block of rows, which may be the last one
-
-
-@dataclass(frozen=True)
-class Run:
-    """Wall time [s] and peak resident memory [bytes] of one process."""
-
-    wall: float
-    peak: int
+Change = Callable[[np.ndarray, bool], np.ndarray]  # changes a block of rows, which may be the last one
 
 
 def one_bit(rows: np.ndarray, is_last: bool) -> np.ndarray:
-    """One bit of the last number of the last row differs."""
+    """Flips one bit of the last number of the last row."""
     changed = rows.copy()
     changed.view(np.int64)[-1, -1] ^= is_last
     return changed
 
 
 def everything(rows: np.ndarray, is_last: bool) -> np.ndarray:
-    """Every number but the time is off by 1e-9."""
+    """Adds 1e-9 to every number except the time."""
     return rows + np.where(np.arange(rows.shape[1]) > 0, 1e-9, 0.0)
 
 
 def half_of_the_rows(rows: np.ndarray, is_last: bool) -> np.ndarray:
-    """Every other row."""
+    """Keeps every other row."""
     return rows[::2]
 
 
 def blocks(count: int) -> Iterator[tuple[int, np.ndarray]]:
-    """The rows of the table in blocks, each with the number of its first row."""
+    """Yields the rows of the table in blocks, each with the number of its first row."""
     random = np.random.default_rng(0)
     for first in range(0, count, BLOCK):
         block = random.standard_normal((BLOCK, len(COLUMNS)))
@@ -81,31 +71,15 @@ def write(path: Path, count: int, change: Change = lambda rows, is_last: rows) -
         table.publish()
 
 
-def run(*command: str) -> Run:
-    """One process, whose output goes nowhere."""
-    start = time.perf_counter()
-    child = os.fork()
-    if child == 0:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        try:
-            os.execvp(command[0], command)
-        finally:
-            os._exit(127)  # there is no such program
-    _, status, usage = os.wait4(child, 0)
-    if os.waitstatus_to_exitcode(status) not in (0, 1):  # 1: they differ
-        raise SystemExit(f"{' '.join(command[:4])} failed")
-    return Run(time.perf_counter() - start, usage.ru_maxrss * 1024)
-
-
 def compare(title: str, a: Path, b: Path, repeats: int) -> None:
-    """One row of the table: medians, and the medians of the ratios of runs that stood side by side."""
+    """Prints the medians, and the medians of the ratios of adjacent runs."""
     commands: dict[str, tuple[str, ...]] = {
         "mjrun diff": (sys.executable, "-m", "mjrun", "diff", str(a), str(b), "-q"),
         "cmp": ("cmp", str(a), str(b)),
         "pandas": (sys.executable, "-c", PANDAS, str(a), str(b)),
     }
     commands = {name: command for name, command in commands.items() if shutil.which(command[0])}
-    runs = [{name: run(*command) for name, command in commands.items()} for _ in range(repeats)]
+    runs = [{name: run(*command, accepted=(0, 1)) for name, command in commands.items()} for _ in range(repeats)]
     print(f"{title}: {a.stat().st_size / 1e6:.0f} MB and {b.stat().st_size / 1e6:.0f} MB")
     for name in commands:
         wall = statistics.median(each[name].wall for each in runs)

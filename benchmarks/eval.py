@@ -1,14 +1,14 @@
-"""Throughput of `mjrun.gym.make_vec` against the vector environments of Gymnasium, on the same tasks.
+"""Throughput of `mjrun.gym.make_vec`, compared with the vector environments of Gymnasium on the same tasks.
 
 The tasks are Gymnasium's Humanoid-v5 and Ant-v5, written as tasks of mjrun, whose numbers equal theirs to 1e-12
-(`lagged`); and the same with quantities that belong to the state that is observed (`current`), as tasks of mjrun have
-them unless they say otherwise. `bare` is `mujoco.batch` alone on all cores: the same models, actions and lengths of
-episodes, and nothing measured, which no environment can beat. All are stepped by turns in one run, with uniformly
-random actions; ratios are medians of those of runs side by side, and above 1 is faster.
+(`lagged`); and the same with quantities of the observed state (`current`), which is the default of mjrun's tasks.
+`bare` is `mujoco.batch` alone on all cores: the same models, actions and lengths of episodes without any measurement,
+which no environment can beat. All are stepped alternately in one run, with uniformly random actions; ratios are medians
+of those of adjacent runs, and above 1 is faster.
 
-With `--single` one environment of each kind is stepped instead: `mjrun.gym.TaskEnv` and Gymnasium's own, by turns,
-without wrappers and with the resets that episodes need. `cost` is our CPU time over theirs, of the fastest of all turns
-each, so that other work on the machine counts little; below 1 is faster.
+With `--single` one environment of each kind is stepped instead: `mjrun.gym.TaskEnv` and Gymnasium's own, alternately,
+without wrappers and with the necessary resets. `cost` is the CPU time of mjrun over that of Gymnasium, each of its
+fastest turn, so that other work on the machine has little effect; below 1 is faster.
 
     python benchmarks/eval.py
     python benchmarks/eval.py --single --environments HalfCheetah-v5 Hopper-v5
@@ -41,7 +41,7 @@ SEED = 1
 
 
 def stepped(env: VectorEnv, actions: np.ndarray) -> float:
-    """Steps of a world per second, resets included."""
+    """Returns the steps of a world per second, including resets."""
     env.reset(seed=SEED)
     start = time.perf_counter()
     for action in actions:
@@ -50,7 +50,7 @@ def stepped(env: VectorEnv, actions: np.ndarray) -> float:
 
 
 def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[], float]:
-    """What steps the same episodes with `mujoco.batch` alone."""
+    """Returns a function that steps the same episodes with `mujoco.batch` alone."""
     env = worlds.worlds
     model, steps = env.model(0), env.control_steps
     ends = [np.flatnonzero(over) for over in _ends(worlds, actions)]
@@ -71,13 +71,13 @@ def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[], f
 
 
 def _ends(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> list[np.ndarray]:
-    """In which worlds an episode ends at each step."""
+    """Returns the worlds in which an episode ends at each step."""
     worlds.reset(seed=SEED)
     return [np.logical_or(*worlds.step(action)[2:4]) for action in actions]
 
 
 def compare(name: str, count: int, steps: int, repeats: int) -> None:
-    """One row of the table."""
+    """Prints the row of an environment."""
     task = TASKS[name]()
     space = gymnasium.make(name).action_space
     assert isinstance(space, gymnasium.spaces.Box)
@@ -112,7 +112,7 @@ def compare(name: str, count: int, steps: int, repeats: int) -> None:
 
 
 def compare_single(name: str, steps: int, repeats: int) -> None:
-    """One row of the table of single environments."""
+    """Prints the row of a single environment."""
     theirs, ours = gymnasium.make(name).unwrapped, mjrun.gym.TaskEnv(TASKS[name]())
     space = theirs.action_space
     assert isinstance(space, gymnasium.spaces.Box)
@@ -126,7 +126,7 @@ def compare_single(name: str, steps: int, repeats: int) -> None:
 
 
 def single_step(env: gymnasium.Env, actions: np.ndarray) -> float:
-    """CPU time of a step [s], resets included."""
+    """Returns the CPU time of a step, including resets [s]."""
     env.reset(seed=SEED)
     start = time.process_time()
     for action in actions:
@@ -137,7 +137,7 @@ def single_step(env: gymnasium.Env, actions: np.ndarray) -> float:
 
 
 def replace_derived(task: "mjrun.Task") -> "mjrun.Task":
-    """The same task, with quantities that belong to the state that is observed."""
+    """Returns the same task with quantities of the observed state."""
     return replace(task, derived="current")
 
 

@@ -1,8 +1,8 @@
-"""Overhead of `mjrun eval` over bare stepping and inference: the same episodes, the same actions, on one core.
+"""Overhead of `mjrun eval` over bare stepping and inference, for the same episodes and actions on one core.
 
-Episodes are played as `mjrun eval` plays them, in worlds side by side. Beside them stand what cannot be spared: the
-same models under the same controls in `mujoco.batch`, with nothing measured, and the policy on the same observations.
-All are timed by turns in one run; `overhead` is the median of the ratios of the first to the sum of the others.
+Episodes are played as by `mjrun eval`, in worlds side by side. They are compared with the unavoidable work: the same
+models under the same controls in `mujoco.batch` without any measurement, and the policy on the same observations. All
+are timed alternately in one run; `overhead` is the median of the ratios of the former to the sum of the latter.
 Terminations are left out, so that all worlds step to the end.
 
     python benchmarks/eval_overhead.py
@@ -32,11 +32,12 @@ TASKS = ("car_drive", "humanoid_stand", "pendulum_swing_up")
 
 @dataclass(frozen=True)
 class Played:
-    """Episodes side by side, as they were.
+    """Inputs of episodes that were played side by side.
 
     Attributes:
-      observations, controls: at each control instant, of each world.
-      starts: the states at which they began.
+      worlds: worlds of the episodes.
+      observations, controls: observations and controls of each world at each control instant.
+      starts: initial states.
     """
 
     worlds: TaskWorlds
@@ -46,7 +47,7 @@ class Played:
 
 
 def played(task: Task, policy: Policy, count: int) -> Played:
-    """The first `count` episodes."""
+    """Plays the first `count` episodes."""
     worlds = TaskWorlds(task, count, threads=1)
     space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
     actors = [policy.episode(seed, space) for seed in range(count)]
@@ -61,7 +62,7 @@ def played(task: Task, policy: Policy, count: int) -> Played:
 
 
 def stepping(found: Played) -> float:
-    """Wall time [s] of the physics alone."""
+    """Times the physics alone [s]."""
     worlds = found.worlds
     driven = [each.control for each in worlds.actions.driven]  # the other actuators keep what they start with
     batch = Batch(worlds.model(0), worlds.count, 1)
@@ -74,7 +75,7 @@ def stepping(found: Played) -> float:
 
 
 def inference(found: Played, policy: Policy) -> float:
-    """Wall time [s] of the policy alone."""
+    """Times the policy alone [s]."""
     actions = found.worlds.actions
     space = ActionSpace(actions.names, actions.low, actions.high)
     actors = [policy.episode(seed, space) for seed in range(found.worlds.count)]
@@ -86,14 +87,14 @@ def inference(found: Played, policy: Policy) -> float:
 
 
 def timed(run: Callable[[], object]) -> float:
-    """Wall time [s]."""
+    """Times a function [s]."""
     start = time.perf_counter()
     run()
     return time.perf_counter() - start
 
 
 def compare(name: str, text: str, episodes: int, repeats: int) -> None:
-    """One row of the table."""
+    """Prints the row of a policy."""
     task = replace(read_task(SCENES / f"{name}.yaml"), terminations={})
     policy = load_policy(text)
     player, found = TaskPlayer(task, policy), played(task, policy, min(episodes, SIDE_BY_SIDE))

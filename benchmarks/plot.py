@@ -1,22 +1,20 @@
-"""`mjrun plot` of 10⁶ rows × 20 columns, against pandas and matplotlib that draw the same panels.
+"""Wall time and peak memory of `mjrun plot` for 10⁶ rows × 20 columns, compared with pandas and matplotlib.
 
-Each is a process of its own, in turn, on the same table: wall time, peak memory, and ratios; below 1 is better. The
-table is written by `mjrun trace`'s writer, as parquet and as csv; pandas reads the csv with its C parser.
+All draw the same panels of the same table, each in a separate process and alternately; ratios below 1 are better. The
+table is written by mjrun as parquet and as csv; pandas reads the csv with its C parser.
 
     python benchmarks/plot.py
     python benchmarks/plot.py --rows 100000 --repeats 1
 """
 
 import argparse
-import os
 import statistics
 import sys
 import tempfile
-import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from measured_process import run
 
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
@@ -39,29 +37,8 @@ plt.savefig(output, dpi=100)
 """
 
 
-@dataclass(frozen=True)
-class Run:
-    """Wall time [s] and peak resident memory [MiB] of a process."""
-
-    wall: float
-    peak: float
-
-
-def run(*command: str) -> Run:
-    """One process, which has to succeed."""
-    start = time.perf_counter()
-    child = os.fork()
-    if child == 0:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.execv(command[0], command)
-    _, status, usage = os.wait4(child, 0)
-    if status:
-        raise SystemExit(f"{' '.join(command[:5])} failed")
-    return Run(time.perf_counter() - start, usage.ru_maxrss / 1024)
-
-
 def write_tables(folder: Path, rows: int) -> list[Path]:
-    """Noisy waves, as parquet and as csv."""
+    """Writes noisy waves as parquet and as csv."""
     names = [f"{group}/joint_{i}" for group in ("qpos", "qvel", "ctrl", "sensor") for i in range(CURVES)]
     columns = [Column("time", "s"), *(Column(name, "rad") for name in names)]
     rng, block = np.random.default_rng(0), 50_000
@@ -88,7 +65,7 @@ def main() -> None:
             theirs = (sys.executable, "-c", PANDAS, str(path), output)
             pairs = [(run(*ours), run(*theirs)) for _ in range(options.repeats)]
             wall, reference = (statistics.median(pair[i].wall for pair in pairs) for i in (0, 1))
-            peak, reference_peak = (max(pair[i].peak for pair in pairs) for i in (0, 1))
+            peak, reference_peak = (max(pair[i].peak for pair in pairs) / 2**20 for i in (0, 1))
             print(f"{path.suffix[1:]:8} mjrun plot          {wall:6.2f} s {peak:6.0f} MiB")
             print(f"{'':8} pandas + matplotlib {reference:6.2f} s {reference_peak:6.0f} MiB")
             print(f"{'':8} ratio               {wall / reference:6.2f}   {peak / reference_peak:6.2f}")

@@ -1,11 +1,10 @@
-"""Throughput of `mjrun sweep` against one C loop per core over the same models, and against a loop in Python.
+"""Throughput of `mjrun sweep`, compared with one C loop per core over the same models, and with a Python loop.
 
-A study is timed as a whole process, metrics included; a study of one point, which is start-up, is taken off, since the
-loops are timed without theirs. The loop in C is a script that takes MODEL NSTEP and prints one line of JSON with
-`us_per_step`, given by --baseline; as many as there are cores run at once. They go over models with the frictions of
-the study, from the same start and for as many steps, since a step on a slippery floor is not the same work as one on a
-rough floor; of each model the fastest run counts. Ratios above 1 are better. The start-up of a study of one point
-stands beside that of a trace.
+A study is timed as a whole process, including metrics; the time of a study of one point is subtracted as start-up. The
+loop in C is a script with the arguments MODEL NSTEP that prints one line of JSON with `us_per_step`, specified by
+--baseline; it runs once per core at the same time. The loops use models with the frictions of the study, the same start
+and the same number of steps, since the cost of a step depends on the friction; the fastest run of each model counts.
+Ratios above 1 are better. The start-up of a study of one point is printed beside that of a trace.
 
     python benchmarks/sweep.py
     python benchmarks/sweep.py --models scenes/pendulum.xml --points 400
@@ -31,9 +30,9 @@ ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/steploop.sh"
 MODELS = [ROOT / "../shared/models/humanoid/humanoid.xml", ROOT / "../shared/models/car/car.xml"]
 METRICS = ("drift=max(abs(energy/drift))", "height=last(com/z)", "touching=share(contact/ncon > 0)")
-VARIED = 16  # models that the loops in C go over
+VARIED = 16  # models of the loops in C
 CORES = available_cores()
-# The same study as people write it by hand; prints seconds.
+# The same study as a hand-written script; prints seconds.
 PYTHON_LOOP = """
 import sys, time
 import mujoco, numpy as np
@@ -55,7 +54,7 @@ print(time.perf_counter() - start)
 
 
 def study(model: Path, points: int, steps: int, folder: Path) -> float:
-    """Wall time [s] of a study in a new folder."""
+    """Times a study in a new folder [s]."""
     command = [sys.executable, "-m", "mjrun", "sweep", str(model), "--steps", str(steps), "-q"]
     command += ["--vary", f"geom/*.friction[0]=0.3..1:{points}" if points > 1 else "seed=1"]
     for metric in METRICS:
@@ -65,12 +64,12 @@ def study(model: Path, points: int, steps: int, folder: Path) -> float:
 
 
 def trace(model: Path, steps: int) -> float:
-    """Wall time [s] of a trace of one such simulation."""
+    """Times a trace of one of the simulations [s]."""
     return _wall([sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q"])
 
 
 def varied_models(model: Path, folder: Path) -> list[Path]:
-    """Models with frictions of the study, evenly chosen, as files."""
+    """Writes models with frictions of the study, evenly chosen."""
     paths = [folder / f"{model.stem}{index}.xml" for index in range(VARIED)]
     for path, friction in zip(paths, np.linspace(0.3, 1, VARIED), strict=True):
         spec = mujoco.MjSpec.from_file(str(model))
@@ -81,7 +80,7 @@ def varied_models(model: Path, folder: Path) -> list[Path]:
 
 
 def c_loops(script: Path, models: list[Path], steps: int) -> float:
-    """Steps per second of loops in C over each of the models, on all cores at once."""
+    """Returns the steps per second of loops in C over each of the models, on all cores at once."""
 
     def loop(model: Path) -> float:
         environment = {**os.environ, "PYTHON": sys.executable}
@@ -94,14 +93,14 @@ def c_loops(script: Path, models: list[Path], steps: int) -> float:
 
 
 def python_loop(model: Path, points: int, steps: int) -> float:
-    """Steps per second of a loop in Python, on one core."""
+    """Returns the steps per second of a Python loop on one core."""
     command = [sys.executable, "-c", PYTHON_LOOP, str(model), str(points), str(steps)]
     seconds = float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     return points * steps / seconds
 
 
 def compare(script: Path, model: Path, total: int, steps: int, repeats: int, folder: Path) -> None:
-    """One row of the table: medians, and the median of the ratios of runs that stood side by side."""
+    """Prints the medians, and the median of the ratios of adjacent runs."""
     points = max(2, total // steps)
     models = varied_models(model, folder)
     c_loops(script, models[:1], 10)  # builds it

@@ -1,10 +1,10 @@
-"""Microseconds per row of `mjrun trace` against a bare `mj_step` loop in C.
+"""Microseconds per row of `mjrun trace`, compared with a bare `mj_step` loop in C.
 
-Every step is a row, all default columns, energy and exact CSV included; `mjrun trace` is timed as a whole
-process, and its start-up, measured with a few rows, is taken off. The loop is a script that takes MODEL NSTEP
-[KEYFRAME] and prints one line of JSON with `us_per_step`, given by --baseline. Ratios below 1 are better.
-What costs more is timed too: the contact table, a table of controls, noise, and a controller called at every step.
-A long run of the last model shows that memory stays flat.
+Every step is a row with all default columns, energy and exact CSV; `mjrun trace` is timed as a whole process, and its
+start-up, measured with a few rows, is subtracted. The loop is a script with the arguments MODEL NSTEP [KEYFRAME] that
+prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
+More expensive outputs and inputs are timed, too: the contact table, a table of controls, noise, and a controller called
+at every step. A long run of the last model shows that memory stays constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -17,11 +17,10 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
+from measured_process import Run, run
 
 ROOT = Path(__file__).resolve().parents[1]
 BASELINE = ROOT / "../shared/bench/steploop.sh"
@@ -33,30 +32,13 @@ MODELS = [
 FEW = 200  # rows that measure start-up
 
 
-@dataclass(frozen=True)
-class Run:
-    """Wall time [s] and peak resident memory [bytes] of one process."""
-
-    wall: float
-    peak: int
-
-
 def trace(model: Path, steps: int, *options: str) -> Run:
-    """`mjrun trace` to nowhere."""
-    command = [sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q", *options]
-    start = time.perf_counter()
-    child = os.fork()
-    if child == 0:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        os.execv(sys.executable, command)
-    _, status, usage = os.wait4(child, 0)
-    if status:
-        raise SystemExit(f"mjrun trace {model} failed")
-    return Run(time.perf_counter() - start, usage.ru_maxrss * 1024)
+    """Runs `mjrun trace` without its output."""
+    return run(sys.executable, "-m", "mjrun", "trace", str(model), "--steps", str(steps), "-q", *options)
 
 
 def bare(script: Path, model: Path, steps: int) -> float:
-    """Microseconds per step of the loop in C."""
+    """Returns the microseconds per step of the loop in C."""
     done = subprocess.run(
         [str(script), str(model), str(steps)],
         env={**os.environ, "PYTHON": sys.executable},
@@ -68,7 +50,7 @@ def bare(script: Path, model: Path, steps: int) -> float:
 
 
 def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
-    """One row of the table: medians, and the median of the ratios of runs that stood side by side."""
+    """Prints the medians, and the median of the ratios of adjacent runs."""
     loops, rows, peak = [], [], 0
     for _ in range(repeats):
         loops.append(bare(script, model, steps))
@@ -83,7 +65,7 @@ def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
 
 
 def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
-    """Microseconds per row of what costs more, beside those of a plain trace in the same run."""
+    """Prints the microseconds per row of more expensive traces, and of a plain trace in the same run."""
     controller = folder / "idle.py"
     controller.write_text("def act(model, data):\n    data.ctrl[:] = 0\n")
     table = folder / "controls.npz"
@@ -104,7 +86,7 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
 
 
 def per_row(model: Path, steps: int, repeats: int, *options: str) -> float:
-    """The median of microseconds per row, less start-up."""
+    """Returns the median of microseconds per row, without start-up."""
     found = []
     for _ in range(repeats):
         idle, busy = trace(model, FEW, *options), trace(model, steps, *options)
@@ -121,7 +103,7 @@ def actuated(model: Path) -> bool:
 
 
 def long_run(model: Path, steps: int) -> None:
-    """Wall time and memory of a long trace, and memory of a tenth of it."""
+    """Prints the wall time and memory of a long trace, and the memory of a tenth of it."""
     short, whole = trace(model, steps // 10), trace(model, steps)
     print(
         f"{model.stem:12} {steps} rows in {whole.wall:.1f} s, peak {whole.peak / 1e6:.0f} MB; "

@@ -1,10 +1,9 @@
-"""Wall time and peak memory of `mjrun video` against the loop that the MuJoCo tutorial teaches.
+"""Wall time and peak memory of `mjrun video`, compared with the loop of the MuJoCo tutorial.
 
-Both make the same video of the same model, in turn, as whole processes; ratios are mjrun / tutorial,
-so below 1 is better. mjrun draws with one process, with as many as it chooses, and as a draft. The
-tutorial loop is a script that takes MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME], given by
---baseline. The floor is the drawing itself: one process per core draws its share of the frames with
-mujoco.Renderer, and nothing is encoded, sent or kept.
+Both make the same video of the same model, alternately and as whole processes; ratios are mjrun / tutorial, so that
+below 1 is better. mjrun draws with one process, with its default number, and as a draft. The tutorial loop is a script
+with the arguments MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME], specified by --baseline. The floor is the
+drawing itself: one process per core draws its share of the frames with mujoco.Renderer, without encoding or storing.
 
     python benchmarks/video.py
     python benchmarks/video.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5
@@ -50,7 +49,7 @@ with mujoco.Renderer(model, int(height), int(width)) as renderer:
 
 @dataclass(frozen=True)
 class VideoCase:
-    """What both sides are asked for."""
+    """The video that both sides make."""
 
     model: Path
     duration: str
@@ -62,7 +61,7 @@ class VideoCase:
 
     @property
     def frames(self) -> int:
-        """How many it has."""
+        """Number of frames."""
         return math.ceil(Fraction(self.duration) * Fraction(self.fps))
 
     def mjrun(self, out: Path, *options: str) -> list[str]:
@@ -77,20 +76,20 @@ class VideoCase:
 
     def bare(self, share: int, cores: int) -> list[str]:
         every = 1 / (float(Fraction(self.fps)) * mujoco.MjModel.from_xml_path(str(self.model)).opt.timestep)
-        given = [str(self.model), self.camera, self.key or "", self.width, self.height]
-        return [sys.executable, "-c", BARE, *map(str, [*given, every, share, cores, self.frames])]
+        options = [str(self.model), self.camera, self.key or "", self.width, self.height]
+        return [sys.executable, "-c", BARE, *map(str, [*options, every, share, cores, self.frames])]
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Of processes and their children: wall time [s], and the largest of their resident memories [bytes]."""
+    """Wall time [s] of processes, and the largest resident memory [bytes] of them and their children."""
 
     wall: float
     peak: int
 
 
 def run(*commands: list[str], **environment: str) -> Cost:
-    """Runs commands side by side to their end and returns their cost; their output is thrown away."""
+    """Runs commands side by side without their output, and returns their cost."""
     start, children, peak = time.perf_counter(), {}, 0
     for command in commands:
         child = os.fork()
@@ -109,7 +108,7 @@ def run(*commands: list[str], **environment: str) -> Cost:
 
 
 def show(name: str, costs: list[Cost], frames: int) -> None:
-    """One row: the median and range of the wall time, frames a second of it, and the median peak memory."""
+    """Prints the median and range of the wall time, the frames per second, and the median peak memory."""
     walls = [cost.wall for cost in costs]
     peak = statistics.median(cost.peak for cost in costs) / 1e6
     print(
@@ -119,7 +118,7 @@ def show(name: str, costs: list[Cost], frames: int) -> None:
 
 
 def show_ratios(name: str, costs: list[Cost], baseline: list[Cost], to: str) -> None:
-    """One row: the median of the ratios of runs that stood side by side."""
+    """Prints the median of the ratios of adjacent runs."""
     pairs = list(zip(costs, baseline, strict=True))
     wall = statistics.median(a.wall / b.wall for a, b in pairs)
     peak = statistics.median(a.peak / b.peak for a, b in pairs)

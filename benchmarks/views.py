@@ -1,7 +1,7 @@
 """Milliseconds per frame of one view and of all views of a camera, and of each quality, in one process.
 
-Ratios are to colour alone at the model's quality, of wall time and of the time of all cores. Scene update and drawing
-are timed, not encoding.
+Ratios are relative to colour alone at the model's quality, of wall time and of the time of all cores. Scene update and
+drawing are timed, without encoding.
 
     python benchmarks/views.py
     python benchmarks/views.py --size 1280x720 --models scenes/humanoid.xml
@@ -38,7 +38,7 @@ CASES = {
 def costs(
     model: mujoco.MjModel, size: tuple[int, int], backend: Backend, frames: int
 ) -> dict[str, list[tuple[float, float]]]:
-    """Seconds of wall time and of all cores per frame, by case, in turns, after a frame that compiles shaders."""
+    """Times cases alternately, after a frame that compiles shaders: seconds of wall time and of all cores per frame."""
     state = Simulation(model).stepper(model).state()
     free = CameraMotion(parse_camera("free", model), model, size).pose(state)
     found: dict[str, list[tuple[float, float]]] = {case: [] for case in CASES}
@@ -60,7 +60,7 @@ def costs(
 
 
 def ratio(times: list[tuple[float, float]], base: list[tuple[float, float]], which: int) -> float:
-    """The median of the ratios of each turn: what slows both is not seen."""
+    """Returns the median of the ratios of each turn, which cancels what slows down both."""
     return statistics.median(one[which] / other[which] for one, other in zip(times, base, strict=True))
 
 

@@ -30,7 +30,7 @@ _HOMES = {
     "Diff": "mjrun.outputs.diff",
     "DiffResult": "mjrun.diff.result",
     "Evaluation": "mjrun.evaluation.evaluation",
-    "EvaluationResult": "mjrun.evaluation.result",
+    "EvaluationResult": "mjrun.evaluation.evaluation",
     "Image": "mjrun.outputs.image",
     "ImageResult": "mjrun.outputs.image",
     "Info": "mjrun.model.info",

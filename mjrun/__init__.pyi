@@ -17,7 +17,7 @@ from mjrun.document.camera import read_camera as read_camera
 from mjrun.document.check import Check as _Check
 from mjrun.document.task import read_task as read_task
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
-from mjrun.evaluation.result import EvaluationResult as EvaluationResult
+from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
 from mjrun.formats.table_reader import Table as Table
 from mjrun.formats.table_reader import read_table as read_table
 from mjrun.formats.video_reader import read_video as read_video
@@ -140,7 +140,7 @@ class Action(_Action):
     ) -> None: ...
 
 class Bench(_Bench):
-    """What to measure: its options are keywords."""
+    """A benchmark of a model. Its options are keywords."""
     def __init__(
         self,
         model: MjModel | Source | str | PathLike[str],
@@ -415,7 +415,7 @@ class Reward(_Reward):
     ) -> None: ...
 
 class Simulation(_Simulation):
-    """A model, its state at time 0, what drives it, and how long to run it."""
+    """A model, its state at time 0, its inputs, and its duration."""
     def __init__(
         self,
         model: MjModel | Source | str | PathLike[str],

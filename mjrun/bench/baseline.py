@@ -1,16 +1,17 @@
-"""Compares a benchmark with a saved baseline: is it slower, and how certain is that?
+"""Comparison of a benchmark with a saved baseline: whether it is slower, and with what certainty.
 
-Wall times of two benchmarks differ with the state of the machine as well as with what is measured. Where both have
-timed the same reference workload in turn with a figure, its samples `s` are divided by those of the workload, `r`, in
-the same turn, and the quotients of both benchmarks are compared by the ratio of their medians:
+Wall times of two benchmarks differ with the state of the machine as well as with the measured model. If both have timed
+the same reference workload alternately with a figure, its samples `s` are divided by those of the workload, `r`, of the
+same turn, and the quotients of both benchmarks are compared by the ratio of their medians:
 
     ratio = median(s_i / r_i) now / median(s_j / r_j) in the baseline
 
-A machine that is slower as a whole changes neither quotient. The interval of the ratio is that of
-`statistics.ratio_interval`, for the quotients; it needs no more than that turns are independent of each other.
+A machine that is slower as a whole changes neither quotient. The interval of the ratio is the `ratio_interval` of the
+quotients; it only assumes that turns are independent of each other.
 
-The interval knows how samples differ within a benchmark, not what another process did to all of them. That only adds to
-a wall time, and the fastest sample escapes it first: what is slower must be so by median and by fastest sample.
+The interval reflects how samples differ within a benchmark, not how another process has slowed down all of them. Such a
+disturbance can only increase a wall time, and affects the fastest sample least: a figure must therefore be slower by
+its median and by its fastest sample.
 """
 
 import json
@@ -22,31 +23,31 @@ from typing import Any
 from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
 from mjrun.errors import FileError, UsageError, clean, listing, option
 
-FigureId = tuple[str, str]  # its name, and the device if that is not the processor
+FigureId = tuple[str, str]  # name, and device if that is not the processor
 Document = Mapping[str, Any]  # a benchmark as JSON
 
 SCHEMA = "mjrun-bench-1"
 FAILED, SLOWER, INCONCLUSIVE, FASTER, NOT_SLOWER = "failed", "slower", "inconclusive", "faster", "not slower"
 WORST_FIRST = (FAILED, SLOWER, INCONCLUSIVE, NOT_SLOWER, FASTER)
 
-# What must be the same in both, or else they have not measured the same.
+# Keys that must be equal for a comparison.
 OPTIONS = ("key", "noise_std", "noise_rate", "settings")
 MACHINE = ("system", "cpu", "cores", "available")
 ENGINE = ("name", "device", "device_name", "worlds", "nconmax", "njmax")
-# How earlier versions of mjrun wrote overrides, and how they are written now.
+# Prefixes of overrides in earlier versions of mjrun, and in this one.
 EARLIER_SETTINGS = (("--set ", ""), ("--integrator ", "opt.integrator="), ("--timestep ", "opt.timestep="))
 
 
 @dataclass(frozen=True)
 class FigureSamples:
-    """Wall times [s] of one figure, and of the reference workload in the same turns, if it was timed."""
+    """Wall times [s] of one figure and, if it was timed, of the reference workload in the same turns."""
 
     times: Sequence[float]
     workload: Sequence[float] | None
 
     @classmethod
     def read(cls, statistics: Document, workload: Document | None) -> "FigureSamples":
-        """From `SampleStatistics` as JSON."""
+        """Reads `SampleStatistics` in JSON."""
         times = _positive(statistics["samples"])
         if workload is None:
             return cls(times, None)
@@ -57,16 +58,16 @@ class FigureSamples:
 
     @property
     def median(self) -> float:
-        """Of the wall times [s]."""
+        """Median of the wall times [s]."""
         return median(self.times)
 
     def quotients(self, workload: Sequence[float]) -> list[float]:
-        """The wall times, each divided by that of the workload in the same turn."""
+        """Returns the wall times, each divided by that of the workload in the same turn."""
         return [time / reference for time, reference in zip(self.times, workload, strict=True)]
 
 
 def figures(document: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
-    """All figures that are compared."""
+    """Yields all figures that are compared."""
     for row in document["rows"]:
         yield from figures_of_row(row)
     for frame in document["frames"]:
@@ -76,7 +77,7 @@ def figures(document: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
 
 
 def figures_of_row(row: Document) -> Iterator[tuple[FigureId, FigureSamples]]:
-    """The figures of a point of the grid."""
+    """Yields the figures of a point of the grid."""
     point = "".join(f" {path}={value}" for path, value in row["point"].items())
     if row["step"] is not None:
         yield (f"step{point}", ""), FigureSamples.read(row["step"], row.get("reference_workload"))
@@ -95,19 +96,19 @@ def _positive(samples: Sequence[Any]) -> list[float]:
 
 @dataclass(frozen=True)
 class FigureRatio:
-    """How one figure changed.
+    """Change of one figure.
 
     Attributes:
-      name: of the figure: `step`, `threads 2`, `rgb 1280x720 model`, with the point of the grid it belongs to.
+      name: name of the figure and its point in the grid: `step`, `threads 2`, `rgb 1280x720 model`.
       base, now: medians of the wall time [s].
-      ratio: of the medians, relative to the reference workload, where `reference_workload` is a number; above 1 is
+      ratio: ratio of the medians, relative to the reference workload if `reference_workload` is a number; above 1 is
         slower.
-      low, high: the interval of the ratio at 95 %; None when there are too few samples for one.
+      low, high: interval of the ratio at 95 %; None if there are too few samples.
       fastest: ratio of the fastest samples, likewise relative to the reference workload.
-      reference_workload: how many times as long that took, by its median; above 1 the machine is slower. None where
-        wall times are compared as they are.
-      verdict: `slower`, if all of the interval and `fastest` are above the limit; `faster`, if all of it is below 1;
-        `not slower`, if none of it is above the limit; else `inconclusive`.
+      reference_workload: ratio of the medians of the workload; above 1, the machine is slower. None if wall times are
+        compared directly.
+      verdict: `slower` if the interval and `fastest` are above the limit; `faster` if the interval is below 1;
+        `not slower` if the interval is not above the limit; else `inconclusive`.
     """
 
     name: str
@@ -123,12 +124,12 @@ class FigureRatio:
 
 @dataclass(frozen=True)
 class MissingFigure:
-    """A figure of the baseline that this benchmark does not have.
+    """A figure of the baseline that is missing in this benchmark.
 
     Attributes:
-      name: of the figure, with the device if that is not the processor.
+      name: name of the figure, with the device if that is not the processor.
       base: median of the wall time [s].
-      failure: why it could not be measured, such as an instability; None where it was not meant to be.
+      failure: reason why it could not be measured, such as an instability; None if it was not requested.
     """
 
     name: str
@@ -138,15 +139,15 @@ class MissingFigure:
 
 @dataclass(frozen=True)
 class BaselineComparison:
-    """A benchmark beside its baseline.
+    """Comparison of a benchmark with its baseline.
 
     Attributes:
-      base: the file.
-      limit: the ratio above which a figure is slower.
-      verdict: the worst of all figures; `failed` where one of the baseline could not be measured.
-      ratios: of every figure that both have.
-      gone: figures that only the baseline has.
-      differences: between model, options and machines, where they were overridden.
+      base: file of the baseline.
+      limit: ratio above which a figure is slower.
+      verdict: worst verdict of all figures; `failed` if one of the baseline could not be measured.
+      ratios: changes of the figures that both contain.
+      gone: figures that only the baseline contains.
+      differences: differences of model, options and machine that were overridden.
     """
 
     base: str
@@ -158,10 +159,10 @@ class BaselineComparison:
 
 
 def read_base(path: str | Path) -> Document:
-    """A benchmark that was saved.
+    """Reads a saved benchmark.
 
     Raises:
-      FileError: it cannot be read, or is none.
+      FileError: the file cannot be read, or is not a benchmark.
     """
     path = Path(path)
     try:
@@ -180,18 +181,18 @@ def read_base(path: str | Path) -> Document:
         differences(document, document)
         workload_obstacle(document, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FileError(path, f"is not a whole benchmark: {type(error).__name__} {clean(str(error))}") from None
+        raise FileError(path, f"is an incomplete benchmark: {type(error).__name__} {clean(str(error))}") from None
     return document
 
 
 def differences(now: Document, base: Document) -> list[str]:
-    """Why `now` and `base` cannot be compared, if they cannot, a sentence each.
+    """Returns the reasons why `now` and `base` cannot be compared.
 
-    A compiled model differs from version to version of MuJoCo; across versions, the model's file is compared.
+    Compiled models differ between versions of MuJoCo, so that model files are compared across versions.
     """
     same_mujoco = now["mujoco"] == base["mujoco"]
     fingerprint = "sha256" if same_mujoco else "file_sha256"
-    reasons = []
+    reasons = list[str]()
     if now["model"][fingerprint] != base["model"][fingerprint]:
         reasons.append("another model" if same_mujoco else "another model file")
 
@@ -212,9 +213,9 @@ def differences(now: Document, base: Document) -> list[str]:
 
 
 def workload_obstacle(now: Document, base: Document) -> str | None:
-    """Why the reference workloads of `now` and `base` cannot be compared; None if they can.
+    """Returns the reason why the reference workloads of `now` and `base` cannot be compared; None if they can.
 
-    The workload is simulated by MuJoCo: if another version of it is slower, so is the workload, and would hide it.
+    MuJoCo simulates the workload: a slower version of MuJoCo would slow down the workload, too, and stay hidden.
     """
     here, there = now.get("reference_workload"), base.get("reference_workload")
     if here is None:
@@ -224,37 +225,37 @@ def workload_obstacle(now: Document, base: Document) -> str | None:
     if here["version"] != there["version"]:
         return "the baseline has another reference workload"
     if now["mujoco"] != base["mujoco"]:
-        return f"the reference workload, too, was simulated by MuJoCo {clean(_word(base['mujoco']))} in the baseline"
+        return f"MuJoCo {clean(_word(base['mujoco']))} simulated the reference workload of the baseline"
     return None
 
 
 def steps_of(base: Document, point: Mapping[str, str]) -> int | None:
-    """The steps of a rollout at a point of the grid, which a benchmark must take too to be compared."""
+    """Returns the steps of a rollout at a point of the grid, which a comparable benchmark must take, too."""
     return next((row["steps"] for row in base["rows"] if row["point"] == point and row["step"] is not None), None)
 
 
 def check_same(now: Document, base: Document, path: str, force: bool) -> list[str]:
-    """The differences that `force` overrides.
+    """Returns the differences that `force` overrides.
 
     Raises:
-      UsageError: there are some, and no `force`.
+      UsageError: there are differences, and no `force`.
     """
     reasons = differences(now, base)
     if reasons and not force:
         lines = "\n".join(reasons)
         advice = f"{option('force')} compares them nevertheless"
-        raise UsageError(f"{clean(path)} is no baseline for this benchmark\n{lines}\n{advice}", ("compare",))
+        raise UsageError(f"{clean(path)} is not a baseline for this benchmark\n{lines}\n{advice}", ("compare",))
     return reasons
 
 
 def compare(
     now: Document, base: Document, path: str, threshold: float, overridden: Sequence[str] = ()
 ) -> BaselineComparison:
-    """Compares every figure that both documents have, and lists those that only the baseline has.
+    """Compares every figure that both documents contain, and lists those that only the baseline contains.
 
     Args:
-      threshold: by how much a figure may be slower: 0.1 is a tenth.
-      overridden: the differences that are ignored, as `check_same` returned them.
+      threshold: accepted slowdown of a figure: 0.1 is a tenth.
+      overridden: differences that are ignored, from `check_same`.
 
     Raises:
       UsageError: they have no figure in common, and nothing has failed.
@@ -283,7 +284,7 @@ def compare(
 
 
 def _failures(now: Document, base: Document) -> dict[FigureId, str]:
-    """The figures of the baseline that could not be measured now, and why."""
+    """Returns the figures of the baseline that could not be measured now, with the reasons."""
     failed = [row for row in now["rows"] if row["failure"] is not None]
     return {
         figure: row["failure"]
@@ -317,7 +318,7 @@ def _ratio(name: str, now: FigureSamples, base: FigureSamples, limit: float, wit
 
 
 def verdict(low: float | None, high: float | None, fastest: float, limit: float) -> str:
-    """What follows from the interval of a ratio, and from the ratio of the fastest samples."""
+    """Returns the verdict on the interval of a ratio and the ratio of the fastest samples."""
     if low is None or high is None:
         return INCONCLUSIVE
     if low > limit and fastest > limit:
@@ -333,7 +334,7 @@ def _label(figure: FigureId) -> str:
 
 
 def _setting(text: str) -> str:
-    """An override as it is written now."""
+    """Returns an override in its present form."""
     for before, after in EARLIER_SETTINGS:
         if text.startswith(before):
             return after + text.removeprefix(before)

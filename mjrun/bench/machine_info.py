@@ -1,4 +1,4 @@
-"""The machine that a benchmark runs on, as far as it can be known."""
+"""Facts about the machine that a benchmark runs on."""
 
 import os
 import platform
@@ -10,19 +10,19 @@ from mjrun.platform.cores import available_cores
 
 CPU_INFO = Path("/proc/cpuinfo")
 GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
-BUSY = 0.25  # share of the cores that others keep busy, above which figures cannot be trusted
+BUSY = 0.25  # load per core above which figures are unreliable
 
 
 @dataclass(frozen=True)
 class MachineInfo:
-    """A machine, and how busy it is.
+    """A machine and its load.
 
     Attributes:
       system: operating system and architecture.
-      cpu: model of the processor, by its own name.
+      cpu: model name of the processor.
       cores, available: logical processors, and those that this process may use.
-      governor: Linux' policy for the processor's frequency; None where it cannot be read.
-      load: processes that ran or waited, averaged over the last minute; None where it cannot be read.
+      governor: Linux' policy for the processor's frequency; None if it cannot be read.
+      load: average number of running or waiting processes over the last minute; None if it cannot be read.
     """
 
     system: str
@@ -34,7 +34,7 @@ class MachineInfo:
 
     @property
     def disturbances(self) -> Sequence[str]:
-        """What makes figures worse than they need be."""
+        """Sentences on conditions that distort figures."""
         causes = []
         if self.load is not None and self.load > BUSY * self.cores:
             causes.append(f"other processes keep this machine busy: load average {self.load:.2f} on {self.cores} cores")
@@ -44,7 +44,7 @@ class MachineInfo:
 
 
 def machine_info() -> MachineInfo:
-    """The machine that this runs on."""
+    """Returns the facts about this machine."""
     return MachineInfo(
         system=f"{platform.system()} {platform.machine()}",
         cpu=_cpu(),

@@ -1,24 +1,45 @@
-"""The wall time of loading a model, and of a whole trace and a whole video from the model to the finished file."""
+"""Wall time of loading a model, of frames, and of whole traces and videos from the model to the finished file."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
 
 import mujoco
+import numpy as np
 
+from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.confinement.sandbox import confined_load
+from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
+from mjrun.formats.video_writer import VideoWriter
 from mjrun.model.compilation import lengthen_buffers
+from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
 from mjrun.options.view import ViewOptions
+from mjrun.outputs.frames import camera_motions, check_drawing, scene_compositor
+from mjrun.outputs.panel_files import panel_files
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
+from mjrun.platform.cores import available_cores
+from mjrun.rendering.backend import Backend
+from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
+from mjrun.rendering.timed_renderers import DRAW, READ, TIMED, UPDATE, Stopwatch
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import XML
 
-REPEATS = 3
+REPEATS = 3  # of loading
+LEAST, MOST = 7, 30  # frames that are timed, after the first
+FPS = Fraction(30)
+VIDEOS, ROUNDS = 3, 4  # videos that are encoded, and repetitions of every frame in each
+COMPOSE = "compose"
+
+
+# --- loading ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -26,9 +47,9 @@ class LoadTiming:
     """Wall time to load the model [s].
 
     Attributes:
-      first: in all, the first time in this process.
-      parse, compile: from the file to an MjSpec, and from there to an MjModel, repeated with MuJoCo's cache of assets
-        warm; None for other files than MJCF and URDF.
+      first: total of the first time in this process.
+      parse, compile: times from the file to an MjSpec, and from there to an MjModel, repeated with MuJoCo's cache of
+        assets warm; None for files other than MJCF and URDF.
     """
 
     first: float
@@ -37,10 +58,10 @@ class LoadTiming:
 
 
 def timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTiming]:
-    """The compiled model, and the wall time of loading it.
+    """Loads a model, and returns it compiled with the wall time of loading.
 
     Raises:
-      ModelError: it cannot be loaded.
+      ModelError: the model cannot be loaded.
       UsageError: an override names nothing, or its value does not fit.
     """
     return confined_load(lambda: _timed_load(source, clock))
@@ -68,8 +89,153 @@ def _timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTimin
     return model, LoadTiming(first, summarized(parses), summarized(compiles))
 
 
+# --- frames -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FrameTiming:
+    """Wall time of a frame [s].
+
+    Attributes:
+      view, size, renderer, quality: options of the drawing.
+      device: name of the device that draws.
+      software: whether the processor draws.
+      first: time of the first frame, which compiles shaders.
+      update, draw, read, compose: updating derived fields and the scene; drawing until it is finished; reading and
+        converting pixels; composing the frame of a video. None if a renderer does not distinguish them.
+      total: sum of these.
+      reference_workload: wall time per step of the reference workload, on all cores, after each frame; None if a GPU
+        draws, whose speed is independent of it.
+      encode: time per frame of a video encoded with the defaults of `mjrun video`, while nothing is drawn; from when
+        the encoder has taken the first frame to its end.
+    """
+
+    view: str
+    size: tuple[int, int]
+    renderer: str
+    quality: str
+    device: str
+    software: bool
+    first: float
+    update: SampleStatistics
+    draw: SampleStatistics
+    read: SampleStatistics | None
+    compose: SampleStatistics
+    total: SampleStatistics
+    reference_workload: SampleStatistics | None
+    encode: SampleStatistics
+
+
+def timed_frames(
+    drawing: ViewOptions,
+    model: mujoco.MjModel,
+    backend: Backend,
+    states: Sequence[np.ndarray],
+    budget: float,
+    clock: Clock,
+) -> FrameTiming:
+    """Draws `states` one after the other, repeatedly, and encodes them.
+
+    Args:
+      drawing: options of one camera and one view.
+      budget: approximate wall time of drawing [s]; several frames are drawn in any case.
+
+    Raises:
+      RendererError: the renderer failed.
+      UsageError: the size is not supported.
+    """
+    check_drawing(drawing, model, backend)
+    watch, (motion,) = Stopwatch(clock), camera_motions(drawing, model)
+    (stream,) = (file.stream(drawing, Overlay()) for file in panel_files(drawing, "drawing"))
+    compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
+    compositor.renderer = partial(TIMED[drawing.renderer], watch=watch)
+    workload = ReferenceWorkload(clock, available_cores()) if backend.software else None
+
+    try:
+        with without_timers():
+            compositor.open()
+            costs, frames = _drawn(compositor, watch, states, budget, workload)
+    finally:
+        compositor.close()
+
+    first, *rest = costs
+    with scratch_folder() as folder:
+        path = str(folder / "video.mp4")
+        encoded = [*frames] * ROUNDS
+        encode = summarized([_encoded(path, stream, encoded, drawing.view[0], clock) for _ in range(VIDEOS)])
+    parts = {name: [cost.get(name, 0.0) for cost in rest] for name in (UPDATE, DRAW, READ, COMPOSE)}
+    return FrameTiming(
+        view=drawing.view[0],
+        size=drawing.size,
+        renderer=drawing.renderer,
+        quality=drawing.quality,
+        device=backend.renderer,
+        software=backend.software,
+        first=sum(first.values()),
+        update=summarized(parts[UPDATE]),
+        draw=summarized(parts[DRAW]),
+        read=summarized(parts[READ]) if READ in first else None,
+        compose=summarized(parts[COMPOSE]),
+        total=summarized([sum(cost.values()) for cost in rest]),
+        reference_workload=workload and workload.step,
+        encode=encode,
+    )
+
+
+def _drawn(
+    compositor: SceneCompositor,
+    watch: Stopwatch,
+    states: Sequence[np.ndarray],
+    budget: float,
+    workload: ReferenceWorkload | None,
+) -> tuple[list[dict[str, float]], list[np.ndarray]]:
+    """Returns the wall time of each part of each frame [s], and a frame of each state that was drawn."""
+    views = [panel.view for stream in compositor.streams for panel in stream.panels]
+    if "depth" in views and not compositor.ranges:
+        compositor.look_ahead(dict(enumerate(states[:1])))
+
+    costs: list[dict[str, float]] = []
+    frames: list[np.ndarray] = []
+    while len(costs) <= LEAST or (len(costs) <= MOST and sum(sum(cost.values()) for cost in costs) < budget):
+        index = len(costs) % len(states)
+        pixels = np.empty(compositor.bytes, np.uint8)
+        watch.spent = {}
+        with watch.part(COMPOSE):
+            compositor.paint(states[index], index, pixels)
+        costs.append(watch.spent)
+        if workload:
+            _sample_between_frames(workload, costs)
+        if len(frames) < len(states):
+            frames.append(compositor.parts(pixels)[0])
+    return costs, frames
+
+
+def _sample_between_frames(workload: ReferenceWorkload, costs: Sequence[Mapping[str, float]]) -> None:
+    """Times the workload after each frame except the first; the second frame determines its length."""
+    if len(costs) == 2:
+        workload.fit(sum(costs[-1].values()))
+    if len(costs) > 1:
+        workload.time()
+
+
+def _encoded(path: str, stream: FrameStream, frames: Sequence[np.ndarray], view: str, clock: Clock) -> float:
+    """Times the encoding of a video, without starting the encoder, per frame [s]."""
+    coded = encoding(path, None, None, None, None, "ids" if view == "seg" else "video")
+    first, *rest = frames
+    with VideoWriter(path, coded, stream.size_of_frame, FPS, count=len(frames)) as video:
+        video.write(first)
+        before = clock()
+        for frame in rest:
+            video.write(frame)
+        video.end()  # it is never published
+        return (clock() - before) / len(frames)
+
+
+# --- whole outputs -----------------------------------------------------------------------------------
+
+
 class SilentReporter(WarningReporter):
-    """Reports nothing: `bench` itself says what there is to say of the model."""
+    """A reporter that ignores warnings, which `bench` reports itself."""
 
     def warn(self, text: str) -> None:
         pass
@@ -77,14 +243,14 @@ class SilentReporter(WarningReporter):
 
 @dataclass(frozen=True)
 class OutputTiming:
-    """What a whole output took, loading the model included, but not the start of Python.
+    """Wall time of a whole output, including loading the model but not the start of Python.
 
     Attributes:
       what: `video` or `trace`.
-      simulated: time [s].
+      simulated: simulated time [s].
       count, unit: number of `frames` or `rows`.
       seconds: wall time [s].
-      simulation, rest: wall time of stepping, and of all else [s]; None for a trace.
+      simulation, rest: wall time of stepping, and of everything else [s]; None for a trace.
     """
 
     what: str
@@ -97,10 +263,10 @@ class OutputTiming:
 
 
 def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
-    """A trace of every step, with the default columns, as CSV.
+    """Times a trace of every step, with the default columns, as CSV.
 
     Raises:
-      MjrunError: it cannot be made.
+      MjrunError: the trace failed.
     """
     with scratch_folder() as folder:
         trace = Trace(simulation, str(folder / "trace.csv"))
@@ -111,10 +277,10 @@ def timed_trace(simulation: Simulation, clock: Clock) -> OutputTiming:
 
 
 def timed_video(simulation: Simulation, drawing: ViewOptions, clock: Clock) -> OutputTiming:
-    """A video of what `drawing` shows.
+    """Times a video with the options of `drawing`.
 
     Raises:
-      MjrunError: it cannot be made.
+      MjrunError: the video failed.
     """
     with scratch_folder() as folder:
         video = replace(

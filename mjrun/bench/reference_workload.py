@@ -1,8 +1,8 @@
-"""A fixed workload that is timed in turn with what is measured.
+"""A fixed workload that is timed alternately with the measurement.
 
-Whatever slows the whole machine down, such as another process, a lower clock frequency or a busy host, slows both down;
-the quotient of their wall times stays. This is duet benchmarking: Bulej, Horký, Tůma, Farquet & Prokopec, Duet
-Benchmarking: Improving Measurement Accuracy in the Cloud, ICPE 2020.
+Anything that slows down the whole machine, such as another process, a lower clock frequency or a busy host, slows down
+both; the quotient of their wall times stays the same. This is duet benchmarking: Bulej, Horký, Tůma, Farquet &
+Prokopec, Duet Benchmarking: Improving Measurement Accuracy in the Cloud, ICPE 2020.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from mjrun.bench.rollout_timing import BatchRoller, Clock, RolloutInputs
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 
-VERSION = 1  # a change of the model or of the steps makes another workload
-STEPS = 100  # of one repetition
-SHARE = 0.25  # of the wall time of what is measured
+VERSION = 1  # to be increased when the model or the steps change
+STEPS = 100  # in a repetition
+SHARE = 0.25  # of the wall time of the measurement
 MOST_REPETITIONS = 10_000
 
 # A three-legged figure that drops onto the floor: 12 degrees of freedom, several contacts, Newton's method.
@@ -46,11 +46,11 @@ MJCF = """
 
 @dataclass(frozen=True)
 class WorkloadInfo:
-    """The workload that stands for the machine's speed.
+    """The workload that represents the speed of the machine.
 
     Attributes:
-      version: only workloads of the same version are compared.
-      steps: of its model, in one repetition.
+      version: version of the workload; only equal versions are compared.
+      steps: steps of its model in a repetition.
     """
 
     version: int = VERSION
@@ -58,13 +58,13 @@ class WorkloadInfo:
 
 
 class ReferenceWorkload:
-    """Times the fixed workload, on several threads if asked to.
+    """Times the fixed workload, on one thread or several.
 
     Args:
-      copies: of its model, each in a thread of its own.
+      copies: number of copies of its model, one thread each.
 
     Attributes:
-      samples: wall time per step of one copy [s], in order of time.
+      samples: wall time per step of one copy [s], in chronological order.
     """
 
     def __init__(self, clock: Clock, copies: int = 1) -> None:
@@ -75,15 +75,15 @@ class ReferenceWorkload:
         self.samples: list[float] = []
 
     def fit(self, seconds: float) -> None:
-        """Makes each sample take about `SHARE` of `seconds`, the wall time of what is measured between two of them.
+        """Makes each sample take about `SHARE` of `seconds`, the wall time of the measurement between two samples.
 
-        A scheduler hands out the processor in slices of milliseconds: only what takes as long is disturbed as much.
+        A scheduler assigns the processor in slices of milliseconds: only work of similar length is disturbed as much.
         """
-        cost = min(self._repetition() for _ in range(2))  # the first wakes threads up
+        cost = min(self._repetition() for _ in range(2))  # the first starts the threads
         self._repetitions = min(max(1, round(SHARE * seconds / cost)), MOST_REPETITIONS)
 
     def time(self) -> None:
-        """Takes one more sample."""
+        """Takes another sample."""
         spent = sum(self._repetition() for _ in range(self._repetitions))
         self.samples.append(spent / (self._repetitions * STEPS * self._roller.copies))
 
@@ -93,6 +93,6 @@ class ReferenceWorkload:
         return summarized(self.samples)
 
     def _repetition(self) -> float:
-        """Wall time of the same motion once more [s]."""
+        """Times one repetition of the motion [s]."""
         with without_timers():
             return float(self._roller.seconds(STEPS, STEPS, self._clock)[0])

@@ -1,7 +1,7 @@
-"""Results of a benchmark. As JSON (`mjrun bench --json`), these dataclasses are objects with the same keys.
+"""Results of a benchmark. In JSON (`mjrun bench --json`), these dataclasses are objects with the same keys.
 
-All wall times and simulated times are in seconds; `SampleStatistics` say how often something was measured, and give its
-median with an interval and its spread. Files with the same `schema` have these keys, and may have new ones.
+All wall times and simulated times are in seconds; `SampleStatistics` contain the number of measurements, and their
+median with an interval and percentiles. Files with the same `schema` have these keys, and may have additional ones.
 """
 
 import hashlib
@@ -12,9 +12,8 @@ from pathlib import Path
 import mujoco
 
 from mjrun.bench.baseline import SCHEMA, BaselineComparison
-from mjrun.bench.frame_timing import FrameTiming
 from mjrun.bench.machine_info import MachineInfo
-from mjrun.bench.output_timing import LoadTiming, OutputTiming
+from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
 from mjrun.bench.reference_workload import WorkloadInfo
 from mjrun.bench.rollout_timing import Phase
 from mjrun.bench.statistics import SampleStatistics
@@ -24,12 +23,12 @@ from mjrun.bench.warp_timing import WARP, C, WarpOptions
 
 @dataclass(frozen=True)
 class ModelInfo:
-    """The model that was measured.
+    """The measured model.
 
     Attributes:
-      path: of its file; empty for one that was given compiled.
-      sha256: of its compiled form, with all assets and overrides, without those of the scan.
-      file_sha256: of its file alone; None without one.
+      path: path of its file; empty for a compiled model.
+      sha256: hash of the compiled model with all assets and overrides, without those of the scan.
+      file_sha256: hash of its file alone; None without one.
       nq, nv, nu, nbody, ngeom: MuJoCo's sizes.
     """
 
@@ -44,7 +43,7 @@ class ModelInfo:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, path: str, sha256: str, file: Path | None) -> "ModelInfo":
-        """With the sizes of `model`, and the fingerprint of its `file`."""
+        """Returns the sizes of `model`, and the fingerprint of its `file`."""
         file_sha256 = file and hashlib.sha256(file.read_bytes()).hexdigest()
         return cls(path, sha256, file_sha256, model.nq, model.nv, model.nu, model.nbody, model.ngeom)
 
@@ -54,11 +53,11 @@ class BenchSettings:
     """Options of the benchmark.
 
     Attributes:
-      key: keyframe that it starts from.
-      noise_std, noise_rate: of the noise on the controls, as `Bench` has them.
-      steps, repeats: as given; None when the budget decided.
+      key: keyframe of the start.
+      noise_std, noise_rate: noise on the controls; see `Bench`.
+      steps, repeats: steps and repeats of rollouts as specified; None if the budget determined them.
       budget: wall time [s].
-      settings: overrides, as given.
+      settings: overrides.
       scan: settings and their values.
     """
 
@@ -74,15 +73,15 @@ class BenchSettings:
 
 @dataclass(frozen=True)
 class EngineInfo:
-    """What takes the steps.
+    """The engine that steps.
 
     Attributes:
       name: `c`, MuJoCo itself, or `warp`, MuJoCo Warp in single precision.
-      version: of mujoco_warp and Warp; None of MuJoCo, whose version is that of the benchmark.
+      version: version of mujoco_warp and Warp; None for MuJoCo, whose version is that of the benchmark.
       device: `cpu`, or Warp's alias, such as `cuda:0`.
-      device_name: the name that the device gives itself.
-      worlds: copies of the model that are stepped at once.
-      nconmax, njmax: contacts and constraints of a world that there is room for; None where not given.
+      device_name: name that the device reports.
+      worlds: number of copies of the model that are stepped at once.
+      nconmax, njmax: maximum contacts and constraints of a world; None if not specified.
     """
 
     name: str
@@ -95,7 +94,7 @@ class EngineInfo:
 
     @classmethod
     def of(cls, warp: WarpOptions | None, machine: MachineInfo) -> "EngineInfo":
-        """Of MuJoCo itself, or of MuJoCo Warp if there are options for it."""
+        """Returns facts about MuJoCo Warp if there are options for it, else about MuJoCo."""
         if warp is None:
             return cls(C, None, "cpu", machine.cpu, 1, None, None)
         name = machine.cpu if warp.device == "cpu" else warp.device_name  # Warp calls every processor CPU
@@ -104,12 +103,12 @@ class EngineInfo:
 
 @dataclass(frozen=True)
 class StepCounts:
-    """What a step of one world consists of, on average.
+    """Average contents of a step of one world.
 
     Attributes:
-      contacts, constraints: number of them.
-      solver, iterations: of the constraint solver, averaged over islands.
-      arena, arena_size: most of the arena that was in use at once, and its size [bytes]; None with `warp`.
+      contacts, constraints: number of contacts and constraints.
+      solver, iterations: constraint solver, and its iterations averaged over islands.
+      arena, arena_size: largest use of the arena, and its size [bytes]; None with `warp`.
     """
 
     contacts: float
@@ -122,15 +121,15 @@ class StepCounts:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How accurate the motion is, without noise on the controls.
+    """Accuracy of the motion, without noise on the controls.
 
     Attributes:
-      horizon: simulated time after which this is measured [s].
-      energy_drift: potential and kinetic energy less those at the start [J]; this is the integrator's error only
-        where nothing drives or brakes the model.
-      reference: timestep of the finer run that it is compared with [s]; all else is the same.
+      horizon: simulated time after which accuracy is measured [s].
+      energy_drift: potential and kinetic energy minus those at the start [J]; an error of the integrator only if
+        nothing drives or brakes the model.
+      reference: timestep of the finer run for comparison [s]; all else is the same.
       distance: root mean square of the difference of the positions, over all degrees of freedom [m and rad].
-      failure: why there are no numbers; else None.
+      failure: reason why there are no numbers, if any.
     """
 
     horizon: float
@@ -146,19 +145,20 @@ class GridPointResult:
 
     Attributes:
       point: settings of the grid.
-      integrator, timestep: of this simulation.
-      steps, block: of one rollout, and those that are timed at once.
-      step: wall time per step of one world, a sample for each rollout; `p5` and `p95` are of blocks of steps.
-      reference_workload: wall time per step of the reference workload, a sample after each rollout; None with `warp`.
-      steps_per_second, realtime_factor: of the median, of all worlds together.
+      integrator, timestep: integrator and timestep of this simulation.
+      steps, block: steps in a rollout, and steps that are timed at once.
+      step: wall time per step of one world, one sample per rollout; `p5` and `p95` are of blocks of steps.
+      reference_workload: wall time per step of the reference workload, one sample after each rollout; None with `warp`.
+      steps_per_second, realtime_factor: rates from the median, of all worlds together.
       first_step: wall time of the first step of all worlds [s], in which `warp` compiles what it has not cached; None
         with `c`.
-      counts: what a step consists of.
-      phases: MuJoCo's own, timed in a separate rollout, in which the timers themselves cost time; None with `warp`.
-      threads: independent copies of the simulation.
-      overflows: what `warp` had no room for, and what to raise, a sentence each.
-      accuracy: None where it was not asked for.
-      failure: why it could not be measured, such as an instability; else None.
+      counts: average contents of a step.
+      phases: phases as timed by MuJoCo in a separate rollout, in which the timers take time themselves; None with
+        `warp`.
+      threads: timings of independent copies of the simulation.
+      overflows: sentences on the memory that `warp` lacked, and the options to raise.
+      accuracy: accuracy, if requested.
+      failure: reason why the point could not be measured, such as an instability, if any.
     """
 
     point: Mapping[str, str]
@@ -181,23 +181,23 @@ class GridPointResult:
 
 @dataclass(frozen=True)
 class BenchResult:
-    """A benchmark.
+    """The result of a benchmark.
 
     Attributes:
-      schema: of this document.
+      schema: name of this schema.
       mjrun, mujoco, numpy, python: versions.
-      command: the command line.
-      machine, load_after: what it ran on, and the load average when it was done.
-      engine: what took the steps.
-      model, options: what was measured.
-      reference_workload: what was timed in turn with the figures, for comparisons; None with `warp`.
-      load: loading the model; None for one that was given compiled.
+      command: command line.
+      machine, load_after: machine, and its load average at the end.
+      engine: engine that steps.
+      model, options: measured model, and options.
+      reference_workload: workload that was timed alternately with the figures, for comparisons; None with `warp`.
+      load: timing of loading the model; None for a compiled model.
       rows: points of the grid.
-      frames: drawing, if it was asked for.
-      whole: a trace and a video from start to end, if they were asked for.
-      comparison: with a baseline, if there was one.
-      notes: what a reader of these figures should know.
-      wall: wall time of the benchmark itself.
+      frames: timings of frames, if requested.
+      whole: timings of a whole trace and a whole video, if requested.
+      comparison: comparison with a baseline, if requested.
+      notes: remarks on these figures.
+      wall: wall time of the benchmark.
     """
 
     mjrun: str

@@ -1,6 +1,6 @@
-"""The wall time of steps: the same rollout again and again, in C, timed block by block.
+"""Wall time of steps: the same rollout is repeated in C and timed block by block.
 
-This is the one loop beside `observe`: nothing is looked at while it runs.
+This loop is separate from `observe`, and reads nothing while it runs.
 """
 
 import copy
@@ -17,45 +17,25 @@ from mjrun.physics.control import ControlArray, ControlSignal
 from mjrun.physics.stepper import BAD, PhysicsStepper
 from mjrun.timeline import rational
 
-Clock = Callable[[], float]  # wall time [s], from anywhere on
-# A phase, its timer (`mjtTimer`, without the prefix), and what it consists of.
-PhaseTimer = tuple[str, str, Sequence["PhaseTimer"]]
-COLLISION: PhaseTimer = ("collision", "POS_COLLISION", [("broad", "COL_BROAD", ()), ("narrow", "COL_NARROW", ())])
-POSITION: PhaseTimer = (
-    "position",
-    "POSITION",
-    [
-        ("kinematics", "POS_KINEMATICS", ()),
-        ("inertia", "POS_INERTIA", ()),
-        COLLISION,
-        ("make", "POS_MAKE", ()),
-        ("project", "POS_PROJECT", ()),
-    ],
-)
-STEP: PhaseTimer = (
-    "step",
-    "STEP",
-    [
-        POSITION,
-        ("velocity", "VELOCITY", ()),
-        ("actuation", "ACTUATION", ()),
-        ("constraint", "CONSTRAINT", ()),
-        ("advance", "ADVANCE", ()),
-        ("inverse", "INVERSE", ()),
-    ],
-)
-OPTIONAL = ("inverse",)  # left out where they take no time
+Clock = Callable[[], float]  # wall time [s] since any instant
+# Parts of MuJoCo's timers (`mjtTimer`, without the prefix).
+PARTS = {
+    "STEP": ("POSITION", "VELOCITY", "ACTUATION", "CONSTRAINT", "ADVANCE", "INVERSE"),
+    "POSITION": ("POS_KINEMATICS", "POS_INERTIA", "POS_COLLISION", "POS_MAKE", "POS_PROJECT"),
+    "POS_COLLISION": ("COL_BROAD", "COL_NARROW"),
+}
+OPTIONAL = ("inverse",)  # left out if they take no time
 REST = "other"
 
 
 @dataclass(frozen=True)
 class RolloutInputs:
-    """What is rolled out: always the same motion.
+    """Inputs of a rollout, which give the same motion every time.
 
     Attributes:
-      model: its automatic resets are off.
+      model: model without automatic resets.
       start: integration state `(nstate,)`.
-      controls: of every step, `(steps, nu)`; those in `start` throughout when None.
+      controls: controls of every step, `(steps, nu)`; None keeps those in `start`.
     """
 
     model: mujoco.MjModel
@@ -64,30 +44,30 @@ class RolloutInputs:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData, controls: np.ndarray | None = None) -> "RolloutInputs":
-        """The run from the state in `data`, on a copy of `model`."""
+        """Returns a run from the state in `data`, with a copy of `model`."""
         own_model = copy.copy(model)
         own_model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         return cls(own_model, state.save(model, data), controls)
 
     def data(self) -> mujoco.MjData:
-        """A new MjData at the start."""
+        """Returns a new MjData at the start."""
         data = mujoco.MjData(self.model)
         state.restore(self.model, data, self.start)
         return data
 
     def check(self, steps: int) -> None:
-        """Takes `steps` steps, to find the first that fails.
+        """Takes `steps` steps to find the first that fails.
 
         Raises:
-          SimulationError: names that step, its time, and the joint.
+          SimulationError: a step fails; names the step, its time and the joint.
         """
         self._stepper().advance(steps)
 
     def states(self, steps: Sequence[int]) -> list[np.ndarray]:
-        """The integration states at `steps`, which ascend.
+        """Returns the integration states at `steps`, in ascending order.
 
         Raises:
-          SimulationError: a step on the way fails.
+          SimulationError: a step fails.
         """
         stepper, states = self._stepper(), []
         for step in steps:
@@ -105,19 +85,19 @@ class RolloutInputs:
         return ControlSignal(timestep, np.zeros(self.model.nu), ControlArray(self.controls))
 
 
-class StoppedError(Exception):
-    """MuJoCo warned, which ends a rollout of `mujoco.batch`."""
+class WarnedRolloutError(Exception):
+    """A warning of MuJoCo, which ends a rollout of `mujoco.batch`."""
 
 
 class Roller(Protocol):
-    """Rolls a run out and times it."""
+    """Rolls out a run and times it."""
 
     copies: int
 
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
-        """Rolls `steps` steps out from the start, and times every `block` of them, the last as long as it is.
+        """Rolls out `steps` steps from the start, and times every `block` of them; the last block may be shorter.
 
-        The clock is asked twice a block.
+        The clock is read twice per block.
 
         Returns:
           The wall time of each block [s].
@@ -126,16 +106,16 @@ class Roller(Protocol):
 
 
 class BatchRoller:
-    """Rolls copies of a run out, each in a thread of its own, in C: within a percent of a loop in C.
+    """Rolls out copies of a run in C, each in a separate thread; within one percent of a C loop.
 
     Raises:
-      StoppedError: from `seconds`, when MuJoCo warns.
+      WarnedRolloutError: raised by `seconds` when MuJoCo warns.
     """
 
     def __init__(self, run: RolloutInputs, copies: int = 1) -> None:
         self.copies = copies
         self._run = run
-        # As `testspeed` has it, every copy keeps its MjData; sleep needs that too.
+        # As in `testspeed`, every copy keeps its MjData; sleep needs that, too.
         self._batch = Batch(run.model, copies, copies, persistent=True)
         self._warned = self._batch.warning.copy()
 
@@ -149,11 +129,11 @@ class BatchRoller:
             self._batch.rollout(count, controls, record=())
             times.append(clock() - before)
         if (self._batch.warning != self._warned).any():
-            raise StoppedError
+            raise WarnedRolloutError
         return np.array(times)
 
     def _controls(self, first: int, count: int) -> np.ndarray | None:
-        """Those of a block for all copies, laid out as C takes them, so that converting them is not timed."""
+        """Returns the controls of a block for all copies in the layout of C, so that no conversion is timed."""
         if self._run.controls is None:
             return None
         part = self._run.controls[first : first + count]
@@ -161,7 +141,7 @@ class BatchRoller:
 
 
 class LoopRoller:
-    """Rolls a run out that makes MuJoCo warn. With controls that change, a step costs about a microsecond more."""
+    """Rolls out a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
 
     copies = 1
 
@@ -186,19 +166,19 @@ class LoopRoller:
 
 
 def blocks_of(steps: int, block: int) -> Iterator[tuple[int, int]]:
-    """First step and number of steps of each block."""
+    """Returns the first step and the number of steps of each block."""
     return ((first, min(block, steps - first)) for first in range(0, steps, block))
 
 
 @dataclass(frozen=True)
 class Phase:
-    """One of the phases of a step, as MuJoCo times them, and its parts.
+    """A phase of a step, as timed by MuJoCo, and its parts.
 
     Attributes:
-      name: `step`, `position`, `collision`, …; `other` is what no timer of that level counts.
+      name: `step`, `position`, `collision`, …; `other` is the time that no timer of its level counts.
       seconds: wall time per step, while the timers run.
-      share: of the whole step.
-      parts: of which it consists.
+      share: share of the whole step.
+      parts: phases that it consists of.
     """
 
     name: str
@@ -208,9 +188,9 @@ class Phase:
 
 
 def phases(data: mujoco.MjData) -> Phase | None:
-    """The phases of the steps that `data` has taken with timers on; None without any.
+    """Returns the phases of the steps that `data` has taken with timers; None without any.
 
-    RK4 derives four times a step and its advance is not timed by MuJoCo: it is under `other`.
+    RK4 computes derivatives four times per step, and MuJoCo does not time its advance: it is included in `other`.
     """
     whole = data.timer[int(mujoco.mjtTimer.mjTIMER_STEP)]
     if not whole.number or whole.duration <= 0:
@@ -220,30 +200,30 @@ def phases(data: mujoco.MjData) -> Phase | None:
         for name, i in mujoco.mjtTimer.__members__.items()
         if "NTIMER" not in name
     }
-    return _phase(STEP, seconds, seconds["STEP"])
+    return _phase("STEP", seconds, seconds["STEP"])
 
 
-def _phase(timer: PhaseTimer, seconds: Mapping[str, float], step: float) -> Phase:
-    name, key, inner = timer
-    parts = [_phase(part, seconds, step) for part in inner]
+def _phase(timer: str, seconds: Mapping[str, float], step: float) -> Phase:
+    parts = [_phase(part, seconds, step) for part in PARTS.get(timer, ())]
     parts = [part for part in parts if part.seconds or part.name not in OPTIONAL]
 
-    rest = seconds[key] - sum(part.seconds for part in parts)
+    rest = seconds[timer] - sum(part.seconds for part in parts)
     if parts and rest > 0:
         parts.append(Phase(REST, rest, rest / step))
-    return Phase(name, seconds[key], seconds[key] / step, tuple(parts))
+    name = timer.rpartition("_")[2].lower()  # collision, of POS_COLLISION
+    return Phase(name, seconds[timer], seconds[timer] / step, tuple(parts))
 
 
 @dataclass(frozen=True)
 class StepProfile:
-    """What a step consists of, on average over a rollout.
+    """Average contents of a step in a rollout.
 
     Attributes:
-      contacts, constraints: number of them (`ncon`, `nefc`).
-      iterations: of the constraint solver, averaged over islands, as `testspeed` has it.
-      arena, arena_size: most of the arena that was ever in use, and its size [bytes]; None where there is none.
-      phases: MuJoCo's own, measured with its timers on; None where they cannot be had.
-      warned: whether MuJoCo warned of anything.
+      contacts, constraints: number of contacts and constraints (`ncon`, `nefc`).
+      iterations: iterations of the constraint solver, averaged over islands as in `testspeed`.
+      arena, arena_size: largest use of the arena, and its size [bytes]; None without an arena.
+      phases: phases as timed by MuJoCo; None if unavailable.
+      warned: whether MuJoCo warned.
     """
 
     contacts: float
@@ -256,10 +236,10 @@ class StepProfile:
 
 
 def profile(run: RolloutInputs, steps: int) -> StepProfile:
-    """Rolls `steps` steps out with MuJoCo's timers on, looking at each. Not to be timed from outside.
+    """Rolls out `steps` steps with MuJoCo's timers, and inspects each; too slow to be timed itself.
 
     Raises:
-      SimulationError: the run is unstable, or MuJoCo gave up.
+      SimulationError: the run is unstable, or MuJoCo could not complete a step.
     """
     data = run.data()
     contacts = constraints = 0
@@ -276,7 +256,8 @@ def profile(run: RolloutInputs, steps: int) -> StepProfile:
         constraints += data.nefc
         islands = min(max(data.nisland, 1), mujoco.mjNISLAND)
         iterations += data.solver_niter[0] if islands == 1 else data.solver_niter[:islands].mean()
-    if any(data.warning[kind].number for kind in BAD) or not _is_good(data):
+    is_good = all((abs(vector) < mujoco.mjMAXVAL).all() for vector in (data.qpos, data.qvel))
+    if any(data.warning[kind].number for kind in BAD) or not is_good:
         run.check(steps)
     return StepProfile(
         contacts=contacts / steps,
@@ -287,7 +268,3 @@ def profile(run: RolloutInputs, steps: int) -> StepProfile:
         phases=phases(data),
         warned=any(warning.number for warning in data.warning),
     )
-
-
-def _is_good(data: mujoco.MjData) -> bool:
-    return all((abs(vector) < mujoco.mjMAXVAL).all() for vector in (data.qpos, data.qvel))

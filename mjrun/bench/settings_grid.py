@@ -1,4 +1,4 @@
-"""Timing of a grid of simulations: every point in turn, with what its steps consist of and how accurate they are."""
+"""Timing of a grid of simulations: each point in turn, with the contents and the accuracy of its steps."""
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
@@ -22,12 +22,12 @@ from mjrun.physics.stepper import PhysicsStepper
 from mjrun.reporter import Reporter
 from mjrun.timeline import nearest, rational
 
-FINER = 8  # the default finer run takes so many times the steps of the finest point of the grid
+FINER = 8  # steps of the default finer run for each step of the finest point of the grid
 
 
 @dataclass(frozen=True)
 class GridPoint:
-    """A point of the grid: its settings, its model, and the steps of a rollout, if they are fixed."""
+    """A point of the grid: its settings, its model, and the steps in a rollout, if they are fixed."""
 
     point: Mapping[str, str]
     model: mujoco.MjModel
@@ -36,14 +36,14 @@ class GridPoint:
 
 @dataclass(frozen=True)
 class RolloutStart:
-    """Where a rollout starts, and the noise on its controls, as `Bench` has it."""
+    """Start of a rollout, and the noise on its controls; see `Bench`."""
 
     key: str | None
     noise_std: float
     noise_rate: float
 
     def run(self, model: mujoco.MjModel, steps: int) -> RolloutInputs:
-        """The rollout of `model`, with the controls of so many steps."""
+        """Returns a rollout of `model` with controls for `steps` steps."""
         data = self.data(model)
         if not (self.noise_std and model.nu):
             return RolloutInputs.of(model, data)
@@ -51,27 +51,27 @@ class RolloutStart:
         return RolloutInputs.of(model, data, controls(model, steps, self.noise_std, self.noise_rate, center))
 
     def first_frames(self, model: mujoco.MjModel, fps: Fraction, count: int) -> list[np.ndarray]:
-        """The integration states at the first frames of a video."""
+        """Returns the integration states at the first frames of a video."""
         spacing = 1 / (fps * rational(model.opt.timestep))
         steps = [nearest(frame * spacing) for frame in range(count)]
         return self.run(model, steps[-1]).states(steps)
 
     def data(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """A new MjData at the start."""
+        """Returns a new MjData at the start."""
         return InitialState(self.key).data(model)
 
 
 @dataclass(frozen=True)
 class MeasurementSettings:
-    """How much of each point of the grid is measured.
+    """Settings of the measurement of each point of the grid.
 
     Attributes:
       budget: wall time for all points [s].
-      repeats: of each rollout; the budget decides when None.
+      repeats: number of rollouts of each point; None lets the budget determine it.
       threads: numbers of copies.
-      horizon: simulated time after which accuracy is measured [s]; None without.
-      reference: timestep of the finer run [s]; an eighth of the finest of the grid when None.
-      warp: how many worlds MuJoCo Warp steps at once; one is stepped by MuJoCo itself when None.
+      horizon: simulated time after which accuracy is measured [s]; None omits it.
+      reference: timestep of the finer run [s]; None is an eighth of the finest of the grid.
+      warp: options of MuJoCo Warp; None uses MuJoCo itself.
     """
 
     budget: float
@@ -82,7 +82,7 @@ class MeasurementSettings:
     warp: WarpOptions | None = None
 
     def timer(self, point: GridPoint, setup: RolloutStart, share: float, clock: Clock) -> StepTimer:
-        """Times the steps of a point, on a `share` of the budget."""
+        """Returns the timer of the steps of a point, with a `share` of the budget."""
         make = partial(setup.run, point.model)
         budget = TimingBudget(share * self.budget, point.steps, self.repeats)
         if self.warp is None:
@@ -91,31 +91,31 @@ class MeasurementSettings:
 
 
 def check_reference(reference: Fraction | None, grid: Sequence[GridPoint]) -> None:
-    """Refuses a finer run that is no finer than what is measured against it.
+    """Refuses a reference run that is not finer than all points.
 
     Raises:
-      BadValueError: its timestep is not below every other.
+      BadValueError: its timestep is not below all others.
     """
     finest = min(point.model.opt.timestep for point in grid)
     if reference is not None and reference >= rational(finest):
-        expected = f"finer than every timestep that is measured, of which the finest is {finest:.6g} s"
+        expected = f"finer than every measured timestep, of which the finest is {finest:.6g} s"
         raise BadValueError(option("reference"), f"{float(reference):.6g}", expected)
 
 
 def timed_grid(
     grid: Sequence[GridPoint], setup: RolloutStart, settings: MeasurementSettings, reporter: Reporter, clock: Clock
 ) -> list[GridPointResult]:
-    """Measures every point. Their rollouts take turns, so that what disturbs one disturbs all.
+    """Measures every point. Their rollouts take turns, so that disturbances affect all of them.
 
     Raises:
       SimulationError: no point is stable.
     """
     timers = [settings.timer(point, setup, 1 / len(grid), clock) for point in grid]
     if settings.warp:
-        reporter.note("warp compiles what it has not cached, which may take a minute")
+        reporter.note("warp compiles kernels that are not cached, which may take a minute")
 
     failures = [_failure(timer.warm_up) for timer in timers]
-    # As many steps for all, unless they are fixed: what a step costs changes in the course of the motion.
+    # All take equally many steps unless they are fixed, since the cost of a step changes during the motion.
     fewest = min((t.steps for t, failure in zip(timers, failures, strict=True) if not failure), default=1)
     failures = [
         failure or _failure(partial(timer.begin, point.steps or fewest))
@@ -192,7 +192,7 @@ def _result(
 
 
 def _name(enum: type, value: int) -> str:
-    """How MJCF spells a member of one of MuJoCo's enums."""
+    """Returns the MJCF name of a member of one of MuJoCo's enums."""
     return next(name for name, number in enum_members(enum).items() if number == value)
 
 
@@ -215,7 +215,7 @@ def _first_line(error: SimulationError) -> str:
 
 
 def notes_on(results: Sequence[GridPointResult], grid: Sequence[GridPoint]) -> list[str]:
-    """What a reader of these results should know."""
+    """Returns remarks on these results."""
     notes = []
     fewer = sorted({result.steps for result in results if result.step and result.steps < MOST_STEPS})
     if fewer and all(point.steps is None for point in grid):
@@ -231,12 +231,12 @@ def notes_on(results: Sequence[GridPointResult], grid: Sequence[GridPoint]) -> l
 
 @dataclass(frozen=True)
 class FinalState:
-    """The end of a simulation.
+    """The final state of a simulation.
 
     Attributes:
-      time: simulated [s], exact.
-      qpos, qvel: `(nq,)`, `(nv,)`.
-      drift: potential and kinetic energy, less those at the start [J].
+      time: simulated time [s], exact.
+      qpos, qvel: positions `(nq,)` and velocities `(nv,)`.
+      drift: potential and kinetic energy, minus those at the start [J].
     """
 
     time: Fraction
@@ -246,41 +246,41 @@ class FinalState:
 
 
 def simulate_to(model: mujoco.MjModel, data: mujoco.MjData, horizon: Fraction) -> FinalState:
-    """Simulates from the state in `data`, its controls held, for the whole number of steps nearest to `horizon` [s].
+    """Simulates from the state in `data`, with constant controls, for the number of steps nearest to `horizon` [s].
 
     Raises:
-      SimulationError: it becomes unstable, or MuJoCo gives up.
+      SimulationError: the simulation becomes unstable, or MuJoCo cannot complete a step.
     """
     timestep = rational(model.opt.timestep)
     return _advanced(_stepper(model, data), max(1, nearest(horizon / timestep)), timestep)
 
 
 def distance_from_finer(model: mujoco.MjModel, data: mujoco.MjData, final: FinalState, timestep: Fraction) -> float:
-    """How far `final` is from where `model` gets with finer steps.
+    """Returns the distance of `final` from the end of a simulation with finer steps.
 
     Args:
-      data: the start of both.
-      timestep: of the finer simulation [s].
+      data: start of both simulations.
+      timestep: timestep of the finer simulation [s].
 
     Returns:
-      The root mean square, over all degrees of freedom, of what takes one position to the other
+      The root mean square, over all degrees of freedom, of the difference of the positions
       (`mj_differentiatePos`) [m and rad].
 
     Raises:
-      SimulationError: the finer simulation becomes unstable, or MuJoCo gives up.
+      SimulationError: the finer simulation becomes unstable, or MuJoCo cannot complete a step.
     """
     finer = copy.copy(model)
     finer.opt.timestep = float(timestep)
     steps = nearest(final.time / timestep)
     reference = _advanced(_stepper(finer, data), steps, timestep)
-    # Its steps need not meet that instant: its velocity covers the rest, half a step at most.
+    # Its last step may miss that instant by up to half a step, which its velocity covers.
     qpos, rest = reference.qpos.copy(), float(final.time - reference.time)
     mujoco.mj_integratePos(model, qpos, reference.qvel, rest)
     return position_distance(model, qpos, final.qpos)
 
 
 def position_distance(model: mujoco.MjModel, a: np.ndarray, b: np.ndarray) -> float:
-    """Root mean square over all degrees of freedom of the difference of two positions `(nq,)` [m and rad]."""
+    """Returns the root mean square over all degrees of freedom of the difference of positions `(nq,)` [m and rad]."""
     difference = np.zeros(model.nv)
     mujoco.mj_differentiatePos(model, difference, 1.0, a, b)
     return float(np.sqrt(np.mean(difference**2))) if model.nv else 0.0

@@ -1,4 +1,4 @@
-"""Medians of timings and their confidence intervals, whatever the distribution."""
+"""Medians of timings and their confidence intervals, for any distribution."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class ConfidenceInterval:
-    """An interval, and the probability that an interval so computed contains the true value."""
+    """An interval, and the probability that an interval computed this way contains the true value."""
 
     low: float
     high: float
@@ -25,11 +25,11 @@ class SampleStatistics:
 
     Attributes:
       n: number of samples.
-      median: of the samples.
-      low, high, confidence: an interval for the true median, and its coverage; None when `n` is too small for one.
-      min: the smallest sample.
-      p5, p95: 5th and 95th percentile of the samples, or of finer samples where the field that holds this says so.
-      samples: in order of time.
+      median: median of the samples.
+      low, high, confidence: interval for the true median, and its coverage; None if `n` is too small for one.
+      min: smallest sample.
+      p5, p95: 5th and 95th percentile of the samples, or of finer samples where a field says so.
+      samples: samples in chronological order.
     """
 
     n: int
@@ -44,7 +44,7 @@ class SampleStatistics:
 
 
 def summarized(samples: Sequence[float], finer: Sequence[float] | None = None) -> SampleStatistics:
-    """The statistics of `samples`; percentiles are those of `finer` samples where there are some."""
+    """Summarizes `samples`; percentiles are those of `finer` samples if there are any."""
     interval = median_interval(samples)
     p5, p95 = np.percentile(samples if finer is None else finer, [5, 95])
     return SampleStatistics(
@@ -61,19 +61,20 @@ def summarized(samples: Sequence[float], finer: Sequence[float] | None = None) -
 
 
 def median(samples: Sequence[float]) -> float:
-    """The middle sample, or the mean of the two in the middle."""
+    """Returns the middle sample, or the mean of the two in the middle."""
     return float(np.median(samples))
 
 
 def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) -> ConfidenceInterval | None:
-    """The interval between two order statistics that holds the true median with at least this `confidence`.
+    """Returns the interval between two order statistics that contains the true median with at least `confidence`.
 
     The number of samples below the true median is binomial (n, 1/2) whatever the distribution, if the samples are
     independent and it is continuous; so the k-th smallest and the k-th largest enclose it with probability
-    1 - 2 P(B < k): David & Nagaraja, Order Statistics, 3rd ed., 7.1. The narrowest such interval is taken.
+    1 - 2 P(B < k): David & Nagaraja, Order Statistics, 3rd ed., 7.1. The narrowest such interval is used.
 
     Returns:
-      None when even the smallest and the largest sample do not reach `confidence`: fewer than 6 samples for 95 %.
+      The interval; None if even the smallest and the largest sample do not reach `confidence`, as with fewer than 6
+      samples for 95 %.
     """
     ordered, narrowest = sorted(samples), None
 
@@ -87,21 +88,21 @@ def median_interval(samples: Sequence[float], confidence: float = CONFIDENCE) ->
 
 
 def coverage(n: int, k: int) -> Fraction:
-    """The probability that the k-th smallest and the k-th largest of `n` samples enclose the true median."""
+    """Returns the probability that the k-th smallest and k-th largest of `n` samples enclose the true median."""
     return 1 - Fraction(2 * sum(math.comb(n, below) for below in range(k)), 2**n)
 
 
 def ratio_interval(
     samples: Sequence[float], base: Sequence[float], confidence: float = CONFIDENCE
 ) -> ConfidenceInterval | None:
-    """An interval for the ratio of the true medians, of `samples` to `base`; both positive.
+    """Returns an interval for the ratio of the true medians of `samples` and `base`, both positive.
 
-    Each median is enclosed by order statistics at a confidence of (1 + `confidence`) / 2. Both intervals hold at once
-    with a probability of at least `confidence` (Bonferroni), and so does the quotient of their ends, whatever the
+    Order statistics enclose each median at a confidence of (1 + `confidence`) / 2. Both intervals hold at the same time
+    with a probability of at least `confidence` (Bonferroni), and so does the quotient of their ends, for any
     distributions.
 
     Returns:
-      None when there are too few samples of either: fewer than 7 for 95 %.
+      The interval; None if either has too few samples: fewer than 7 for 95 %.
     """
     each = 1 - (1 - confidence) / 2
     numerator, denominator = median_interval(samples, each), median_interval(base, each)

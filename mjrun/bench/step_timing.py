@@ -1,28 +1,20 @@
-"""The wall time of steps: rollouts of one simulation, repeated as often as the budget allows."""
+"""Wall time of steps, from rollouts of one simulation that are repeated as often as the budget allows."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.bench import rollout_timing
 from mjrun.bench.reference_workload import ReferenceWorkload
-from mjrun.bench.rollout_timing import (
-    BatchRoller,
-    Clock,
-    LoopRoller,
-    Roller,
-    RolloutInputs,
-    StepProfile,
-    StoppedError,
-    profile,
-)
+from mjrun.bench.rollout_timing import BatchRoller, Clock, Roller, RolloutInputs, StepProfile
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.platform.cores import available_cores
 
-MOST_STEPS = 10_000  # of one rollout; testspeed's own
+MOST_STEPS = 10_000  # in a rollout, as in testspeed
 LEAST_REPEATS, MOST_REPEATS = 7, 50  # 7 give a ratio of medians an interval of 95 %
-BLOCK = 2e-3  # [s] of steps that are timed at once, beside which what the clock and a call take is nothing
+BLOCK = 2e-3  # [s] of steps that are timed at once, far more than the clock and a call take
 WARM_UP, ROLLOUTS, THREADS, PROFILE = 0.1, 0.4, 0.3, 0.1  # shares of the budget
 PROFILES = 3
 ROUND = (1, 2, 5)  # leading digits of round numbers
@@ -30,12 +22,12 @@ ROUND = (1, 2, 5)  # leading digits of round numbers
 
 @dataclass(frozen=True)
 class TimingBudget:
-    """How much wall time, and how many steps, the timing of one simulation may take.
+    """Budget of wall time and steps for the timing of one simulation.
 
     Attributes:
-      seconds: wall time that may be spent, more or less.
-      steps: of one rollout; as many as the budget allows, at most `MOST_STEPS`, when None.
-      repeats: of the rollout; as many as the budget allows, within `LEAST_REPEATS` and `MOST_REPEATS`, when None.
+      seconds: approximate wall time [s].
+      steps: steps in a rollout; None allows as many as fit the budget, at most `MOST_STEPS`.
+      repeats: number of rollouts; None allows as many as fit the budget, within `LEAST_REPEATS` and `MOST_REPEATS`.
     """
 
     seconds: float
@@ -45,13 +37,13 @@ class TimingBudget:
 
 @dataclass(frozen=True)
 class ThreadScaling:
-    """Independent copies of the simulation, a thread each.
+    """Timing of independent copies of the simulation, one thread each.
 
     Attributes:
       threads: number of copies.
       step: wall time per step, counting the steps of all copies [s].
-      reference_workload: the same of the reference workload on as many threads, in turn with the rollouts.
-      steps_per_second, realtime_factor: of all copies together.
+      reference_workload: the same for the reference workload on as many threads, alternating with the rollouts.
+      steps_per_second, realtime_factor: rates of all copies together.
       scaling: steps per second, relative to one thread.
     """
 
@@ -63,47 +55,49 @@ class ThreadScaling:
     scaling: float
 
 
-@dataclass
 class StepTimer:
-    """Times the steps of one simulation, rollout by rollout: `warm_up`, `begin`, then `rollout` again and again.
+    """Times the steps of one simulation, rollout by rollout: call `warm_up`, `begin`, then `rollout` repeatedly.
 
     Args:
-      make: the run with the controls of so many steps.
+      make: function that returns the run with the controls of a number of steps.
       clock: wall time [s].
-      workload: timed after each rollout; None without.
+      workload: reference workload that is timed after each rollout.
 
     Attributes:
-      run: what is rolled out.
-      steps: of a rollout; those that the budget allows, from `warm_up` on, and those that are taken, from `begin` on.
-      block, repeats: steps that are timed at once, and rollouts; known from `begin` on.
-      profile: what a step consists of; known from `begin` on.
+      run: run that is rolled out.
+      steps: steps in a rollout: as many as the budget allows after `warm_up`, and the chosen number after `begin`.
+      block, repeats: steps that are timed at once, and number of rollouts; set by `begin`.
+      profile: average contents of a step; set by `begin`.
       rollouts: wall times per step of each block of each rollout so far [s].
       in_batch: whether it is stepped in C, where MuJoCo's warnings end a rollout.
-      first: wall time of the first step, which compiles something [s]; None where nothing is compiled.
-      overflows: what an engine had no room for, a sentence each.
+      first: wall time of the first step, which compiles something [s]; None if nothing is compiled.
+      overflows: sentences on the memory that an engine lacked.
     """
 
-    make: Callable[[int], RolloutInputs]
-    budget: TimingBudget
-    clock: Clock
-    workload: ReferenceWorkload | None = None
-    rollouts: list[np.ndarray] = field(default_factory=list, init=False)
-    in_batch: bool = field(default=True, init=False)
-    first: float | None = field(default=None, init=False)
-    overflows: Sequence[str] = field(default=(), init=False)
-    steps: int = field(default=0, init=False)
-    block: int = field(default=1, init=False)
-    repeats: int = field(default=0, init=False)
-    run: RolloutInputs = field(init=False)
-    _roller: Roller = field(init=False)
-    _cost: float = field(init=False)  # of a step [s], roughly
-    profile: StepProfile = field(init=False)
+    run: RolloutInputs
+    profile: StepProfile
+    _roller: Roller
+    _cost: float  # approximate wall time of a step [s]
+
+    def __init__(
+        self,
+        make: Callable[[int], RolloutInputs],
+        budget: TimingBudget,
+        clock: Clock,
+        workload: ReferenceWorkload | None = None,
+    ) -> None:
+        self.make, self.budget, self.clock, self.workload = make, budget, clock, workload
+        self.rollouts = list[np.ndarray]()
+        self.in_batch = True
+        self.first: float | None = None
+        self.overflows: Sequence[str] = ()
+        self.steps, self.block, self.repeats = 0, 1, 0
 
     def warm_up(self) -> None:
-        """Rolls out more and more steps, until it is known how many of them the budget allows.
+        """Rolls out more and more steps to find how many the budget allows.
 
         Raises:
-          SimulationError: the simulation is unstable, or MuJoCo gave up.
+          SimulationError: the simulation is unstable, or MuJoCo could not complete a step.
         """
         most = self.budget.steps or MOST_STEPS
         self._cost = self._opened(most)
@@ -111,10 +105,10 @@ class StepTimer:
         self.steps = self.budget.steps or rounded_down(share / (LEAST_REPEATS * self._cost), most)
 
     def begin(self, steps: int) -> None:
-        """Chooses how often rollouts of `steps` steps are timed, and profiles one.
+        """Chooses the number of rollouts of `steps` steps, and profiles one.
 
         Raises:
-          SimulationError: the simulation is unstable, or MuJoCo gave up.
+          SimulationError: the simulation is unstable, or MuJoCo could not complete a step.
         """
         self.steps = steps
         rollout = self._cost * steps
@@ -136,27 +130,27 @@ class StepTimer:
 
     @property
     def step(self) -> SampleStatistics:
-        """Wall time per step of one copy [s]: of whole rollouts, with percentiles over blocks of steps."""
+        """Wall time per step of one copy [s], over whole rollouts; percentiles are over blocks of steps."""
         copies = self._roller.copies
         whole = [self._mean(blocks) / copies for blocks in self.rollouts]
         return summarized(whole, (np.concatenate(self.rollouts) / copies).tolist())
 
     @property
     def reference_workload(self) -> SampleStatistics | None:
-        """Wall time per step of the reference workload [s], a sample for each rollout."""
+        """Wall time per step of the reference workload [s], one sample per rollout."""
         return self.workload and self.workload.step
 
     def threads(self, counts: Sequence[int]) -> list[ThreadScaling]:
-        """The same on several threads; none of them where MuJoCo's warnings end a rollout."""
+        """Times the simulation on several threads, unless MuJoCo's warnings end a rollout."""
         return [self._threads(count) for count in counts] if self.in_batch else []
 
     def _opened(self, most: int) -> float:
-        """Prepares rollouts of at most so many steps, and returns what a step costs, roughly [s]."""
+        """Prepares rollouts of at most `most` steps, and returns the approximate wall time of a step [s]."""
         self.run = self.make(most)
         self._roller = BatchRoller(self.run)
         try:
             return self._longest(most)
-        except StoppedError:
+        except rollout_timing.WarnedRolloutError:
             self.run.check(self.steps)  # raises if the simulation is unstable
             self._leave_batch()
             return self._longest(most)
@@ -169,7 +163,7 @@ class StepTimer:
         return ThreadScaling(count, step, reference, speed, speed * timestep, one.median / step.median)
 
     def _timed_threads(self, count: int) -> tuple[SampleStatistics, SampleStatistics]:
-        """Wall time per step of so many copies, and of the reference workload on as many threads."""
+        """Times `count` copies, and the reference workload on as many threads, per step."""
         roller, workload = BatchRoller(self.run, count), ReferenceWorkload(self.clock, count)
         rollout = self.step.median * self.steps * max(1, count / available_cores())
         workload.fit(rollout)
@@ -185,25 +179,25 @@ class StepTimer:
         return summarized(whole, (np.concatenate(rollouts) / count).tolist()), workload.step
 
     def _affordable(self, share: float, rollout: float) -> int:
-        """Number of rollouts, each of which takes so long [s], that a share of the budget allows."""
+        """Returns the number of rollouts, of `rollout` seconds each, that a share of the budget allows."""
         fitting = int(share * self.budget.seconds / rollout)
         return self.budget.repeats or min(max(fitting, LEAST_REPEATS), MOST_REPEATS)
 
     def _profiled(self) -> StepProfile:
-        """The least disturbed of some profiles."""
-        profiles, spent = [profile(self.run, self.steps)], 0.0
+        """Returns the least disturbed of several profiles."""
+        profiles, spent = [rollout_timing.profile(self.run, self.steps)], 0.0
         while (phases := profiles[-1].phases) and len(profiles) < PROFILES:
             spent += phases.seconds * self.steps
             if spent > PROFILE * self.budget.seconds:
                 break
-            profiles.append(profile(self.run, self.steps))
+            profiles.append(rollout_timing.profile(self.run, self.steps))
         return min(profiles, key=lambda one: one.phases.seconds if one.phases else 0.0)
 
     def _leave_batch(self) -> None:
-        self.in_batch, self._roller = False, LoopRoller(self.run)
+        self.in_batch, self._roller = False, rollout_timing.LoopRoller(self.run)
 
     def _longest(self, most: int) -> float:
-        """Rolls out more and more steps, and returns what one took in the last and longest rollout [s]."""
+        """Rolls out more and more steps, and returns the wall time of a step in the last and longest rollout [s]."""
         self.steps, cost, spent = 0, 0.0, 0.0
         while self.steps < most and spent < WARM_UP * self.budget.seconds:
             self.steps = min(max(1, 2 * self.steps), most)
@@ -212,13 +206,13 @@ class StepTimer:
         return cost
 
     def _rolled(self, roller: Roller, steps: int, block: int) -> np.ndarray:
-        """Wall time per step of every block [s]."""
+        """Times every block, per step [s]."""
         with without_timers():
             spent = roller.seconds(steps, block, self.clock)
         return spent / self._sizes(steps, block)
 
     def _mean(self, per_step: np.ndarray, blocks: int = 1) -> float:
-        """Wall time per step of a rollout [s]."""
+        """Returns the wall time per step of a rollout [s]."""
         return float((per_step * self._sizes(self.steps, blocks * self.block)).sum() / self.steps)
 
     def _sizes(self, steps: int, block: int) -> np.ndarray:
@@ -226,7 +220,7 @@ class StepTimer:
 
 
 def rounded_down(value: float, most: int) -> int:
-    """The largest of 1, 2, 5, 10, 20, … up to `value`, at least 1; `most` if `value` is no less."""
+    """Rounds down to 1, 2, 5, 10, 20, … but at least to 1; returns `most` for larger values."""
     if value >= most:
         return most
     scale = 10 ** int(np.floor(np.log10(max(value, 1))))

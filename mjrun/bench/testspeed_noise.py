@@ -1,6 +1,6 @@
-"""The control noise of MuJoCo's own `testspeed`: smoothed pseudo-random noise on every control.
+"""The control noise of MuJoCo's `testspeed`: smoothed pseudo-random noise on every control.
 
-It keeps a model from settling, where warm starts make steps cheaper than in use, and is the same on every machine.
+It keeps a model from settling, where warm starts make steps unrealistically cheap, and is the same on every machine.
 """
 
 import math
@@ -8,13 +8,13 @@ import math
 import mujoco
 import numpy as np
 
-STD, RATE = 0.01, 0.1  # testspeed's own
+STD, RATE = 0.01, 0.1  # as in testspeed
 
 
 def halton(index: np.ndarray, base: int) -> np.ndarray:
-    """The elements `index` `(n,)` of the Halton sequence to `base`, in [0, 1): bit for bit those of `mju_Halton`.
+    """Returns the elements `index` `(n,)` of the Halton sequence of a base, in [0, 1), bit for bit as `mju_Halton`.
 
-    The digits of the index, mirrored at the point: Halton 1960, Numerische Mathematik 2, 84-90.
+    They are the digits of the index, mirrored at the point: Halton 1960, Numerische Mathematik 2, 84-90.
     """
     rest, weight, elements = np.array(index), 1 / base, np.zeros(len(index))
     while rest.any():
@@ -27,15 +27,15 @@ def halton(index: np.ndarray, base: int) -> np.ndarray:
 def controls(
     model: mujoco.MjModel, steps: int, std: float = STD, rate: float = RATE, center: np.ndarray | None = None
 ) -> np.ndarray:
-    """The controls of every step, `(steps, nu)`, as MuJoCo 4.0's `sample/testspeed.cc` makes them.
+    """Returns the controls of every step, `(steps, nu)`, as in MuJoCo 4.0's `sample/testspeed.cc`.
 
     Each control returns to its centre exponentially, is pushed by an element of a Halton sequence, and stays in its
     range: an Ornstein-Uhlenbeck process, except that its noise is uniform instead of Gaussian.
 
     Args:
-      std: scale of the noise, in half ranges of the actuator; in its own units where it has no range.
-      rate: time in which a control returns [s]; 0 is at once.
-      center: `(nu,)`; the middle of each range, or 0, when None.
+      std: scale of the noise in half ranges of the actuator, or in its units if it has no range.
+      rate: time constant of the return [s]; 0 returns immediately.
+      center: centre of each control `(nu,)`; None is the middle of its range, or 0 without one.
     """
     limited, (low, high) = model.actuator_ctrllimited.astype(bool), model.actuator_ctrlrange.T
     middle = np.where(limited, 0.5 * (high + low), 0.0) if center is None else np.asarray(center, float)

@@ -1,31 +1,30 @@
-"""The wall time of steps of many worlds at once; and which engine takes the steps."""
+"""Wall time of steps of many Warp worlds at once, and the options of engines."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
-from mjrun.bench.step_timing import StepTimer, ThreadScaling
+from mjrun.bench.step_timing import StepTimer, ThreadScaling, TimingBudget
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
 from mjrun.physics.warp_device import WarpDevice
 from mjrun.physics.warp_engine import WarpWorlds
 
 C, WARP = ENGINES = ("c", "warp")
-ON_GPU, ON_CPU = 4096, 8  # worlds, if nobody says how many
-LEFT_OUT = "warp tells of no phases and no arena; each world plays the noise of the one before it, a step ahead"
+ON_GPU, ON_CPU = 4096, 8  # default number of worlds
+LEFT_OUT = "warp reports no phases and no arena; each world plays the noise of the one before it, a step ahead"
 
 
 class WarpOptions:
-    """How many worlds to time, on which device.
+    """Number of worlds to time, and their device.
 
     Args:
-      device, nconmax, njmax: as `WarpDevice` and `WarpWorlds` have them.
-      worlds: how many; `ON_GPU` or `ON_CPU` when None.
+      device, nconmax, njmax: see `WarpDevice` and `WarpWorlds`.
+      worlds: number of worlds; None is `ON_GPU` or `ON_CPU`.
 
     Attributes:
-      device, device_name, version: of the device.
-      worlds: as given, or as chosen.
+      device, device_name, version: alias, name and version of the device.
+      worlds: number of worlds.
     """
 
     def __init__(
@@ -41,24 +40,24 @@ class WarpOptions:
         self.nconmax, self.njmax = nconmax, njmax
 
     def open(self, run: RolloutInputs) -> "WarpRoller":
-        """Worlds that start as `run` does.
+        """Opens worlds that start like `run`.
 
         Raises:
-          UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+          UsageError: mujoco_warp cannot simulate this model, or not this number of worlds.
         """
         starts = np.tile(run.start, (self.worlds, 1))
         return WarpRoller(WarpWorlds(self._device, run.model, starts, self.nconmax, self.njmax), run)
 
 
 class WarpRoller:
-    """Rolls worlds out and times them.
+    """Rolls out worlds and times them.
 
-    Each plays the controls of the run a step ahead of the one before it, so that no two move alike; the first plays
-    them as they are. The run has controls for that: of as many steps more as there are worlds. Without controls all
-    worlds are alike. Wall times include handing controls over, from memory of the device's own.
+    Each world plays the controls of the run a step ahead of the one before it, so that no two move alike; the first
+    plays them unchanged. The run therefore has controls for additional steps, one for each world. Without controls, all
+    worlds are alike. Wall times include the transfer of controls within the memory of the device.
 
     Attributes:
-      copies: how many worlds.
+      copies: number of worlds.
     """
 
     def __init__(self, worlds: WarpWorlds, run: RolloutInputs) -> None:
@@ -66,7 +65,7 @@ class WarpRoller:
         self._worlds, self._run = worlds, run
         with worlds.active():
             self._controls = None if run.controls is None else worlds.upload(run.controls)
-        self._contacts = self._constraints = 0  # the most that were needed at once
+        self._contacts = self._constraints = 0  # largest demand
 
     def first(self, clock: Clock) -> float:
         """Takes the first step, for which Warp compiles what it has not cached.
@@ -75,14 +74,14 @@ class WarpRoller:
           Its wall time [s].
 
         Raises:
-          UsageError: mujoco_warp cannot simulate this model, or not so many worlds.
+          UsageError: mujoco_warp cannot simulate this model, or not this number of worlds.
         """
         before = clock()
         self._worlds.compile()
         return clock() - before
 
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
-        """As `Roller` has it: wall time of each block, of all worlds together [s]."""
+        """Times each block of all worlds together [s]; see `Roller`."""
         times = []
         with self._worlds.active():
             self._worlds.restart()
@@ -95,7 +94,7 @@ class WarpRoller:
         return np.array(times)
 
     def profile(self, steps: int) -> StepProfile:
-        """Rolls `steps` steps out, looking at each. Not to be timed from outside.
+        """Rolls out `steps` steps, and inspects each; too slow to be timed itself.
 
         Raises:
           SimulationError: some worlds have become unstable.
@@ -116,12 +115,12 @@ class WarpRoller:
         return StepProfile(contacts / steps, constraints / steps, iterations / steps, None, None, None, warned=False)
 
     def overflows(self) -> Sequence[str]:
-        """What did not fit in the rollout that was profiled, and what to raise, a sentence each."""
+        """Returns sentences on the memory that the profiled rollout lacked, and the options to raise."""
         return self._worlds.overflows(self._contacts, self._constraints)
 
     def _advance(self, step: int) -> None:
         if self._controls is not None:
-            # Rows `step` and on, one for each world, lie in a row.
+            # The rows from `step` on, one for each world, are adjacent.
             self._worlds.set_controls(self._controls, step * self._run.model.nu)
         self._worlds.step()
 
@@ -139,23 +138,23 @@ class WarpRoller:
             )
 
 
-@dataclass
 class WarpStepTimer(StepTimer):
-    """The steps of many worlds being timed, rollout by rollout. `step` is that of one world.
+    """Times the steps of many worlds, rollout by rollout; `step` is that of one world."""
 
-    Attributes:
-      warp: how many worlds, and where.
-    """
+    _worlds: WarpRoller
 
-    warp: WarpOptions = field(kw_only=True)
-    _worlds: WarpRoller = field(init=False)
+    def __init__(
+        self, make: Callable[[int], RolloutInputs], budget: TimingBudget, clock: Clock, warp: WarpOptions
+    ) -> None:
+        super().__init__(make, budget, clock)
+        self._warp = warp
 
     def threads(self, counts: Sequence[int]) -> list[ThreadScaling]:
         return []
 
     def _opened(self, most: int) -> float:
-        self.run = self.make(most + self.warp.worlds)  # each world is a step ahead of the one before it
-        self._roller = self._worlds = self.warp.open(self.run)
+        self.run = self.make(most + self._warp.worlds)  # each world is a step ahead of the one before it
+        self._roller = self._worlds = self._warp.open(self.run)
         self.first = self._worlds.first(self.clock)
         return self._longest(most)
 
@@ -166,14 +165,14 @@ class WarpStepTimer(StepTimer):
 
 
 def check_engine(engine: str, of_c: Mapping[str, bool], of_warp: Mapping[str, int | str | None]) -> None:
-    """Refuses what the engine cannot do.
+    """Refuses options that the engine does not support.
 
     Args:
-      of_c: options, and whether they ask for what only MuJoCo itself can do.
+      of_c: options that only MuJoCo itself supports, and whether they are used.
       of_warp: options of mujoco_warp, and their values.
 
     Raises:
-      UsageError: says which option.
+      UsageError: names the option.
     """
     if engine not in ENGINES:
         raise UnknownNameError("engine", engine, ENGINES)
@@ -185,12 +184,12 @@ def check_engine(engine: str, of_c: Mapping[str, bool], of_warp: Mapping[str, in
         for name, asked in of_c.items():
             if asked:
                 raise UsageError(
-                    f"{option(name)} is for {engine_option} {C}; {engine_option} {WARP} times steps alone, "
-                    f"of as many simulations at once as {option('worlds')} says"
+                    f"{option(name)} requires {engine_option} {C}; {engine_option} {WARP} times only steps, "
+                    f"of {option('worlds')} simulations at once"
                 )
     else:
         for name, value in of_warp.items():
             if value is not None and (name, value) != ("worlds", 1):
                 raise UsageError(
-                    f"{option(name)} is for {engine_option} {WARP}; in {C}, {option('threads')} runs copies"
+                    f"{option(name)} requires {engine_option} {WARP}; in {C}, {option('threads')} runs copies"
                 )

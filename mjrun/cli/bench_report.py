@@ -12,8 +12,7 @@ from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.bench.baseline import BaselineComparison
-    from mjrun.bench.frame_timing import FrameTiming
-    from mjrun.bench.output_timing import LoadTiming, OutputTiming
+    from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
     from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
     from mjrun.bench.rollout_timing import Phase
     from mjrun.bench.statistics import SampleStatistics

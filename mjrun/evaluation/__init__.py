@@ -1,1 +1,1 @@
-"""How good a policy is on a task: seeded episodes, their returns and endings, intervals, comparisons, films."""
+"""Evaluation of policies on tasks: seeded episodes, returns and endings with intervals, comparisons, videos."""

@@ -1,4 +1,4 @@
-"""Episodes that are to be played, and what has come of them; all of it picklable values."""
+"""Episodes to play and records of episodes that were played: picklable values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,14 +17,14 @@ OUTCOMES = ("success", "failure", "timeout")
 
 @dataclass(frozen=True)
 class PolicyChoice:
-    """A policy, as a user names it.
+    """A policy as the user names it.
 
     Attributes:
-      policy: its text, or, in Python, the policy itself.
-      normalize: the statistics that its observations are normalized with.
-      trust: whether its file may run code.
+      policy: text of the policy or, in Python, the policy.
+      normalize: statistics that normalize its observations.
+      trust: whether its file may execute code.
       snapshot: copies of its files, which are read instead.
-      modules: its code, if it is written by the user, for processes that load it.
+      modules: modules of a policy that the user has written, for processes that load it.
     """
 
     policy: object
@@ -34,10 +34,10 @@ class PolicyChoice:
     modules: tuple[ModuleSource, ...] = field(default=(), compare=False, repr=False)
 
     def load(self) -> Policy:
-        """Returns the policy.
+        """Loads the policy.
 
         Raises:
-          UsageError: it cannot be a policy, or is not trusted.
+          UsageError: it is not a policy, or is not trusted.
           FileError: its files cannot be read.
         """
         place = self.snapshot.place if self.snapshot else Path
@@ -45,18 +45,18 @@ class PolicyChoice:
 
     @property
     def name(self) -> str:
-        """What tables call it."""
+        """Name of the policy in tables."""
         return self.policy if isinstance(self.policy, str) else type(self.policy).__name__
 
 
 @dataclass(frozen=True)
 class EpisodeSpec:
-    """What episodes have in common but for their seeds.
+    """Everything that episodes share except their seeds.
 
     Attributes:
-      task: what is played.
-      chosen: who plays.
-      metrics: the name and the text of each.
+      task: task to play.
+      chosen: policy that plays.
+      metrics: name and text of each metric.
     """
 
     task: Source
@@ -64,20 +64,20 @@ class EpisodeSpec:
     metrics: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)  # as there may be a million of them
-class Episode:
-    """What has come of an episode.
+@dataclass(frozen=True, slots=True)  # since there may be a million of them
+class EpisodeRecord:
+    """The record of an episode that was played.
 
     Attributes:
-      seed: of all that is random in it.
-      total: the return: the sum of all rewards.
-      steps: control periods.
+      seed: seed of everything that is random in the episode.
+      total: return: sum of all rewards.
+      steps: number of control periods.
       length: simulated time [s].
-      ending: the name of the termination.
-      outcome: its kind: `success`, `failure` or `timeout`.
-      terms: the names of the terms of the reward, an object that episodes share.
-      sums: of each term.
-      metrics: in the order of the specification; NaN where there is none.
+      ending: name of the termination.
+      outcome: kind of the termination: `success`, `failure` or `timeout`.
+      terms: names of the terms of the reward; episodes share this object.
+      sums: sum of each term.
+      metrics: metrics in the order of the specification; NaN where undefined.
     """
 
     seed: int
@@ -92,7 +92,7 @@ class Episode:
 
     @property
     def rewards(self) -> Mapping[str, float]:
-        """The sum of each term of the reward, by name."""
+        """Sum of each term of the reward, by name."""
         return dict(zip(self.terms, self.sums, strict=True))
 
 
@@ -101,21 +101,21 @@ class PlayedEpisodes:
     """The episodes of one policy at one point.
 
     Attributes:
-      policy: its name.
-      point: the number of the point.
-      episodes: in the order of their seeds.
+      policy: name of the policy.
+      point: number of the point.
+      episodes: records in the order of the seeds.
     """
 
     policy: str
     point: int
-    episodes: Sequence[Episode]
+    episodes: Sequence[EpisodeRecord]
 
     @property
     def returns(self) -> np.ndarray:
-        """`(n,)`."""
+        """Return of each episode `(n,)`."""
         return np.array([episode.total for episode in self.episodes])
 
     @property
     def successes(self) -> np.ndarray:
-        """Bool `(n,)`."""
+        """Success of each episode, bool `(n,)`."""
         return np.array([episode.outcome == OUTCOMES[0] for episode in self.episodes])

@@ -1,4 +1,4 @@
-"""Plays episodes: a policy on a task in many worlds side by side, or in an environment of somebody else's."""
+"""Players of episodes: a policy acts on a task in many worlds side by side, or in an external environment."""
 
 import math
 from abc import ABC, abstractmethod
@@ -10,18 +10,16 @@ from typing import cast
 import mujoco
 import numpy as np
 
-from mjrun.errors import InvalidActionError, MjrunError, SimulationError, concerning, option
-from mjrun.evaluation.episode import Episode, EpisodeSpec
+from mjrun.errors import InvalidActionError, MjrunError, SimulationError
+from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec
+from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model.mujoco_globals import collected_warnings
-from mjrun.model.source import Source
 from mjrun.model.sources.gym import GymSource
 from mjrun.model.variants import BYTES
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.policy.agreement import check_agreement
 from mjrun.policy.policy import ActionSpace, Actor, Policy
-from mjrun.probe.available import AvailableProbes
-from mjrun.probe.episode import EpisodeColumns
-from mjrun.probe.metric import Metric, MetricEvaluation, parse_metric
+from mjrun.probe.metric import MetricEvaluation
 from mjrun.simulation.episode import UNLIMITED
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import Ending, EpisodeStepper
@@ -30,8 +28,8 @@ from mjrun.task.task import TIMED_OUT, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import Timeline, rational
 
-TERMINATED = "terminated"  # which is all that environments of others say
-SIDE_BY_SIDE = 32  # worlds, at most, unless fewer take `BYTES` of memory
+TERMINATED = "terminated"  # the only termination that external environments report
+SIDE_BY_SIDE = 32  # most worlds, unless fewer take `BYTES` of memory
 
 
 class EpisodePlayer(ABC):
@@ -48,47 +46,43 @@ class EpisodePlayer(ABC):
     can_succeed: bool
 
     @abstractmethod
-    def play(self, seeds: Sequence[int]) -> list[Episode]:
-        """The episodes of `seeds`, in their order.
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
+        """Plays the episodes of `seeds`, in order.
 
         Raises:
-          InvalidActionError: the policy answers what is not a number.
+          InvalidActionError: the policy returned an action that is not finite.
           SimulationError: the simulation of an environment failed.
-          MjrunError: the policy fails. In any case it is the error of the first of the episodes that fail.
+          MjrunError: the policy failed. In all cases, the error is that of the first episode that fails.
         """
 
 
 def player_of(spec: EpisodeSpec) -> EpisodePlayer:
-    """What plays the episodes of `spec`, with its policy loaded, and all that must fit checked.
+    """Creates the player of the episodes of `spec`: loads the policy, and checks that it fits the task.
 
     Raises:
-      UsageError: what is to be played is no task, or the policy does not fit it.
+      UsageError: the source is not a task, or the policy does not fit it.
       FileError: the policy cannot be read.
-      ModelError: the model cannot be had.
+      ModelError: the model cannot be loaded.
     """
-    policy = spec.chosen.load()
-    player = _plain_player(spec.task, policy)
-    if not spec.metrics:
-        return player
-    return MeasuringPlayer(player, spec, policy)
-
-
-def _plain_player(task: Source, policy: Policy) -> EpisodePlayer:
+    policy, task = spec.chosen.load(), spec.task
+    player: EpisodePlayer
     if isinstance(task, GymSource):
-        return EnvironmentPlayer(task, policy)
-    if isinstance(task, Task):
-        return TaskPlayer(task, policy)
-    from mjrun.policy.inferred_task import inferred_task
+        player = EnvironmentPlayer(task, policy)
+    elif isinstance(task, Task):
+        player = TaskPlayer(task, policy)
+    else:
+        from mjrun.policy.inferred_task import inferred_task
 
-    return TaskPlayer(inferred_task(policy, task), policy)
+        player = TaskPlayer(inferred_task(policy, task), policy)
+    return MeasuringPlayer(player, spec, policy) if spec.metrics else player
 
 
 class _Tally:
-    """What has come of an episode so far.
+    """Rewards of an episode that is being played.
 
     Attributes:
-      seed: of the episode.
-      steps: control periods.
+      seed: seed of the episode.
+      steps: number of control periods.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
@@ -96,23 +90,23 @@ class _Tally:
         self._total, self._terms = 0.0, np.zeros(terms)
 
     def add(self, reward: float, terms: np.ndarray) -> None:
-        """Takes the reward of a control period."""
+        """Adds the reward of a control period."""
         self._total += reward
         self._terms += terms
         self.steps += 1
 
-    def ended(self, ending: Ending, names: Sequence[str], control_dt: float) -> Episode:
-        """The episode, which has ended."""
+    def ended(self, ending: Ending, names: Sequence[str], control_dt: float) -> EpisodeRecord:
+        """Returns the record of the episode, which has ended."""
         length, sums = self.steps * control_dt, tuple(self._terms.tolist())
-        return Episode(self.seed, self._total, self.steps, length, ending.name, ending.kind, names, sums)
+        return EpisodeRecord(self.seed, self._total, self.steps, length, ending.name, ending.kind, names, sums)
 
 
 class _Running(_Tally):
-    """An episode that is being played.
+    """An episode that a policy is playing.
 
     Attributes:
-      place: among those that are played in one go.
-      action: the last answer of the policy.
+      place: index among the episodes that are played in one go.
+      action: last action of the policy.
     """
 
     action: np.ndarray
@@ -123,29 +117,29 @@ class _Running(_Tally):
 
 
 class _FirstFailure:
-    """The error of the first episode that fails, whichever fails first in time: later ones need not be played.
+    """The error of the first episode that fails by place; later episodes need not be played.
 
     Attributes:
-      place: of that episode; infinite while none has failed.
+      place: place of that episode; infinite while none has failed.
     """
 
     def __init__(self) -> None:
         self.place, self._error = math.inf, cast("MjrunError | None", None)
 
     def note(self, place: int, seed: int, error: MjrunError) -> None:
-        """Takes the error of an episode."""
+        """Notes the error of an episode."""
         if place < self.place:
             error.add_note(f"in the episode of seed {seed}")
             self.place, self._error = place, error
 
     def throw(self) -> None:
-        """Raises the error, if there is one."""
+        """Raises the error, if any."""
         if self._error:
             raise self._error
 
 
 class TaskPlayer(EpisodePlayer):
-    """Plays a task in worlds side by side: as soon as an episode ends, its world starts the next."""
+    """Plays a task in worlds side by side; when an episode ends, its world starts the next."""
 
     def __init__(self, task: Task, policy: Policy) -> None:
         self._task, self._policy = task, policy
@@ -158,7 +152,7 @@ class TaskPlayer(EpisodePlayer):
         self.endings = list(dict.fromkeys(ending.name for ending in self._worlds.endings))
         self.can_succeed = any(ending.kind == "success" for ending in self._worlds.endings)
 
-    def play(self, seeds: Sequence[int]) -> list[Episode]:
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         count = min(len(seeds), SIDE_BY_SIDE, self._fitting)
         if self._worlds.count < count:
             self._worlds = TaskWorlds(self._task, count, threads=1)
@@ -166,15 +160,15 @@ class TaskPlayer(EpisodePlayer):
             episodes = {episode.seed: episode for episode in self._played(seeds, count)}
         return [episodes[seed] for seed in seeds]
 
-    def _played(self, seeds: Sequence[int], count: int) -> Iterator[Episode]:
-        """The episodes, as they end, in `count` worlds.
+    def _played(self, seeds: Sequence[int], count: int) -> Iterator[EpisodeRecord]:
+        """Yields the episodes as they end, in `count` worlds.
 
         Raises:
-          MjrunError: that of the first episode that fails, in the order of `seeds`.
+          MjrunError: error of the first episode that fails, in the order of `seeds`.
         """
         worlds, control_dt = self._worlds, float(self._task.control_dt)
         waiting, failure = deque(range(len(seeds))), _FirstFailure()
-        running: dict[int, _Running] = {}
+        running = dict[int, _Running]()
         observations = np.empty((count, len(worlds.observed)))
         for world in range(count):
             self._begin_next(world, seeds, waiting, running, observations, failure)
@@ -204,7 +198,7 @@ class TaskPlayer(EpisodePlayer):
         observations: np.ndarray,
         failure: _FirstFailure,
     ) -> None:
-        """Begins the next episode in a world, if one is waiting that counts."""
+        """Begins the next episode in a world, unless an earlier episode has failed."""
         while waiting and waiting[0] < failure.place:
             place = waiting.popleft()
             try:
@@ -217,7 +211,7 @@ class TaskPlayer(EpisodePlayer):
                 return
 
     def _act(self, running: Mapping[int, _Running], observations: np.ndarray, failure: _FirstFailure) -> None:
-        """Asks the policy in each episode."""
+        """Computes the action of each episode."""
         for world, episode in running.items():
             try:
                 episode.action = episode.actor(observations[world])
@@ -229,9 +223,9 @@ class TaskPlayer(EpisodePlayer):
 
 
 class EnvironmentPlayer(EpisodePlayer):
-    """Plays an environment of Gymnasium's, one episode after the other: it resets, steps and rewards itself.
+    """Plays a Gymnasium environment, which resets, steps and rewards itself, one episode after the other.
 
-    What never ends is cut short where its video would be.
+    An episode that never ends is cut at the length of its video.
     """
 
     def __init__(self, source: GymSource, policy: Policy) -> None:
@@ -242,10 +236,10 @@ class EnvironmentPlayer(EpisodePlayer):
         environment.reset(0)
         self.rewards = environment.names(environment.step(np.zeros(len(self._actions.names)))).rewards
         self.endings = [TERMINATED, TIMED_OUT.name]
-        self.can_succeed = False  # it does not say so before it happens
+        self.can_succeed = False  # it does not announce successes
 
-    def play(self, seeds: Sequence[int]) -> list[Episode]:
-        episodes, failure = list[Episode](), _FirstFailure()
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
+        episodes, failure = list[EpisodeRecord](), _FirstFailure()
         for place, seed in enumerate(seeds):
             try:
                 episodes.append(self._played(place, seed))
@@ -255,7 +249,7 @@ class EnvironmentPlayer(EpisodePlayer):
         failure.throw()
         return episodes
 
-    def _played(self, place: int, seed: int) -> Episode:
+    def _played(self, place: int, seed: int) -> EpisodeRecord:
         environment, control_dt = self._environment, float(self._environment.control_dt)
         episode = _Running(place, seed, self._policy.episode(seed, self._actions), len(self.rewards))
         observation = environment.reset(seed)
@@ -274,10 +268,10 @@ class EnvironmentPlayer(EpisodePlayer):
 
 
 class MeasuringPlayer(EpisodePlayer):
-    """Plays episodes one after the other, step by step, and measures them: as `player` plays them, bit for bit.
+    """Plays and measures episodes one after the other, step by step, bit for bit as `player` plays them.
 
     Raises:
-      UsageError: a metric is not well formed, or names nothing.
+      UsageError: a metric is malformed, or contains an unknown name.
     """
 
     def __init__(self, player: EpisodePlayer, spec: EpisodeSpec, policy: Policy) -> None:
@@ -285,23 +279,14 @@ class MeasuringPlayer(EpisodePlayer):
         self.rewards, self.endings, self.can_succeed = player.rewards, player.endings, player.can_succeed
         simulation = Simulation(spec.task, policy=policy)
         assert simulation.episode
-        self._metrics = self._parsed(simulation.load(), simulation.episode.columns)
-        names = dict.fromkeys(name for metric in self._metrics for name in metric.columns if name != "time")
-        self._columns = [*names]
+        self._metrics = parse_metrics(spec.metrics, simulation.load(), simulation.episode.columns)
+        self._columns = metric_columns(self._metrics)
 
-    def play(self, seeds: Sequence[int]) -> list[Episode]:
+    def play(self, seeds: Sequence[int]) -> list[EpisodeRecord]:
         return [self._played(seed) for seed in seeds]
 
-    def _parsed(self, model: mujoco.MjModel, columns: EpisodeColumns) -> list[Metric]:
-        available = AvailableProbes(model, columns.names)
-        metrics: list[Metric] = []
-        for name, text in self._spec.metrics:
-            with concerning("metric", name):
-                metrics.append(parse_metric(text, available, f"{option('metric')} {name}"))
-        return metrics
-
-    def _played(self, seed: int) -> Episode:
-        """An episode with its metrics over the rows at all control instants, the end among them."""
+    def _played(self, seed: int) -> EpisodeRecord:
+        """Plays an episode, and measures its metrics over the rows at every control instant, including the end."""
         simulation = Simulation(self._spec.task, policy=self._policy, seed=seed)
         assert simulation.episode
         model = simulation.load()
@@ -309,7 +294,7 @@ class MeasuringPlayer(EpisodePlayer):
         sampler = ProbeSampler(model, self._columns, timeline, simulation.episode.columns)
         evaluation = MetricEvaluation(self._metrics, [column.name for column in sampler.columns])
         try:
-            with collected_warnings():  # which plain episodes do not tell of either
+            with collected_warnings():  # which plain episodes do not report either
                 episode = self._stepped(simulation, model, sampler, evaluation)
             return replace(episode, metrics=evaluation.values())
         except MjrunError as error:
@@ -322,8 +307,8 @@ class MeasuringPlayer(EpisodePlayer):
 
     def _stepped(
         self, simulation: Simulation, model: mujoco.MjModel, sampler: ProbeSampler, evaluation: MetricEvaluation
-    ) -> Episode:
-        """An episode without its metrics, whose rows `evaluation` gets."""
+    ) -> EpisodeRecord:
+        """Plays an episode and feeds its rows to `evaluation`; returns its record without the metrics."""
         stepper = simulation.stepper(model)
         assert isinstance(stepper, EpisodeStepper)
         assert simulation.episode
@@ -338,7 +323,7 @@ class MeasuringPlayer(EpisodePlayer):
         return tally.ended(ending, self.rewards, float(period * rational(model.opt.timestep)))
 
     def _terms(self, stepper: EpisodeStepper) -> np.ndarray:
-        """The terms of the reward of the last control period, in the order of `rewards`."""
+        """Returns the terms of the reward of the last control period, in the order of `rewards`."""
         terms = dict(zip(stepper.names.rewards, stepper.now().reward_terms, strict=True))
         return np.array([terms.get(name, np.nan) for name in self.rewards])
 

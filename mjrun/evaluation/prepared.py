@@ -1,15 +1,14 @@
-"""An evaluation that can run: every policy loaded, every name found and every number checked; nothing is written."""
+"""An evaluation that is ready to run: policies loaded, names and numbers checked, nothing written."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
-from mjrun.evaluation.criteria import Criteria
 from mjrun.evaluation.episode import OUTCOMES, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.table import OWN, REWARD
-from mjrun.experiment.design import Design, design, numbers
+from mjrun.evaluation.table import OWN, REWARD, Criteria
+from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers
 from mjrun.experiment.results_table import check_metric_names
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
 from mjrun.model.source import Source
@@ -17,28 +16,27 @@ from mjrun.options.evaluation import EXTRAS, EvaluationOptions
 from mjrun.options.option import is_given
 from mjrun.options.policy import is_code
 from mjrun.packages import require_all
-from mjrun.physics.parameter_grid import SHORT
 from mjrun.python_code import module_sources
 from mjrun.simulation.episode import policy_files
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task
 
 POLICY, SEED = "policy", "seed"
-TIMES = ("control_dt", "duration")  # of a task, which are values of their own
+TIMES = ("control_dt", "duration")  # parameters of a task without a document
 
-# The task with values of its document by their paths, such as `observations[0].noise`.
+# Creates the task with changed values of its document, by their paths, such as `observations[0].noise`.
 Rewritten = Callable[[Mapping[str, str]], Source]
 
 
 @dataclass(frozen=True)
 class EpisodeGroup:
-    """The episodes of one policy at one point, which are to be played.
+    """Episodes of one policy at one point that are to be played.
 
     Attributes:
-      policy: its place: 0 for the one that is asked about, 1 for the other.
-      name: of the policy.
-      point: the number of the point.
-      spec: what the episodes have in common.
+      policy: index of the policy: 0 for the evaluated one, 1 for the other.
+      name: name of the policy.
+      point: number of the point.
+      spec: specification that the episodes share.
     """
 
     policy: int
@@ -48,75 +46,56 @@ class EpisodeGroup:
 
 
 class PreparedEvaluation:
-    """What `options` describe, checked.
+    """An evaluation whose options are all checked. It reads copies of its files, so later edits change no result.
 
     Args:
-      task: what is played.
-      rewritten: makes the task of other values of its document.
+      task: task to play.
+      rewritten: see `Rewritten`.
 
     Attributes:
-      points: what varies; one point without values where nothing does.
-      groups: by policies, and then by points.
-      metrics: their names.
-      player: of the first group.
-      criteria: what is required.
+      points: parameters and the values of each point; one point without values if nothing varies.
+      groups: groups of episodes by policy, then by point.
+      metrics: names of the metrics.
+      player: player of the first group.
+      criteria: requirements and thresholds.
 
     Raises:
       MissingExtraError: a library is not installed.
-      UsageError: a name that nothing has, or a value that cannot be; a policy that does not fit.
+      UsageError: a name is unknown, a value is invalid, or a policy does not fit the task.
       FileError: a policy cannot be read.
     """
 
     def __init__(self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None) -> None:
         require_all(EXTRAS)
         task = replace(task, overrides=(*task.overrides, *overrides_of(options)))
-        with_task = InputSnapshot.empty().with_files(task.files)
-        with with_task.original_names_in_errors():
-            self._prepare(options, task, rewritten, with_task)
+        snapshot = InputSnapshot.empty().with_files(task.files)
+        with snapshot.original_names_in_errors():
+            self.points = points_of(options, task.stored_at(snapshot.place))
+            self.groups = self._grouped(options, task, rewritten, snapshot)
+            self.metrics = [name for name, _ in options.metric]
+            self.player = self._checked_players()
+            check_metric_names(options.metric, (*OWN, *OUTCOMES, *self.player.endings, *self.points.names))
+            self.criteria = self._criteria(options)
 
-    def _prepare(
+    def _grouped(
         self, options: EvaluationOptions, task: Source, rewritten: Rewritten | None, snapshot: InputSnapshot
-    ) -> None:
-        """Prepares everything from copies of the files: from here on, edits of the files change no result."""
-        self.points = points_of(options, task.stored_at(snapshot.place))
-        tasks = [task_at(task, self.values(point), rewritten) for point in range(len(self.points.points))]
+    ) -> list[EpisodeGroup]:
+        values = [self.points.values(point) for point in range(len(self.points.points))]
+        tasks = [task_at(task, each, rewritten) for each in values]
         policies = _policies(options, self.points)
-        chosen = [
-            (place, name, policy, point, policy_at(policy, self.values(point)))
-            for place, (name, policy) in enumerate(policies)
-            for point in range(len(tasks))
-        ]
-        snapshot = snapshot.with_files(_files(tasks, [own for *_, own in chosen]))
-        self.groups: list[EpisodeGroup] = []
-        for place, name, policy, point, own in chosen:
-            code = [own.policy] if is_code(str(own.policy)) else []
-            stored = replace(own, snapshot=snapshot, modules=module_sources(code))
-            spec = EpisodeSpec(tasks[point].stored_at(snapshot.place), stored, options.metric)
-            self.groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
-        self.metrics = [name for name, _ in options.metric]
-        self.player = self._checked_players()
-        check_metric_names(options.metric, (*OWN, *OUTCOMES, *self.player.endings, *self.points.names))
-        varying = [
-            name
-            for index, name in enumerate(self.points.names)
-            if numbers([values[index] for values in self.points.points]) is not None
-        ]
-        rewards = [f"{REWARD}{name}" for name in self.player.rewards]
-        columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]
-        self.criteria = Criteria(
-            options,
-            columns,
-            self.player.endings,
-            can_succeed=self.player.can_succeed,
-            compared=options.compare is not None,
-        )
-
-    def values(self, point: int) -> dict[str, str]:
-        """What varies, and its values at a point."""
-        return dict(zip(self.points.names, self.points.points[point], strict=True))
+        chosen = [[policy_at(policy, each) for each in values] for _, policy in policies]
+        snapshot = snapshot.with_files(_files(tasks, [own for policy in chosen for own in policy]))
+        groups = list[EpisodeGroup]()
+        for place, (name, policy) in enumerate(policies):
+            for point, own in enumerate(chosen[place]):
+                code = [own.policy] if is_code(str(own.policy)) else []
+                stored = replace(own, snapshot=snapshot, modules=module_sources(code))
+                spec = EpisodeSpec(tasks[point].stored_at(snapshot.place), stored, options.metric)
+                groups.append(EpisodeGroup(place, name if own == policy else own.name, point, spec))
+        return groups
 
     def _checked_players(self) -> EpisodePlayer:
-        """The player of the first group; those of other policies are made too, to see that each fits the task."""
+        """Returns the player of the first group; creates those of other policies to check that they fit the task."""
         first = player_of(self.groups[0].spec)
         known = {self.groups[0].spec.chosen}
         for group in self.groups:
@@ -126,9 +105,19 @@ class PreparedEvaluation:
                     player_of(group.spec)
         return first
 
+    def _criteria(self, options: EvaluationOptions) -> Criteria:
+        varying = [
+            name
+            for index, name in enumerate(self.points.names)
+            if numbers([values[index] for values in self.points.points]) is not None
+        ]
+        rewards = [f"{REWARD}{name}" for name in self.player.rewards]
+        columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]
+        return Criteria(options, columns, self.player.endings, can_succeed=self.player.can_succeed)
+
 
 def _files(tasks: Sequence[Source], policies: Sequence[PolicyChoice]) -> Iterator[Path]:
-    """The files that tasks and policies are read from."""
+    """Yields the files that tasks and policies are read from."""
     models = dict.fromkeys(task.model if isinstance(task, Task) else task for task in tasks)
     for model in models:
         yield from model.files
@@ -139,15 +128,17 @@ def _files(tasks: Sequence[Source], policies: Sequence[PolicyChoice]) -> Iterato
 
 
 def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, PolicyChoice]]:
-    """The policies and their names."""
+    """Returns the policies with unique names."""
     if POLICY in points.names:
         for name in ("policy", "compare"):
             if is_given(options, name):
-                raise UsageError(f"{option(name)} and {option('vary')} {POLICY} both say who plays", (name,))
+                raise UsageError(
+                    f"{option(name)} and {option('vary')} {POLICY} both select the policy; give only one", (name,)
+                )
     elif options.policy is None:
-        raise UsageError(f"say with {option('policy')} who plays: a file, FILE.py:NAME, random or zero", ("policy",))
+        raise UsageError(f"select a policy with {option('policy')}: a file, FILE.py:NAME, random or zero", ("policy",))
     if options.compare_normalize is not None and options.compare is None:
-        raise UsageError(f"{option('compare_normalize')} goes with {option('compare')}", ("compare_normalize",))
+        raise UsageError(f"{option('compare_normalize')} requires {option('compare')}", ("compare_normalize",))
     own = PolicyChoice(options.policy, options.normalize, options.trust)
     if options.compare is None:
         return [(own.name, own)]
@@ -158,38 +149,39 @@ def _policies(options: EvaluationOptions, points: Design) -> list[tuple[str, Pol
 
 
 def points_of(options: EvaluationOptions, task: Source) -> Design:
-    """The points that `options` describe; one without values where nothing varies.
+    """Returns the points that `options` describe; one without values if nothing varies.
 
     Raises:
-      UsageError: what cannot vary, or values that cannot be.
+      UsageError: a parameter cannot vary, or a value is invalid.
     """
     if options.repeats != 1:
-        raise UsageError(f"{option('repeats')}: episodes repeat each point; {option('episodes')} says how often")
+        raise UsageError(f"{option('repeats')}: use {option('episodes')} to repeat each point")
     if not options.vary and options.points is None:
         return Design((), [()])
     if any(path == SEED for path, _ in options.vary):
         with concerning("vary", SEED):
-            message = f"{option('vary')} {SEED}: each episode has a seed of its own; see {option('episodes')}"
+            message = f"{option('vary')} {SEED}: each episode has a separate seed; see {option('episodes')}"
             raise UsageError(message)
     return design(options, task.load(), options.seed)
 
 
 def task_at(task: Source, values: Mapping[str, str], rewritten: Rewritten | None) -> Source:
-    """The task of the point at which names have `values`.
+    """Returns the task of the point at which parameters have `values`.
 
     Args:
-      rewritten: makes the task of other values of its document; None where it comes from none.
+      rewritten: see `Rewritten`; None for a task without a document.
 
     Raises:
-      UsageError: a name that nothing has, or a value that cannot be.
+      UsageError: a parameter is unknown, or a value is invalid.
     """
     overrides = list[Override]()
     changes = dict[str, str]()
     for name, text in values.items():
         if name == POLICY:
             continue
-        if name in SHORT or _is_of_model(name):
-            overrides.append(Override(SHORT.get(name, name), text))
+        path = name.removeprefix("scale:").removeprefix("add:")
+        if name in SHORT_PATHS or path.partition(".")[0] in ROOTS or path.partition("/")[0] in ELEMENTS:
+            overrides.append(Override(SHORT_PATHS.get(name, name), text))
         else:
             changes[name] = text
     if changes:
@@ -198,20 +190,14 @@ def task_at(task: Source, values: Mapping[str, str], rewritten: Rewritten | None
 
 
 def policy_at(chosen: PolicyChoice, values: Mapping[str, str]) -> PolicyChoice:
-    """Who plays at the point at which names have `values`."""
+    """Returns the policy of the point at which parameters have `values`."""
     return replace(chosen, policy=values[POLICY]) if POLICY in values else chosen
-
-
-def _is_of_model(name: str) -> bool:
-    """Whether it is a path of the model, `geom/floor.friction` or `opt.gravity`, and not one of the document."""
-    path = name.removeprefix("scale:").removeprefix("add:")
-    return path.partition(".")[0] in ROOTS or path.partition("/")[0] in ELEMENTS
 
 
 def _with_times(task: Source, changes: Mapping[str, str]) -> Source:
     for name in changes:
         if not isinstance(task, Task) or name not in TIMES:
-            valid = [POLICY, *SHORT, *(TIMES if isinstance(task, Task) else ()), "opt.FIELD", "KIND/NAME.FIELD"]
+            valid = [POLICY, *SHORT_PATHS, *(TIMES if isinstance(task, Task) else ()), "opt.FIELD", "KIND/NAME.FIELD"]
             with concerning("vary", name):
                 raise UnknownNameError("parameter", name, valid, where=option("vary"))
     try:

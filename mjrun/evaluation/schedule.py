@@ -1,57 +1,40 @@
-"""All episodes of an evaluation, cut into chunks and played in processes, each with one core.
+"""Execution of all episodes of an evaluation, in chunks and in processes with one core each.
 
-An episode is a function of its seed: which process plays it, and beside which others, changes no bit of it.
+An episode is a function of its seed: neither its process nor the episodes beside it change a bit of the result.
 """
 
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-from mjrun.errors import LostEpisodesError, MjrunError
-from mjrun.evaluation.episode import Episode, EpisodeSpec, PlayedEpisodes
+from mjrun.errors import LostEpisodesError
+from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of
 from mjrun.evaluation.prepared import EpisodeGroup
-from mjrun.options.number_kinds import AUTO
 from mjrun.platform.cores import available_cores
 from mjrun.python_code import import_from
 from mjrun.reporter import Reporter
 from mjrun.worker import Worker, WorkerEndedError
 
-CHUNKS = 4  # for each process, so that all end at about the same time
+CHUNKS = 4  # per process, so that all processes end at about the same time
 MOST = 64  # episodes in a chunk
 
 
 @dataclass(frozen=True)
-class Chunk:
-    """Episodes that are played in one go.
+class EpisodeChunk:
+    """Episodes that one process plays in one go.
 
     Attributes:
-      group: which of several they belong to; all of a group have one specification.
-      spec: what they have in common.
-      seeds: of the episodes.
+      group: index of their group, in which all episodes have one specification.
+      spec: that specification.
+      seeds: seeds of the episodes.
     """
 
     group: int
     spec: EpisodeSpec
     seeds: Sequence[int]
-
-
-class EpisodeServer:
-    """Plays episodes in a process of its own."""
-
-    def __init__(self) -> None:
-        warnings.simplefilter("ignore")  # the parent tells what there is to tell
-        self._group = -1
-        self._player: EpisodePlayer | None = None
-
-    def play(self, chunk: Chunk) -> Sequence[Episode]:
-        """Returns the episodes of a chunk; raises what one of them raises."""
-        if self._player is None or self._group != chunk.group:
-            import_from(chunk.spec.chosen.modules)
-            self._group, self._player = chunk.group, player_of(chunk.spec)
-        return self._player.play(chunk.seeds)
 
 
 def play_all(
@@ -60,99 +43,113 @@ def play_all(
     """Plays the episodes of `seeds` of each group, and returns them in that order.
 
     Args:
-      jobs: how many processes play, or `auto`. Policies that are no text are played in this process: nobody else may
-        be able to make them.
+      jobs: number of processes, or `auto`. Python policies that are not named by a text play in this process, since no
+        other could create them.
 
     Raises:
-      MjrunError: what an episode raises.
+      MjrunError: an episode failed.
     """
-    episodes: list[dict[int, Episode]] = [{} for _ in groups]  # of each group, by their seeds
-    total = len(groups) * len(seeds)
+    episodes: list[list[EpisodeRecord]] = [[] for _ in groups]
 
-    def take(chunk: Chunk, results: Sequence[Episode]) -> None:
-        episodes[chunk.group].update({episode.seed: episode for episode in results})
-        reporter.progress("episodes", sum(map(len, episodes)), total)
+    def add(chunk: EpisodeChunk, records: Sequence[EpisodeRecord]) -> None:
+        episodes[chunk.group] += records
+        reporter.progress("episodes", sum(map(len, episodes)), len(groups) * len(seeds))
 
-    count = jobs if isinstance(jobs, int) else available_cores() if jobs == AUTO else 1
+    count = jobs if isinstance(jobs, int) else available_cores()
     shared = [place for place, group in enumerate(groups) if isinstance(group.spec.chosen.policy, str)]
     chunks = _chunks(groups, shared, seeds, count)
-    if chunks:
-        for chunk, results in played(chunks, min(count, len(chunks))):
-            take(chunk, results)
+    for chunk, records in played(chunks, max(1, min(count, len(chunks)))):
+        add(chunk, records)
     for place in sorted({*range(len(groups))} - {*shared}):
         player = player_of(groups[place].spec)
         for chunk in _chunks(groups, [place], seeds, 1):
-            take(chunk, player.play(chunk.seeds))
-    return [
-        PlayedEpisodes(group.name, group.point, [episodes[place][seed] for seed in seeds])
-        for place, group in enumerate(groups)
-    ]
+            add(chunk, player.play(chunk.seeds))
+    return [PlayedEpisodes(group.name, group.point, episodes[place]) for place, group in enumerate(groups)]
 
 
-def played(chunks: Sequence[Chunk], processes: int) -> Iterator[tuple[Chunk, Sequence[Episode]]]:
-    """The episodes of each chunk, in the order of its seeds; chunks in the order in which they end.
-
-    Args:
-      processes: how many play.
-
-    Raises:
-      MjrunError: that of the first episode that fails, in the order of the chunks, whichever fails first in time.
-      LostEpisodesError: a process ended in the middle of that episode.
-    """
-    local, started, is_over = threading.local(), list[Worker](), threading.Event()
-
-    def start() -> None:
-        local.worker = Worker("mjrun.evaluation.schedule:EpisodeServer")
-        started.append(local.worker)
-        if is_over.is_set():
-            local.worker.process.end()
-
-    def play(chunk: Chunk) -> Sequence[Episode]:
-        if not hasattr(local, "worker"):
-            start()
-        try:
-            return local.worker.ask("play", chunk)
-        except WorkerEndedError as error:
-            if not is_over.is_set():
-                start()
-                if len(chunk.seeds) > 1:
-                    for seed in chunk.seeds:  # one by one, to find the first that ends its process
-                        play(replace(chunk, seeds=[seed]))
-            raise LostEpisodesError(chunk.seeds, str(error)) from None
-
-    pool = ThreadPoolExecutor(processes, thread_name_prefix="episodes")
-    try:
-        futures = {pool.submit(play, chunk): place for place, chunk in enumerate(chunks)}
-        earlier, failure = {*range(len(chunks))}, None  # chunks that are not played yet and count
-        for future in as_completed(futures):
-            place = futures[future]
-            if place not in earlier:
-                continue
-            earlier.remove(place)
-            try:
-                yield chunks[place], future.result()
-            except MjrunError as error:
-                failure = error
-                for later, its_place in futures.items():
-                    if its_place > place:
-                        later.cancel()
-                earlier = {each for each in earlier if each < place}
-            if failure and not earlier:
-                raise failure
-    finally:
-        is_over.set()
-        pool.shutdown(wait=False, cancel_futures=True)
-        for worker in list(started):
-            worker.process.end()
-        pool.shutdown()  # threads that have waited for a process go on when it ends
-        for worker in started:
-            worker.close()
-
-
-def _chunks(groups: Sequence[EpisodeGroup], places: Sequence[int], seeds: Sequence[int], processes: int) -> list[Chunk]:
+def _chunks(
+    groups: Sequence[EpisodeGroup], places: Sequence[int], seeds: Sequence[int], processes: int
+) -> list[EpisodeChunk]:
     size = max(1, min(MOST, -(-len(places) * len(seeds) // (CHUNKS * processes))))
     return [
-        Chunk(place, groups[place].spec, seeds[start : start + size])
+        EpisodeChunk(place, groups[place].spec, seeds[start : start + size])
         for place in places
         for start in range(0, len(seeds), size)
     ]
+
+
+def played(chunks: Sequence[EpisodeChunk], processes: int) -> Iterator[tuple[EpisodeChunk, Sequence[EpisodeRecord]]]:
+    """Plays chunks in several processes, and yields each chunk with its episodes, in order.
+
+    Raises:
+      MjrunError: error of the first episode that fails in the order of the chunks, whichever fails first in time.
+      LostEpisodesError: the process ended during that episode.
+    """
+    players = _PlayerProcesses()
+    pool = ThreadPoolExecutor(processes, thread_name_prefix="episodes")
+    try:
+        yield from zip(chunks, pool.map(players.play, chunks), strict=True)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        players.end()
+        pool.shutdown()  # waits for threads, which return when their process has ended
+        players.close()
+
+
+class _PlayerProcesses:
+    """Processes that play episodes, one for each thread that calls `play`."""
+
+    def __init__(self) -> None:
+        self._local, self._workers, self._is_over = threading.local(), list[Worker](), threading.Event()
+
+    def play(self, chunk: EpisodeChunk) -> Sequence[EpisodeRecord]:
+        """Plays a chunk in the process of this thread.
+
+        Raises:
+          MjrunError: an episode failed.
+          LostEpisodesError: the process ended; names the first episode that ends it.
+        """
+        if not hasattr(self._local, "worker"):
+            self._start()
+        try:
+            return self._local.worker.ask("play", chunk)
+        except WorkerEndedError as error:
+            if not self._is_over.is_set():
+                self._start()
+                if len(chunk.seeds) > 1:
+                    for seed in chunk.seeds:
+                        self.play(replace(chunk, seeds=[seed]))
+            raise LostEpisodesError(chunk.seeds, str(error)) from None
+
+    def end(self) -> None:
+        """Ends all processes, also those that are only being started."""
+        self._is_over.set()
+        for worker in list(self._workers):
+            worker.process.end()
+
+    def close(self) -> None:
+        """Closes the connections to all processes, once no thread uses them."""
+        for worker in self._workers:
+            worker.close()
+
+    def _start(self) -> None:
+        self._local.worker = Worker("mjrun.evaluation.schedule:EpisodeServer")
+        self._workers.append(self._local.worker)
+        if self._is_over.is_set():
+            self._local.worker.process.end()
+
+
+class EpisodeServer:
+    """Server of a process that plays episodes."""
+
+    def __init__(self) -> None:
+        warnings.simplefilter("ignore")  # the parent process reports them
+        self._group = -1
+        self._player: EpisodePlayer | None = None
+
+    def play(self, chunk: EpisodeChunk) -> Sequence[EpisodeRecord]:
+        """Plays a chunk; raises the error of an episode that fails."""
+        if self._player is None or self._group != chunk.group:
+            import_from(chunk.spec.chosen.modules)
+            self._group, self._player = chunk.group, player_of(chunk.spec)
+        return self._player.play(chunk.seeds)

@@ -1,17 +1,18 @@
-"""Means, medians, shares and their differences, each with a confidence interval; no random numbers anywhere.
+"""Means, medians, shares and their differences, each with a confidence interval; no random numbers are used.
 
 Sources: E. B. Wilson, JASA 22 (1927) 209, for a share; Student's t for a mean and for the mean of paired differences;
 order statistics for a median; R. G. Newcombe, Statistics in Medicine 17 (1998) 2635, method 10, for the difference of
 paired shares.
 
-Episodes of one seed at several points are no independent ones: they are a cluster. A mean then has the variance of the
+Episodes of one seed at several points are not independent: they form a cluster. A mean then has the variance of the
 sums of clusters, and counts are divided by their design effect (J. N. K. Rao and A. J. Scott, Biometrics 48 (1992)
-577), which here is at least 1 and at most the size of a cluster.
+577), which is limited here to between 1 and the size of a cluster.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -23,7 +24,7 @@ class Interval:
     """A confidence interval.
 
     Attributes:
-      low, high: its ends; None where there is too little to have one.
+      low, high: ends of the interval; None if there are too few cases for one.
     """
 
     low: float | None
@@ -31,7 +32,7 @@ class Interval:
 
     @property
     def excludes_zero(self) -> bool:
-        """Whether it tells from 0."""
+        """True if 0 lies outside of the interval."""
         return self.low is not None and self.high is not None and (self.low > 0 or self.high < 0)
 
 
@@ -40,16 +41,17 @@ NO_INTERVAL = Interval(None, None)
 
 @dataclass(frozen=True)
 class NumberSummary:
-    """A number of each episode.
+    """Summary of a number that each episode has.
 
     Attributes:
-      count: of the episodes that have it: it is finite in them.
-      mean, std: over them; `std` is the estimate for the population, with n − 1. None where there are too few.
+      count: number of episodes where it is finite.
+      mean, std: mean and standard deviation over these; `std` estimates that of the population, with n − 1. None if
+        there are too few.
       mean_interval: Student's t interval of the mean.
-      median: over them.
-      median_interval: of order statistics, so that its coverage is at least the confidence whatever the distribution;
-        none for fewer than 6 episodes at 95 %.
-      min, max: over them.
+      median: median over these.
+      median_interval: interval from order statistics, whose coverage is at least the confidence for any distribution;
+        undefined for fewer than 6 episodes at 95 %.
+      min, max: extremes over these.
     """
 
     count: int
@@ -64,11 +66,11 @@ class NumberSummary:
 
 @dataclass(frozen=True)
 class Share:
-    """On how many of all something is so.
+    """Share of the cases in which something holds.
 
     Attributes:
-      count: on how many.
-      of: of how many.
+      count: number of cases in which it holds.
+      of: number of all cases.
       share: `count / of`.
       interval: Wilson's score interval.
     """
@@ -79,13 +81,13 @@ class Share:
     interval: Interval
 
 
-Clusters = Sequence[int] | np.ndarray | None  # `(n,)`: what each case belongs to; None if they are independent
+Clusters = Sequence[int] | np.ndarray | None  # cluster of each case `(n,)`; None if cases are independent
 
 
 def summarized(
     values: Sequence[float] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None
 ) -> NumberSummary:
-    """The summary of `values` `(n,)`; those that are not finite are left out."""
+    """Summarizes the finite ones of `values` `(n,)`."""
     numbers = np.asarray(values, float)
     is_good = np.isfinite(numbers)
     good = numbers[is_good]
@@ -105,7 +107,7 @@ def summarized(
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
-    """Student's t interval of the mean of `values` `(n,)`; none for fewer than two cases, or clusters."""
+    """Returns Student's t interval of the mean of `values` `(n,)`; undefined for fewer than two cases or clusters."""
     from scipy.special import stdtrit
 
     members = _members(len(values), clusters)
@@ -118,7 +120,7 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: 
 
 
 def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
-    """The narrowest symmetric pair of order statistics of `values` `(n,)` that covers the median with `confidence`.
+    """Returns the narrowest symmetric pair of order statistics of `values` `(n,)` that covers the median.
 
     A cluster counts as one case.
     """
@@ -126,7 +128,7 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters
 
     count = int(_members(len(values), clusters).max(initial=-1)) + 1
     ranks = np.arange(count // 2)
-    tails = bdtr(ranks.astype(float), count, 0.5)  # the probability that at most `rank` values are below the median
+    tails = bdtr(ranks.astype(float), count, 0.5)  # probability that at most `rank` values are below the median
     fitting = ranks[tails <= (1 - confidence) / 2]
     if not len(fitting):
         return NO_INTERVAL
@@ -135,16 +137,16 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters
 
 
 def share(cases: Sequence[bool] | np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Share:
-    """That something is so in some of `cases` `(n,)`, which are more than none."""
-    are_so = np.asarray(cases, bool)
-    count, of = int(np.count_nonzero(are_so)), len(are_so)
-    effect = _design_effect(are_so.astype(float), _members(of, clusters))
+    """Returns the share of true `cases` `(n,)`, n > 0."""
+    holds = np.asarray(cases, bool)
+    count, of = int(np.count_nonzero(holds)), len(holds)
+    effect = _design_effect(holds.astype(float), _members(of, clusters))
     return Share(count, of, count / of, wilson_interval(count / effect, of / effect, confidence))
 
 
 def wilson_interval(count: float, of: float, confidence: float = CONFIDENCE) -> Interval:
-    """Wilson's score interval of the share `count / of`."""
-    z = _normal_quantile((1 + confidence) / 2)
+    """Returns Wilson's score interval of the share `count / of`."""
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
     share, weight = count / of, z * z / of
     centre = (share + weight / 2) / (1 + weight)
     half = z / (1 + weight) * math.sqrt(share * (1 - share) / of + weight / (4 * of))
@@ -155,10 +157,10 @@ def wilson_interval(count: float, of: float, confidence: float = CONFIDENCE) -> 
 def paired_share_interval(
     ours: np.ndarray, theirs: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None
 ) -> Interval:
-    """The interval of the difference of two shares over the same cases: of `ours` − of `theirs`, bool `(n,)` each.
+    """Returns the interval of the difference of two shares over the same cases, of `ours` − of `theirs`, bool `(n,)`.
 
-    Newcombe's method 10: the distances of both Wilson intervals from their shares, put together as those of correlated
-    estimates are. It stays within −1 and 1, and is there for any number of cases.
+    Newcombe's method 10 combines the distances of both Wilson intervals from their shares like those of correlated
+    estimates. The interval stays within −1 and 1, and is defined for any number of cases.
     """
     effect = _design_effect(ours.astype(float) - theirs, _members(len(ours), clusters))
     cases = (ours & theirs, ours & ~theirs, ~ours & theirs, ~ours & ~theirs)
@@ -179,7 +181,7 @@ def paired_share_interval(
 
 
 def _correlation(both: float, only_ours: float, only_theirs: float, neither: float) -> float:
-    """The correlation of the pairs, corrected for continuity where it is positive, as in Newcombe's method 10."""
+    """Returns the correlation of the pairs, corrected for continuity where positive as in Newcombe's method 10."""
     margins = (both + only_ours) * (only_theirs + neither) * (both + only_theirs) * (only_ours + neither)
     if margins == 0:
         return 0.0
@@ -189,20 +191,20 @@ def _correlation(both: float, only_ours: float, only_theirs: float, neither: flo
 
 
 def _members(count: int, clusters: Clusters) -> np.ndarray:
-    """The number of the cluster of each case `(n,)`, from 0; of independent cases, each its own."""
+    """Returns the number of the cluster of each case `(n,)`, from 0; each independent case is a cluster."""
     return np.arange(count) if clusters is None else np.unique(np.asarray(clusters), return_inverse=True)[1]
 
 
 def _variance_of_mean(values: np.ndarray, members: np.ndarray) -> float:
-    """Of the mean of `values` `(n,)`, of which those in one of several clusters may depend on each other."""
+    """Returns the variance of the mean of `values` `(n,)`, which may depend on each other within a cluster."""
     sums = np.bincount(members, values - values.mean())
     return len(sums) / (len(sums) - 1) * float(sums @ sums) / len(values) ** 2
 
 
 def _design_effect(values: np.ndarray, members: np.ndarray) -> float:
-    """How much larger the variance of the mean of `values` `(n,)` is than if all were independent.
+    """Returns the ratio of the variance of the mean of `values` `(n,)` to that of independent values.
 
-    Where there is nothing to tell it from, each cluster counts as one case, as it does at most.
+    Where it cannot be estimated, each cluster counts as one case, which is the upper limit.
     """
     cases, count = len(values), int(members.max()) + 1
     if cases == count:
@@ -211,9 +213,3 @@ def _design_effect(values: np.ndarray, members: np.ndarray) -> float:
     if count < 2 or independent == 0:
         return cases / count
     return min(max(_variance_of_mean(values, members) / independent, 1.0), cases / count)
-
-
-def _normal_quantile(probability: float) -> float:
-    from statistics import NormalDist
-
-    return NormalDist().inv_cdf(probability)

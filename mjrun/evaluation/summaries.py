@@ -1,90 +1,184 @@
-"""What episodes come to: of each policy, at each point, and of one policy against the other, with intervals.
+"""Summaries of episodes by policy and point, and comparisons of two policies, with confidence intervals.
 
-Policies are compared by the episodes that both have played: of the same seed, at the same point. Pairs of one seed at
-several points have much in common; intervals take each seed for a cluster.
+Policies are compared over pairs of episodes of one seed at one point. Pairs of one seed at several points are not
+independent; intervals treat each seed as a cluster.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.evaluation.episode import OUTCOMES, Episode, PlayedEpisodes
-from mjrun.evaluation.prepared import PreparedEvaluation
-from mjrun.evaluation.result import Comparison, EndingCount, EpisodeSummary, PairedDifference, PointSummary
-from mjrun.evaluation.statistics import (
-    Interval,
-    NumberSummary,
-    Share,
-    mean_interval,
-    paired_share_interval,
-    share,
-    summarized,
-)
+from mjrun.evaluation import statistics
+from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
+from mjrun.evaluation.player import EpisodePlayer
+from mjrun.evaluation.statistics import Interval, NumberSummary, Share
+from mjrun.experiment.design import Design
+
+
+@dataclass(frozen=True)
+class EndingCount:
+    """Episodes that ended in one way.
+
+    Attributes:
+      ending: name of the termination.
+      outcome: kind of the termination: success, failure or timeout.
+      share: share of all episodes.
+    """
+
+    ending: str
+    outcome: str
+    share: Share
+
+
+@dataclass(frozen=True)
+class EpisodeSummary:
+    """Summary of the episodes of one policy.
+
+    Attributes:
+      policy: name of the policy.
+      episodes: number of episodes.
+      returns: sums of all rewards.
+      lengths: simulated times [s].
+      success: share of episodes that ended as a success; None if no termination of the task is a success.
+      endings: endings, the most frequent first.
+      rewards: sums of each term of the reward.
+      metrics: each metric over the episodes where it is finite.
+    """
+
+    policy: str
+    episodes: int
+    returns: NumberSummary
+    lengths: NumberSummary
+    success: Share | None
+    endings: Sequence[EndingCount]
+    rewards: Mapping[str, NumberSummary]
+    metrics: Mapping[str, NumberSummary]
+
+
+@dataclass(frozen=True)
+class PairedDifference:
+    """Paired difference between the first policy and the second.
+
+    Attributes:
+      difference: mean of the differences, or difference of the shares: the first's minus the second's.
+      interval: Student's t interval of the mean of paired differences; for shares, Newcombe's interval for paired ones.
+      better: name of the better policy; None if the interval contains 0.
+      first_wins, second_wins, ties: number of pairs in which the first, the second or neither is better.
+    """
+
+    difference: float
+    interval: Interval
+    better: str | None
+    first_wins: int
+    second_wins: int
+    ties: int
+
+
+@dataclass(frozen=True)
+class PolicyComparison:
+    """Comparison of two policies on the same episodes.
+
+    Attributes:
+      first, second: names of the policies.
+      pairs: number of episodes that both have played.
+      returns: difference of returns.
+      success: difference of success rates; None if no termination of the task is a success.
+    """
+
+    first: str
+    second: str
+    pairs: int
+    returns: PairedDifference
+    success: PairedDifference | None
+
+
+@dataclass(frozen=True)
+class PointSummary:
+    """Summary of the episodes of one point.
+
+    Attributes:
+      point: number of the point.
+      values: values of the point, by parameter.
+      policies: summary of each policy's episodes.
+      comparison: comparison of two policies at this point.
+    """
+
+    point: int
+    values: Mapping[str, str]
+    policies: Sequence[EpisodeSummary]
+    comparison: PolicyComparison | None
 
 
 @dataclass(frozen=True)
 class Summaries:
-    """What episodes come to.
+    """All summaries of an evaluation.
 
     Attributes:
-      policies: of each policy, all its episodes.
-      comparison: of two policies.
-      points: of each point, where something varies.
+      policies: summary of all episodes of each policy.
+      comparison: comparison of two policies.
+      points: summary of each point, if something varies.
     """
 
     policies: Sequence[EpisodeSummary]
-    comparison: Comparison | None
+    comparison: PolicyComparison | None
     points: Sequence[PointSummary]
 
 
 def summaries(
-    prepared: PreparedEvaluation, policies: Sequence[Sequence[PlayedEpisodes]], confidence: float
+    points: Design,
+    player: EpisodePlayer,
+    metrics: Sequence[str],
+    policies: Sequence[Sequence[PlayedEpisodes]],
+    confidence: float,
 ) -> Summaries:
-    """What the episodes come to that `policies`, one or two, have played at every point."""
-    rewards, metrics = prepared.player.rewards, prepared.metrics
-    can_succeed = prepared.player.can_succeed or any(each.successes.any() for groups in policies for each in groups)
+    """Summarizes the episodes that `policies`, one or two, have played at every point.
+
+    Args:
+      metrics: names of the metrics.
+    """
+    can_succeed = player.can_succeed or any(each.successes.any() for groups in policies for each in groups)
 
     def summary(groups: Sequence[PlayedEpisodes]) -> EpisodeSummary:
         episodes = [episode for group in groups for episode in group.episodes]
         names = list(dict.fromkeys(group.policy for group in groups))
         name = names[0] if len(names) == 1 else f"{len(names)} policies"
-        return summary_of(name, episodes, rewards, metrics, confidence, can_succeed=can_succeed)
+        return summary_of(name, episodes, player.rewards, metrics, confidence, can_succeed=can_succeed)
 
-    def comparison(groups: Sequence[Sequence[PlayedEpisodes]]) -> Comparison | None:
+    def comparison(groups: Sequence[Sequence[PlayedEpisodes]]) -> PolicyComparison | None:
         return compared(groups[0], groups[1], confidence, can_succeed=can_succeed) if len(groups) == 2 else None
 
-    points: list[PointSummary] = []
-    if prepared.points.names:
+    by_point = list[PointSummary]()
+    if points.names:
         for point, parts in enumerate(zip(*policies, strict=True)):
             groups = [[part] for part in parts]
-            points.append(PointSummary(point, prepared.values(point), [*map(summary, groups)], comparison(groups)))
-    return Summaries([*map(summary, policies)], comparison(policies), points)
+            by_point.append(PointSummary(point, points.values(point), [*map(summary, groups)], comparison(groups)))
+    return Summaries([*map(summary, policies)], comparison(policies), by_point)
 
 
 def summary_of(
     policy: str,
-    episodes: Sequence[Episode],
+    episodes: Sequence[EpisodeRecord],
     rewards: Sequence[str],
     metrics: Sequence[str],
     confidence: float,
     *,
     can_succeed: bool,
 ) -> EpisodeSummary:
-    """What `episodes`, at least one, come to.
+    """Summarizes `episodes`, at least one, of a policy.
 
     Args:
-      rewards, metrics: their names.
+      rewards, metrics: names of terms of the reward and of metrics.
       can_succeed: whether a termination of the task is a success.
     """
     seeds = [episode.seed for episode in episodes]
 
     def summary(values: Sequence[float]) -> NumberSummary:
-        return summarized(values, confidence, seeds)
+        return statistics.summarized(values, confidence, seeds)
 
     def share_of(cases: Sequence[bool]) -> Share:
-        return share(cases, confidence, seeds)
+        return statistics.share(cases, confidence, seeds)
 
     outcomes = {episode.ending: episode.outcome for episode in episodes}
     endings = [
@@ -107,19 +201,19 @@ def summary_of(
 
 def compared(
     ours: Sequence[PlayedEpisodes], theirs: Sequence[PlayedEpisodes], confidence: float, *, can_succeed: bool
-) -> Comparison:
-    """How policies differ whose episodes are in the same order."""
+) -> PolicyComparison:
+    """Compares two policies whose episodes are in the same order."""
     names = ours[0].policy, theirs[0].policy
     returns = [np.concatenate([group.returns for group in groups]) for groups in (ours, theirs)]
     successes = [np.concatenate([group.successes for group in groups]) for groups in (ours, theirs)]
     seeds = np.array([episode.seed for group in ours for episode in group.episodes])
     differences = returns[0] - returns[1]
-    share_interval = paired_share_interval(successes[0], successes[1], confidence, seeds)
+    share_interval = statistics.paired_share_interval(successes[0], successes[1], confidence, seeds)
     success = _difference(names, successes[0].astype(float) - successes[1], share_interval)
-    return Comparison(
+    return PolicyComparison(
         *names,
         pairs=len(differences),
-        returns=_difference(names, differences, mean_interval(differences, confidence, seeds)),
+        returns=_difference(names, differences, statistics.mean_interval(differences, confidence, seeds)),
         success=success if can_succeed else None,
     )
 

@@ -1,37 +1,42 @@
-"""The tables of an evaluation: a row for each episode, and a row for each point where something varies."""
+"""Tables of an evaluation, of episodes and of points, and requirements on them."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mjrun.evaluation.episode import Episode, PlayedEpisodes
-from mjrun.evaluation.result import Comparison, EpisodeSummary, PointSummary
+from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
+from mjrun.evaluation.episode import OUTCOMES, EpisodeRecord, PlayedEpisodes
 from mjrun.evaluation.statistics import Interval
+from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison
 from mjrun.experiment.design import Design
-from mjrun.experiment.results_table import POINT, ResultsTable
+from mjrun.experiment.results_table import POINT, Requirements, ResultsTable
 from mjrun.model.column import Column
+from mjrun.options.evaluation import EvaluationOptions
+from mjrun.probe.verdict import Verdict
 
 FILES = ("episodes.parquet", "episodes.csv")
-REWARD = "reward/"  # before the name of each term
-SUCCESS, RETURN, LENGTH, DIFFERENCE = "success", "return", "length", "_difference"
+REWARD = "reward/"  # precedes the name of each term
+SUCCESS, RETURN, LENGTH = "success", "return", "length"
+DIFFERENCE = "_difference"  # follows a name: the difference to the other policy
+LOW = "_low"  # follows a name: the lower end of its interval
 OWN = ("policy", "point", "episode", "seed", "return", "length", "steps", "ending", "outcome")
 
 
 def episode_table(
     groups: Sequence[PlayedEpisodes], points: Design, rewards: Sequence[str], metrics: Sequence[str], *, compared: bool
 ) -> ResultsTable:
-    """Returns the table of episodes, in the order of policies, points and seeds.
+    """Returns the table of episodes in the order of policies, points and seeds.
 
     Args:
-      points: what varies; of one point without values where nothing does.
-      rewards, metrics: their names.
-      compared: whether there are several policies to be told apart.
+      points: parameters that vary; one point without values if nothing varies.
+      rewards, metrics: names of terms of the reward and of metrics.
+      compared: whether a column names the policy.
     """
     table = ResultsTable()
     episodes = [episode for group in groups for episode in group.episodes]
     where = [group.point for group in groups for _ in group.episodes]
 
-    def add(column: Column, value: Callable[[Episode], float]) -> None:
+    def add(column: Column, value: Callable[[EpisodeRecord], float]) -> None:
         table.add(column, [value(episode) for episode in episodes])
 
     if compared:
@@ -56,9 +61,9 @@ def episode_table(
 
 
 def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[ResultsTable, dict[str, str]]:
-    """Returns the table of points as that of a study, which `mjrun plot` knows, and the meaning of each metric in it.
+    """Returns the table of points in the form of a study, for `mjrun plot`, and the meaning of each metric in it.
 
-    The ends of intervals come last, so that they are no metrics of their own.
+    The ends of intervals come last, so that they are not metrics themselves.
     """
     measured = [measures(point.policies[0], point.comparison) for point in points]
     meanings = {name: measure.meaning for name, measure in measured[0].items()}
@@ -79,16 +84,16 @@ def point_table(design: Design, points: Sequence[PointSummary]) -> tuple[Results
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of episodes, with its interval."""
+    """A number of several episodes, with its meaning and its interval."""
 
     value: float | None
     meaning: str
     interval: Interval
 
 
-def measures(summary: EpisodeSummary, comparison: Comparison | None) -> dict[str, Measure]:
-    """Returns the numbers of a policy's episodes by name."""
-    made: dict[str, Measure] = {}
+def measures(summary: EpisodeSummary, comparison: PolicyComparison | None) -> dict[str, Measure]:
+    """Returns the numbers of a policy's episodes, by name."""
+    made = dict[str, Measure]()
     if summary.success:
         made[SUCCESS] = Measure(summary.success.share, "share of episodes", summary.success.interval)
     for name, each in {RETURN: summary.returns, LENGTH: summary.lengths, **summary.metrics}.items():
@@ -102,3 +107,55 @@ def measures(summary: EpisodeSummary, comparison: Comparison | None) -> dict[str
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
+
+
+class Criteria:
+    """Requirements and thresholds of an evaluation, whose names are checked before anything is played.
+
+    Args:
+      numbers: names of the numeric columns that the table of episodes will have.
+      endings: names that endings can have; each is a column of ones and zeros, as is each outcome.
+      can_succeed: whether a termination of the task is a success.
+
+    Raises:
+      UsageError: a requirement is malformed, or contains an unknown name.
+    """
+
+    def __init__(
+        self, options: EvaluationOptions, numbers: Sequence[str], endings: Sequence[str], *, can_succeed: bool
+    ) -> None:
+        self._flags = [name for name in dict.fromkeys([*OUTCOMES, *endings]) if name not in numbers]
+        self._requirements = Requirements(options.require, numbers, self._flags)
+
+        self._thresholds = {name: least for name, (least,) in options.fail_below.items()}
+        means = [RETURN, LENGTH, *(name for name, _ in options.metric), *([SUCCESS] if can_succeed else [])]
+        is_compared = options.compare is not None
+        differences = [f"{name}{DIFFERENCE}" for name in (RETURN, SUCCESS) if is_compared and name in means]
+        valid = [name + end for name in [*means, *differences] for end in ("", LOW)]
+        for name in self._thresholds:
+            with concerning("fail_below", name):
+                if name == SUCCESS and not can_succeed:
+                    raise UsageError(f"{option('fail_below')} {name}: no termination of the task is a success")
+                if name not in valid:
+                    raise UnknownNameError("number", name, valid, where=option("fail_below"))
+
+    def verdicts(
+        self, table: ResultsTable, count: int, summary: EpisodeSummary, comparison: PolicyComparison | None
+    ) -> list[Verdict]:
+        """Returns whether each requirement and each threshold holds.
+
+        Args:
+          table: table of episodes; the first `count` rows are those of the evaluated policy.
+        """
+        endings = [flag for flag in self._flags if flag not in OUTCOMES]
+        outcomes = [flag for flag in self._flags if flag in OUTCOMES]
+        columns = {**table.flags("ending", endings), **table.flags("outcome", outcomes), **table.numbers}
+        verdicts = self._requirements.verdicts({name: values[:count] for name, values in columns.items()})
+        made = measures(summary, comparison)
+        known = {name: each.value for name, each in made.items()}
+        known |= {name + LOW: each.interval.low for name, each in made.items()}
+        for name, least in self._thresholds.items():
+            text, value = f"{name} >= {least:g}", known.get(name)
+            reason = "there are too few episodes to compute it" if value is None else f"it is {value:.6g}"
+            verdicts.append(Verdict(text, value is not None and value >= least, f"{clean(text)}: {reason}", count))
+        return verdicts

@@ -1,1 +1,1 @@
-"""What studies and evaluations have in common: points, the table of results, and what is required of it."""
+"""Experiments of many simulations: points, metrics, the table of results, and requirements on it."""

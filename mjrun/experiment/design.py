@@ -1,8 +1,11 @@
-"""The points of an experiment: which values they have, and in which order."""
+"""Points of an experiment: the values that each of them has, and their order."""
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
 from fnmatch import fnmatchcase
+from fractions import Fraction
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -19,12 +22,16 @@ from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
 from mjrun.physics.distribution import Distribution, parse_distribution
-from mjrun.physics.parameter_grid import scan_values
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
 
 EACH = "each:"
 COMBINATIONS = {"grid": product, "zip": zip}
+SHORT_PATHS = {"integrator": "opt.integrator", "timestep": "opt.timestep"}  # options that are paths of the model, too
+
+SPAN = re.compile(r"(?P<log>log:)?(?P<first>\.?[^.].*?)\.\.(?P<last>.+):(?P<count>.+)")
+MOST_IN_SPAN = 1_000_000
+DIGITS = 50  # far more than a float has, so that 1e-4..1e-1:4 contains 0.001
 
 Values = tuple[str, ...]
 
@@ -34,27 +41,27 @@ class Design:
     """The points of a study or an evaluation.
 
     Attributes:
-      names: what varies, as it is written: `geom/floor.friction[0]`, `seed`.
-      points: the values of each point as texts, in the order of `names`.
+      names: parameters that vary, as written: `geom/floor.friction[0]`, `seed`.
+      points: values of each point as texts, in the order of `names`.
     """
 
     names: tuple[str, ...]
     points: Sequence[Values]
 
     def values(self, index: int) -> dict[str, str]:
-        """What a point has, by what varies."""
+        """Returns the values of a point by parameter."""
         return dict(zip(self.names, self.points[index], strict=True))
 
 
 def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Design:
-    """The points that `options` describe.
+    """Returns the points that `options` describe.
 
     Args:
-      model: whose objects wildcards stand for.
-      seed: of random values, and the first of repeats.
+      model: model whose objects wildcards match.
+      seed: seed of random values, and the first seed of repeats.
 
     Raises:
-      UsageError: values that cannot be, or points without end.
+      UsageError: a value is invalid, or there are too many points.
     """
     lists, distributions = dict[str, Sequence[str]](), dict[str, Distribution]()
     for path, text in options.vary:
@@ -64,7 +71,7 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
                     raise UsageError(f"{option('vary')} {clean(name)} is given twice; give all its values at once")
                 distribution = parse_distribution(text, f"{option('vary')} {clean(path)}")
                 if distribution is None:
-                    lists[name] = scan_values(name, text, "vary")
+                    lists[name] = value_list(name, text, "vary")
                 else:
                     distributions[name] = distribution
 
@@ -75,48 +82,42 @@ def design(options: VariationOptions, model: mujoco.MjModel, seed: int) -> Desig
     if distributions:
         parts.append(_sampled(distributions, options.samples, options.sampler, seed))
     if options.repeats > 1:
-        parts.append(_repeats(options.repeats, seed))
-    whole = _product([part for part in parts if part.names])
-    return _chosen(whole, options.where)
+        _require_possible([options.repeats])
+        parts.append(Design(("seed",), [(str(seed + k),) for k in range(options.repeats)]))
+    return _chosen(_product([part for part in parts if part.names]), options.where)
 
 
 def _expanded(path: str, model: mujoco.MjModel) -> list[str]:
-    """The paths that `each:KIND/WILDCARD.FIELD` stands for; any other path stands for itself."""
+    """Expands `each:KIND/WILDCARD.FIELD` to one path for each matching object; returns any other path unchanged."""
     if not path.startswith(EACH):
         return [path]
-    prefix, kind, rest = _split(path.removeprefix(EACH))
+    path = path.removeprefix(EACH)
+    prefix = next((text for text in ("scale:", "add:") if path.startswith(text)), "")
+    kind, _, rest = path.removeprefix(prefix).partition("/")
     try:
-        named = names(model, kind)
+        known_names = names(model, kind)
     except KeyError:
-        named = []
+        known_names = []
     pattern, dot, field = rest.rpartition(".")
-    matches = [name for name in named if fnmatchcase(name, pattern)] if dot else []
+    matches = [name for name in known_names if fnmatchcase(name, pattern)] if dot else []
     if not matches:
-        raise UnknownNameError(kind or "object", pattern or rest, named)
+        raise UnknownNameError(kind or "object", pattern or rest, known_names)
     return [f"{prefix}{kind}/{name}.{field}" for name in matches]
 
 
-def _split(path: str) -> tuple[str, str, str]:
-    """`scale:`, `geom` and `leg*.density` of `scale:geom/leg*.density`."""
-    prefix = next((text for text in ("scale:", "add:") if path.startswith(text)), "")
-    kind, _, rest = path.removeprefix(prefix).partition("/")
-    return prefix, kind, rest
-
-
 def _listed(lists: Mapping[str, Sequence[str]], how: str) -> Design:
-    """Lists of values, all with all, or side by side."""
-    if how == "zip" and len({len(values) for values in lists.values()}) > 1:
+    """Combines lists of values as a grid, or element by element."""
+    if how == "grid":
+        _require_possible(map(len, lists.values()))
+    elif len({len(values) for values in lists.values()}) > 1:
         lengths = ", ".join(f"{len(values)} of {clean(name)}" for name, values in lists.items())
-        raise UsageError(f"{option('design')} zip: lists of one length belong side by side, not {lengths}")
-    combine = COMBINATIONS[how]
-    count = int(np.prod([float(len(values)) for values in lists.values()])) if how == "grid" else 0
-    _require_possible(count)
-    return Design(tuple(lists), list(combine(*lists.values())))
+        raise UsageError(f"{option('design')} zip: the lists must have the same length, not {lengths}")
+    return Design(tuple(lists), list(COMBINATIONS[how](*lists.values())))
 
 
 def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str, seed: int) -> Design:
-    """Points drawn from distributions, which are independent of each other."""
-    _require_possible(count)
+    """Draws points from independent distributions."""
+    _require_possible([count])
     fractions = SAMPLERS[sampler](count, len(distributions), np.random.default_rng(seed))
     columns = [each.values(column) for each, column in zip(distributions.values(), fractions.T, strict=True)]
     return Design(tuple(distributions), list(zip(*columns, strict=True)))
@@ -125,7 +126,7 @@ def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str
 def _sobol(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
     from scipy.stats import qmc
 
-    # All of a power of two, of which the first are taken: points stay when there are more.
+    # The first of a power of two: points stay the same when there are more of them.
     exponent = max(0, (count - 1).bit_length())
     return qmc.Sobol(dimensions, rng=generator).random_base2(exponent)[:count]
 
@@ -136,43 +137,36 @@ def _latin_hypercube(count: int, dimensions: int, generator: np.random.Generator
     return qmc.LatinHypercube(dimensions, rng=generator).random(count)
 
 
-def _independent(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
-    return generator.random((count, dimensions))
-
-
-# Sampler → what draws `count` points `(count, dimensions)` between 0 and 1.
+# Functions that draw `count` points `(count, dimensions)` between 0 and 1, by sampler.
 SAMPLERS: Mapping[str, Callable[[int, int, np.random.Generator], np.ndarray]] = {
     "sobol": _sobol,
     "lhs": _latin_hypercube,
-    "random": _independent,
+    "random": lambda count, dimensions, generator: generator.random((count, dimensions)),
 }
 
 
-def _repeats(count: int, seed: int) -> Design:
-    _require_possible(count)
-    return Design(("seed",), [(str(seed + k),) for k in range(count)])
-
-
 def _product(parts: Sequence[Design]) -> Design:
-    """All points of each part with all of the others, those of the last changing fastest."""
+    """Combines every point of each part with every point of the others; those of the last part change fastest."""
     all_names = [name for part in parts for name in part.names]
     if twice := next((name for name in all_names if all_names.count(name) > 1), None):
         raise UsageError(f"{clean(twice)} varies twice: {option('vary')}, {option('points')} or {option('repeats')}")
-    _require_possible(int(np.prod([float(len(part.points)) for part in parts])))
+    _require_possible(len(part.points) for part in parts)
     points = [tuple(value for values in each for value in values) for each in product(*(p.points for p in parts))]
     return Design(tuple(all_names), points)
 
 
-def _require_possible(count: int) -> None:
+def _require_possible(counts: Iterable[int]) -> None:
+    """Refuses more than `MOST_POINTS` combinations."""
+    count = int(np.prod([float(count) for count in counts]))
     if count > MOST_POINTS:
         raise UsageError(f"{count:,} points; a study has {MOST_POINTS:,} at most")
 
 
 def read_points(path: str) -> Design:
-    """The points of a CSV table: a column for each thing that varies, a row for each point.
+    """Reads points from a CSV table that has a column for each parameter and a row for each point.
 
     Raises:
-      FileError: it cannot be read, or is no table.
+      FileError: the file cannot be read, or is not such a table.
     """
     import csv
     import io
@@ -181,38 +175,87 @@ def read_points(path: str) -> Design:
         text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
         try:
             rows = [[cell.strip() for cell in row] for row in csv.reader(text, skipinitialspace=True) if row]
-        except csv.Error as error:  # of a cell that is longer than any number or name
+        except csv.Error as error:  # a cell is longer than any number or name
             raise FileError(path, f"cannot be read as a table: {clean(str(error))}") from None
     if len(rows) < 2 or len(set(rows[0])) < len(rows[0]) or not all(rows[0]):
-        reason = "a table of points has a header with what varies, each once, and a row for each point"
+        reason = "a table of points has a header that names each parameter once, and a row for each point"
         raise FileError(path, reason)
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(rows[0]) or not all(row):
-            raise FileError(path, f"row {number} has not one value for each of the {len(rows[0])} columns")
+            raise FileError(path, f"row {number} does not have one value for each of the {len(rows[0])} columns")
     return Design(tuple(rows[0]), [tuple(row) for row in rows[1:]])
+
+
+# --- lists of values ---------------------------------------------------------------------------------
+
+
+def value_list(path: str, text: str, name: str) -> list[str]:
+    """Splits a list of values at commas, or at semicolons where values contain commas; a single one ends in one.
+
+    `0.1..1:10` means ten evenly spaced values from 0.1 to 1, `log:1e-4..1:5` for five in equal ratios.
+
+    Args:
+      path: what varies, for messages.
+      name: option of the list, for messages.
+
+    Raises:
+      UsageError: the list is empty or contains a value twice, or a span is invalid.
+    """
+    place = f"{option(name)} {clean(path)}={clean(text)}"
+    values: list[str] = []
+    for part in text.removesuffix(";").split(";" if ";" in text else ","):
+        span = SPAN.fullmatch(part.strip())
+        values += _spaced(span, place) if span else [part.strip()]
+    if not all(values) or len(set(values)) < len(values):
+        raise UsageError(f"{place}: write values separated by commas, each once")
+    return values
+
+
+def _spaced(span: re.Match[str], place: str) -> list[str]:
+    """Returns the values of `FIRST..LAST:COUNT`, including both ends; evenly spaced ones are exact in decimals."""
+    try:
+        first, last, count = Fraction(span["first"]), Fraction(span["last"]), int(span["count"])
+    except ValueError:
+        raise UsageError(f"{place}: write FIRST..LAST:COUNT, with numbers") from None
+    if not 2 <= count <= MOST_IN_SPAN or first == last:
+        reason = f"write FIRST..LAST:COUNT, with two different ends and from 2 to {MOST_IN_SPAN} values"
+        raise UsageError(f"{place}: {reason}")
+    if span["log"] is None:
+        return [_decimal(first + (last - first) * k / (count - 1)) for k in range(count)]
+    if first <= 0 or last <= 0:
+        raise UsageError(f"{place}: equal ratios need positive ends")
+    with localcontext(prec=DIGITS):
+        ends = [Decimal(end.numerator) / end.denominator for end in (first, last)]
+        inner = [ends[0] * (ends[1] / ends[0]) ** (Decimal(k) / (count - 1)) for k in range(1, count - 1)]
+    return [_decimal(first), *(repr(float(value)) for value in inner), _decimal(last)]
+
+
+def _decimal(value: Fraction) -> str:
+    return str(value) if value.denominator == 1 else repr(float(value))
 
 
 # --- conditions on points ----------------------------------------------------------------------------
 
 
 def parameter_names(paths: Sequence[str]) -> dict[str, str]:
-    """Returns what varies by its path or, where that is clear, by the last part of it: `mass` of `body/box.mass`."""
+    """Returns the paths of parameters by their names: each path, and its last part (`mass`) where that is unique."""
     short = [path.rpartition(".")[2].rpartition("/")[2] for path in paths]
     own = dict(zip(paths, paths, strict=True))
     return {name: path for name, path in zip(short, paths, strict=True) if short.count(name) == 1} | own
 
 
 def _chosen(whole: Design, conditions: Sequence[str]) -> Design:
-    """The points for which all conditions hold."""
+    """Returns the points for which all conditions hold."""
     if not conditions:
         return whole
-    keep = np.ones(len(whole.points), bool)
+    is_chosen = np.ones(len(whole.points), bool)
     for index, text in enumerate(conditions):
         with concerning("where", index):
-            keep &= _holds(parse_condition(text, Vocabulary(parameter_names(whole.names)), option("where")), whole)
-    if not keep.any():
-        raise UsageError(f"{option('where')}: no point is left of {len(whole.points)}")
-    return Design(whole.names, [point for point, kept in zip(whole.points, keep, strict=True) if kept])
+            condition = parse_condition(text, Vocabulary(parameter_names(whole.names)), option("where"))
+            is_chosen &= _holds(condition, whole)
+    if not is_chosen.any():
+        raise UsageError(f"{option('where')}: none of the {len(whole.points)} points satisfies it")
+    return Design(whole.names, [point for point, chosen in zip(whole.points, is_chosen, strict=True) if chosen])
 
 
 def _holds(condition: Condition, whole: Design) -> np.ndarray:
@@ -225,7 +268,7 @@ def _holds(condition: Condition, whole: Design) -> np.ndarray:
 
 
 def numbers(texts: Sequence[str]) -> np.ndarray | None:
-    """The values of something that varies as numbers `(n,)`; None if they are not."""
+    """Converts the values of a parameter to numbers `(n,)`; returns None if they are not numbers."""
     try:
         return np.array([float(text) for text in texts])
     except ValueError:
@@ -233,7 +276,7 @@ def numbers(texts: Sequence[str]) -> np.ndarray | None:
 
 
 def is_whole(name: str) -> bool:
-    """Whether what varies takes whole numbers, such as `seed`."""
+    """Returns whether a parameter takes whole numbers, such as `seed`."""
     kind = simulation_kinds().get(name)
     kind = kind.each if isinstance(kind, Optional) else kind
     return isinstance(kind, Integer)
@@ -241,5 +284,5 @@ def is_whole(name: str) -> bool:
 
 @cache
 def simulation_kinds() -> Mapping[str, AnyKind]:
-    """The kinds of the options of a simulation, by name."""
+    """Returns the kinds of the options of a simulation, by name."""
     return {each.name: each.kind for each in options_of(SimulationOptions)}

@@ -1,4 +1,4 @@
-"""The table of results: a row for each point or episode, the same whatever computed them, and requirements on it."""
+"""Tables of results with a row for each point or episode; metrics, and requirements on tables."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -6,28 +6,33 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, concerning, option
+from mjrun.errors import FailedAssertionError, MjrunError, UsageError, concerning, option
 from mjrun.experiment.design import Design, is_whole, numbers
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
 from mjrun.probe.assertion import parse
+from mjrun.probe.available import AvailableProbes
+from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
+from mjrun.probe.select import TIME
 from mjrun.probe.verdict import Verdict
 
 FILES = ("results.parquet", "results.csv")
-BLOCK = 2**12  # rows that are written at a time
+BLOCK = 2**12  # rows written at once
 POINT = Column("point", meaning="number of the point", integer=True)
 
 
 class ResultsTable:
-    """A table that is put together column by column.
+    """A table built column by column.
 
     Attributes:
-      columns: of the table, in order.
+      columns: columns of the table, in order.
     """
 
     def __init__(self) -> None:
@@ -36,32 +41,32 @@ class ResultsTable:
 
     @property
     def rows(self) -> np.ndarray:
-        """The rows `(n, columns)`; texts are indices into the labels of their columns."""
+        """Rows `(n, columns)`; texts are indices into the labels of their columns."""
         return np.stack(self._values, axis=1)
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
-        """The columns of numbers `(n,)`, by name."""
+        """Numeric columns `(n,)`, by name."""
         return {
             column.name: values for column, values in zip(self.columns, self._values, strict=True) if not column.labels
         }
 
     def add(self, column: Column, values: Sequence[float] | np.ndarray) -> None:
-        """Appends a column of numbers `(n,)`."""
+        """Appends a numeric column `(n,)`."""
         self.columns.append(column)
         self._values.append(np.array(values, float))
 
     def add_texts(self, name: str, texts: Sequence[str], meaning: str = "") -> None:
-        """Appends a column of texts; empty strings become null."""
+        """Appends a text column; empty strings become null."""
         labels = tuple(dict.fromkeys(text for text in texts if text)) or ("",)
         place = {label: index for index, label in enumerate(labels)}
         self.add(Column(name, meaning=meaning, labels=labels), [place[text] if text else -1 for text in texts])
 
     def add_parameters(self, design: Design, points: Sequence[int], text_meaning: str = "") -> None:
-        """Appends a column for each thing that varies.
+        """Appends a column for each parameter of a design.
 
         Args:
-          points: the number of the point of each row.
+          points: number of the point of each row.
         """
         for index, name in enumerate(design.names):
             texts = [design.points[point][index] for point in points]
@@ -72,7 +77,7 @@ class ResultsTable:
                 self.add(Column(name, meaning="what varies", integer=is_whole(name)), values)
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:
-        """Returns, for each of some texts, where the column `name` has it: 1 or 0 `(n,)`."""
+        """Returns a flag column `(n,)` for each text: 1 in the rows where the column `name` contains it, else 0."""
         index = [column.name for column in self.columns].index(name)
         labels, values = self.columns[index].labels, self._values[index]
         return {text: (values == (labels.index(text) if text in labels else np.nan)).astype(float) for text in texts}
@@ -80,12 +85,12 @@ class ResultsTable:
     def open(
         self, stack: ExitStack, folder: Path, manifest: Mapping[str, object], files: Sequence[str] = FILES
     ) -> list[TableWriter]:
-        """Writes the table to `files` of the folder, each in the format of its suffix.
+        """Writes the table to `files` in the folder, each in the format of its suffix.
 
-        They still have to be published; `stack` discards them otherwise.
+        The files must then be published; otherwise `stack` discards them.
 
         Raises:
-          FileError: it cannot be written.
+          FileError: a file cannot be written.
         """
         writers, rows = list[TableWriter](), self.rows
         for name in files:
@@ -96,22 +101,22 @@ class ResultsTable:
         return writers
 
     def write(self, folder: Path, manifest: Mapping[str, object], files: Sequence[str] = FILES) -> list[Path]:
-        """Writes the table as `open` does, publishes the files, and returns them."""
+        """Writes the table as `open` does, publishes the files, and returns their paths."""
         with ExitStack() as stack:
             return publish_together(self.open(stack, folder, manifest, files))
 
 
 class Requirements:
-    """Requirements on a table, checked for their names before it has any rows.
+    """Requirements on a table. Their names are checked before the table has any rows.
 
     Args:
-      texts: the requirements, as they are written.
-      numbers: the columns of numbers.
-      flags: the columns that hold 1 or 0: `share(ok) > 0.95`.
-      rewrite: changes a requirement before it is read, and moves no character.
+      texts: requirements as written.
+      numbers: numeric columns.
+      flags: columns of ones and zeros, as in `share(ok) > 0.95`.
+      rewrite: function that changes a requirement before it is parsed, and keeps the positions of its characters.
 
     Raises:
-      UsageError: one is not well formed, or names nothing.
+      UsageError: a requirement is malformed, or contains an unknown name.
     """
 
     def __init__(
@@ -136,10 +141,11 @@ class Requirements:
 
 
 class TableNames(Vocabulary):
-    """The columns of a table; those of flags count rows.
+    """Columns of a table as the vocabulary of expressions; the sum of a flag column counts rows.
 
     Args:
-      numbers: the names of columns, or the columns that names stand for.
+      numbers: names of numeric columns, or those columns by name.
+      flags: columns of ones and zeros.
     """
 
     def __init__(self, numbers: Sequence[str] | Mapping[str, str], flags: Sequence[str]) -> None:
@@ -151,26 +157,57 @@ class TableNames(Vocabulary):
         return column in self._flags
 
 
-def check_metric_names(metrics: Sequence[tuple[str, str]], taken: Sequence[str]) -> None:
-    """Refuses names of metrics that cannot be columns beside those that are `taken`.
+def raise_failures(result: object, verdicts: Sequence[Verdict], other: MjrunError | None) -> None:
+    """Raises FailedAssertionError if a requirement does not hold, or else the `other` error; attaches the result."""
+    failed = [verdict.message for verdict in verdicts if not verdict.passed]
+    if error := FailedAssertionError(failed) if failed else other:
+        error.results = [result]
+        raise error
+
+
+def check_metric_names(metrics: Sequence[tuple[str, str]], reserved: Sequence[str]) -> None:
+    """Refuses names of metrics that cannot be columns beside the `reserved` ones.
 
     Raises:
-      UsageError: there is such a name, or one is given twice.
+      UsageError: a name is invalid, or is given twice.
     """
     names = [name for name, _ in metrics]
     for name in names:
         with concerning("metric", name):
-            if not name.isidentifier() or name in taken:
-                reason = "it takes letters, digits and _, and no other column may have it"
+            if not name.isidentifier() or name in reserved:
+                reason = "use letters, digits and _, and a name that no other column has"
                 raise UsageError(f"{option('metric')}: {name!r} cannot be the name of a metric: {reason}")
             if names.count(name) > 1:
                 raise UsageError(f"{option('metric')}: {name} is given twice")
 
 
-def manifest_writer(path: Path, facts: Mapping[str, object]) -> OutputWriter:
-    """Returns the manifest of a folder, written and still to be published.
+def parse_metrics(
+    metrics: Sequence[tuple[str, str]], model: mujoco.MjModel, episode: EpisodeColumns | None = None
+) -> list[Metric]:
+    """Parses metrics, given by name and text, in the names of a model and of the episode of a policy.
 
     Raises:
-      FileError: it cannot be written.
+      UsageError: a metric is malformed, or contains an unknown name.
+    """
+    if not metrics:
+        return []
+    available = AvailableProbes(model, episode.names if episode else ())
+    parsed: list[Metric] = []
+    for name, text in metrics:
+        with concerning("metric", name):
+            parsed.append(parse_metric(text, available, f"{option('metric')} {name}"))
+    return parsed
+
+
+def metric_columns(metrics: Sequence[Metric]) -> list[str]:
+    """Returns the columns that metrics read, except the time."""
+    return [*dict.fromkeys(name for metric in metrics for name in metric.columns if name != TIME)]
+
+
+def manifest_writer(path: Path, facts: Mapping[str, object]) -> OutputWriter:
+    """Writes the manifest of a folder, to be published by the caller.
+
+    Raises:
+      FileError: the manifest cannot be written.
     """
     return written_file(path, f"{json.dumps(facts, indent=2, default=str)}\n".encode())

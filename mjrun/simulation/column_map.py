@@ -1,11 +1,11 @@
-"""Which columns of a table give the state of a model: by their names, by number, or as a map says.
+"""Mapping from columns of a table to the state of a model: by name, by number, or by a map of expressions.
 
-A map is a list of texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines. On the left stands a column of ours,
-`time` or `qpos/knee`; on the right an expression over the table's columns, one value per row. Where the left is a
-joint of several numbers (`qpos/root`) or a whole field (`qpos`), the right is the name of the table's columns that are
-numbered or named by component, or several names or expressions, whose numbers stand side by side:
-`qpos=root_mm/1000,root_quat,dof*pi/180`. The name of numbered columns stands for each of them there.
-In `qpos/{}={}_deg*pi/180`, `{}` stands for any text with which both sides have a meaning.
+A map is a list of texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines. The left side is a column of the
+model, `time` or `qpos/knee`; the right side is an expression over the table's columns, with one value per row. If the
+left side is a joint of several numbers (`qpos/root`) or a whole field (`qpos`), the right side is the common name of
+columns that are numbered or named by component, or several names or expressions whose numbers are joined:
+`qpos=root_mm/1000,root_quat,dof*pi/180`. There, the common name of numbered columns represents each of them.
+In `qpos/{}={}_deg*pi/180`, `{}` represents any text for which both sides are valid.
 """
 
 import re
@@ -26,24 +26,24 @@ from mjrun.probe.scanner import Vocabulary, spelled
 TIME = "time"
 FILE = "@"  # begins the name of a file of lines
 PLACEHOLDER = "{}"
-NUMBERED = ("{}/{}", "{}_{}", "{}.{}", "{}[{}]", "{}{}")  # how tables call the parts of a column
-_LAST = re.compile(r"(.+?)(?:[/_.\[]?)[01]\]?")  # a column that is the first part of another
+NUMBERED = ("{}/{}", "{}_{}", "{}.{}", "{}[{}]", "{}{}")  # names of the parts of a column
+_LAST = re.compile(r"(.+?)(?:[/_.\[]?)[01]\]?")  # the first of numbered columns
 POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed")
-LARGEST = 2**20  # characters of a file of lines
+LARGEST = 2**20  # characters in a file of lines
 
-PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # of w, x, y and z
+PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and z
 
 
 @dataclass
 class ColumnMap:
-    """What gives the numbers of a state.
+    """Sources of the numbers of a state.
 
     Attributes:
-      time: gives the times of the rows [s], if anything does.
-      columns: the names of the columns of each field, in the order of its numbers.
-      sources: by field and index.
-      unknown: columns of the table that would be positions if the model had them.
+      time: expression of the times of the rows [s]; None if the table contains no times.
+      columns: names of the columns of each field, in the order of its numbers.
+      sources: expressions by field and index.
+      unknown: columns of the table that are named like positions but that the model lacks.
     """
 
     time: RowExpression | None
@@ -53,23 +53,23 @@ class ColumnMap:
 
 
 def column_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
-    """What the columns `names` of a table mean in `model`.
+    """Maps the columns `names` of a table to the state of `model`.
 
     Args:
-      texts: the map, which precedes the names.
-      quat: the order of the components of quaternions that are not named, one of `PLACES`.
-      source: what messages call the table.
+      texts: map, which precedes the names.
+      quat: order of the components of quaternions whose components are not named; a key of `PLACES`.
+      source: name of the table for messages.
 
     Raises:
-      UnknownNameError: the left of a text names nothing in the model, or its right nothing in the table.
-      UsageError: a text that is none of a map; no positions at all; positions of another model.
+      UnknownNameError: the left side of a text is not in the model, or its right side is not in the table.
+      UsageError: a text is not an entry of a map; there are no positions, or those of another model.
       FileError: a file of lines cannot be read.
     """
     return _Resolver(model, names, quat, source).resolve(texts)
 
 
 def map_files(texts: Sequence[str]) -> list[str]:
-    """The files of lines that a map names."""
+    """Returns the files of lines that a map names."""
     return [text.removeprefix(FILE) for text in texts if text.startswith(FILE)]
 
 
@@ -95,7 +95,7 @@ class _Resolver:
         self._require_positions()
         return self._map
 
-    # --- what the names say ------------------------------------------------------------------------
+    # --- names ---------------------------------------------------------------------------------------
 
     def _read_names(self) -> None:
         used: set[str] = set()
@@ -117,7 +117,7 @@ class _Resolver:
         self._map.unknown = [name for name in self._names if name.startswith("qpos/") and name not in used]
 
     def _numbered(self, prefix: str) -> list[str]:
-        """The table's columns that are called `prefix` and numbered, from 0 or from 1."""
+        """Returns the table's columns that are called `prefix` and numbered, from 0 or from 1."""
         for pattern in NUMBERED:
             for first in (0, 1):
                 columns: list[str] = []
@@ -134,16 +134,16 @@ class _Resolver:
             f"this model has {listing(self._columns[group.partition('/')[0]])}"
         )
 
-    # --- what the map says -------------------------------------------------------------------------
+    # --- the map -------------------------------------------------------------------------------------
 
     def _read_map(self, texts: Sequence[str]) -> None:
-        """Takes joints and fields first, then patterns, then columns: what says more of a column precedes."""
+        """Applies entries of fields and joints first, then patterns, then columns: the more specific entry wins."""
         entries: list[tuple[int, str, str]] = []
         for index, text in enumerate(texts):
             with concerning("map", index):
                 for left, right in map_entries(text):
                     if any(left == other for _, other, _ in entries):
-                        raise UsageError(f"{option('map')} says twice what {clean(left)} is")
+                        raise UsageError(f"{option('map')} specifies {clean(left)} twice")
                     entries.append((index, left, right))
 
         grouped = [entry for entry in entries if entry[1] in self._groups]
@@ -198,7 +198,7 @@ class _Resolver:
         self._map.sources.setdefault(f, {}).update(self._ordered(f, indices, expressions))
 
     def _with_components(self, prefix: str, f: str, indices: Sequence[int]) -> list[str]:
-        """The table's columns that are called `prefix` and our components; none if one is missing."""
+        """Returns the columns called `prefix` with the components of the model; empty if one is missing."""
         components = [self._columns[f][index].rpartition("/")[2] for index in indices]
         for pattern in NUMBERED:
             wanted = [pattern.format(prefix, component) for component in components]
@@ -207,7 +207,7 @@ class _Resolver:
         return []
 
     def _expanded(self, part: str) -> list[RowExpression]:
-        """What stands for a part of a map: a column, columns that are numbered, or an expression over either."""
+        """Expands a part of a map: a column, numbered columns, or an expression over either."""
         prefix = part.strip("'`")
         if clean(prefix) in self._by_clean:
             return [self._column(self._by_clean[clean(prefix)])]
@@ -226,29 +226,29 @@ class _Resolver:
 
     @cached_property
     def _arrays(self) -> dict[str, list[str]]:
-        """The table's columns that are numbered, by the name that they share."""
+        """Numbered columns of the table, by common name."""
         prefixes = dict.fromkeys(match[1] for name in self._by_clean if (match := _LAST.fullmatch(name)))
         return {prefix: self._numbered(prefix) for prefix in prefixes if prefix not in self._by_clean}
 
     def _valid(self, left: str) -> list[str]:
-        """The columns that a map may name, those of the same field first."""
+        """Returns the columns that a map may specify, those of the same field first."""
         first = left.partition("/")[0]
         return [TIME, *sorted(self._places, key=lambda name: not name.startswith(first))]
 
-    # --- what comes of both ------------------------------------------------------------------------
+    # --- sources -------------------------------------------------------------------------------------
 
     def _set(self, f: str, index: int, name: str) -> None:
         self._map.sources.setdefault(f, {})[index] = self._column(name)
 
     def _set_all(self, f: str, indices: Sequence[int], names: Sequence[str]) -> None:
-        """Takes the numbers of a joint or field from columns without names of components, where nothing else gives."""
+        """Reads a joint or field from columns without names of components, unless named columns contain its numbers."""
         taken = self._ordered(f, indices, [self._column(name) for name in names])
         self._map.sources[f] = {**taken, **self._map.sources.get(f, {})}
 
     def _ordered(
         self, f: str, indices: Sequence[int], expressions: Sequence[RowExpression]
     ) -> dict[int, RowExpression]:
-        """By index what gives each number of a joint or field, quaternions in our order."""
+        """Returns the source of each number of a joint or field by index, with quaternions in MuJoCo's order."""
         ordered = list(expressions)
         starts = [indices.index(start) for start in quaternions(self._model, f) if start in indices]
         for at in starts:
@@ -259,7 +259,7 @@ class _Resolver:
         return parse_row_expression(spelled(name), self._names, option("map"))
 
     def _all_groups(self) -> dict[str, tuple[str, list[int]]]:
-        """Whole fields, and objects of several numbers, by name: `qpos`, `qpos/root`."""
+        """Returns whole fields and objects of several numbers by name: `qpos`, `qpos/root`."""
         groups: dict[str, tuple[str, list[int]]] = {}
         for f, columns in self._columns.items():
             if columns:
@@ -286,7 +286,7 @@ class _Resolver:
             )
 
     def _hint(self) -> str:
-        """A text of a map, which may be just what is needed."""
+        """Suggests an entry of a map."""
         positions = self._map.sources.get("qpos", {})
         wanted = [name for i, name in enumerate(self._columns["qpos"]) if i not in positions]
         others = [name for name in self._names if name != TIME]
@@ -295,19 +295,19 @@ class _Resolver:
             alike = near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]
             if alike:
                 degrees = "*pi/180" if "deg" in alike[0].casefold() else ""
-                return f"{option('map')} says what is what, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
-        return f"{option('map')} says what is what, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
+                return f"{option('map')} assigns columns, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
+        return f"{option('map')} assigns columns, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
 
 
 def time_hint(names: Sequence[str]) -> str:
-    """What to do about a table whose times are unknown."""
+    """Suggests what to do about a table whose times are unknown."""
     likely = [name for name in names if name.casefold() in TIMES] or near(TIME, names)
     example = f", as in time={clean(spelled(likely[0]))}" if likely else ""
-    return f"{option('map')} says which column it is{example}, or {option('replay_rate')} how many rows a second has"
+    return f"{option('map')} specifies the time{example}, or {option('replay_rate')} the number of rows per second"
 
 
 def _side_by_side(text: str) -> Iterator[str]:
-    """The parts of a text between commas, but for those in quotes and parentheses."""
+    """Splits a text at commas outside of quotes and parentheses."""
     start, depth, quote = 0, 0, ""
     for position, character in enumerate(text):
         if quote or character in "'`":
@@ -321,7 +321,7 @@ def _side_by_side(text: str) -> Iterator[str]:
 
 
 def map_entries(text: str) -> Iterator[tuple[str, str]]:
-    """Left and right of a text, or of every line of the file that it names."""
+    """Yields the left and right sides of a text, or of every line of the file that it names."""
     if not text.startswith(FILE):
         yield _assignment(text, text)
         return
@@ -329,10 +329,10 @@ def map_entries(text: str) -> Iterator[tuple[str, str]]:
     with opened(path, "file of columns", [".txt", ".map"]) as file:
         content = file.read(LARGEST + 1).decode("utf-8-sig", "replace")
     if len(content) > LARGEST or "\0" in content:
-        raise UsageError(f"{clean(str(path))} is no file of lines COLUMN=EXPRESSION")
+        raise UsageError(f"{clean(str(path))} is not a file of lines COLUMN=EXPRESSION")
     for number, line in enumerate(content.splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
-            yield _assignment(line, f"{clean(str(path))}:{number}")  # not what it says: a document may name any file
+            yield _assignment(line, f"{clean(str(path))}:{number}")  # without its text: a document may name any file
 
 
 def _assignment(text: str, shown: str) -> tuple[str, str]:

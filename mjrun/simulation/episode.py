@@ -1,4 +1,4 @@
-"""An episode of a policy: which task it acts on, how long it lasts, and how it ends."""
+"""Episodes of a policy: their task, length, ending and result."""
 
 import math
 from abc import ABC, abstractmethod
@@ -29,23 +29,23 @@ if TYPE_CHECKING:
     from mjrun.task.task import Task
     from mjrun.task.worlds import TaskWorlds
 
-REMEMBERED = 8  # policies
-UNLIMITED = 5  # [s] that are simulated of an episode that nothing ends
+CACHED_POLICIES = 8
+UNLIMITED = 5  # [s] simulated time of an episode that nothing ends
 
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """What came of an episode, as far as it was simulated.
+    """The result of an episode, as far as it was simulated.
 
     Attributes:
-      policy: its name.
-      seed: of the episode.
-      periods: control periods that were completed, up to the end.
-      time: when it ended, or how long it was simulated [s].
-      simulated: how long it was simulated, beyond its end too [s].
-      total: the sum of all rewards, which is the return if the episode has ended.
-      ending: the name of the termination; None if it has not ended.
-      kind: `success`, `failure` or `timeout`; None if it has not ended.
+      policy: name of the policy.
+      seed: seed of the episode.
+      periods: number of completed control periods up to the end.
+      time: time of the end, or of the last step [s].
+      simulated: time of the last step, which may be after the end [s].
+      total: sum of all rewards; the return if the episode has ended.
+      ending: name of the termination; None if the episode has not ended.
+      kind: `success`, `failure` or `timeout`; None if the episode has not ended.
     """
 
     policy: str
@@ -59,7 +59,7 @@ class EpisodeResult:
 
     @property
     def sentence(self) -> str:
-        """What is told of it."""
+        """A sentence that describes the result."""
         reached = f"return {self.total:.6g}"
         if self.ending is None:
             return f"the episode of seed {self.seed} has not ended after {self.time:g} s: {reached} so far"
@@ -67,44 +67,45 @@ class EpisodeResult:
         sentence = f"the episode of seed {self.seed} ended after {self.time:g} s: {how}, {reached}"
         if self.simulated <= self.time:
             return sentence
-        return f"{sentence}; the simulation went on without a reset up to {self.simulated:g} s"
+        return f"{sentence}; the simulation continued without a reset up to {self.simulated:g} s"
 
 
 class Episode(ABC):
     """The episode of a seed.
 
     Attributes:
-      goes_on: whether the simulation can go on, without a reset, when the episode has ended.
+      can_continue: whether the simulation can continue without a reset after the end of the episode.
     """
 
-    goes_on = True
+    can_continue = True
 
     def __init__(self, policy: "Policy", seed: int) -> None:
         self.policy, self.seed = policy, seed
 
     @abstractmethod
     def model(self) -> mujoco.MjModel:
-        """The model of this episode, which may vary with the seed."""
+        """Returns the model of this episode, which may vary with the seed."""
 
     def timeline(self, timestep: Fraction, requested: Timeline | None) -> Timeline:
-        """How the simulation falls on timesteps [s]: until the episode ends, if no length is requested.
+        """Returns the timeline of the simulation, which ends with the episode if no length is requested.
 
         Args:
-          requested: the timeline that the user asks for.
+          timestep: timestep [s].
+          requested: timeline that the user requests.
         """
-        if requested is not None and (self.goes_on or requested.steps <= self.length):
+        if requested is not None and (self.can_continue or requested.steps <= self.length):
             return requested
         return Timeline.of_steps(timestep, self.length)
 
     def remarks(self, requested: Timeline | None) -> list[str]:
-        """What the user should know of the episode before it is simulated; see `timeline`."""
-        if requested is None or self.goes_on or requested.steps <= self.length:
+        """Returns remarks for the user before the episode is simulated; see `timeline`."""
+        if requested is None or self.can_continue or requested.steps <= self.length:
             return []
         end = float(requested.time(self.length))
-        return [f"the episode ends at {end:g} s; an environment does not go on without a reset, so all ends there"]
+        return [f"the episode ends at {end:g} s, and the simulation with it: an environment needs a reset to continue"]
 
     def result(self, stepper: EpisodeStepper) -> EpisodeResult:
-        """What came of the episode that `stepper` has gone through."""
+        """Returns the result of the episode that `stepper` has simulated."""
         now, timestep = stepper.now(), rational(stepper.model.opt.timestep)
         return EpisodeResult(
             policy=self.policy.name,
@@ -118,10 +119,10 @@ class Episode(ABC):
         )
 
     def stepper(self, enable_flags: int = 0) -> EpisodeStepper:
-        """The episode from its start.
+        """Starts the episode.
 
         Args:
-          enable_flags: of MuJoCo's, for what is measured; they must not change the motion.
+          enable_flags: MuJoCo's flags for measured quantities, which must not change the motion.
         """
         stepper = self._start()
         stepper.model.opt.enableflags |= enable_flags
@@ -129,27 +130,27 @@ class Episode(ABC):
 
     @abstractmethod
     def _start(self) -> EpisodeStepper:
-        """The episode from its start."""
+        """Starts the episode without additional flags."""
 
     @property
     @abstractmethod
     def longest(self) -> int:
-        """Physics steps after which an episode ends at the latest, or nobody looks any further."""
+        """Most physics steps of an episode that are simulated."""
 
     @cached_property
     def _first(self) -> EpisodeStepper:
-        """A stepper for what is to be known before the simulation."""
+        """A stepper for facts that are needed before the simulation."""
         return self.stepper()
 
     @cached_property
     def columns(self) -> EpisodeColumns:
-        """What can be measured besides the model."""
+        """Columns in addition to those of the model."""
         names = self._first.names
         return EpisodeColumns(dict.fromkeys(names.observations, ""), names.actions, names.rewards)
 
     @cached_property
     def length(self) -> int:
-        """Physics steps up to its end, or up to `longest`, for which it is simulated; one that fails has `longest`."""
+        """Physics steps up to its end, found by simulating it; `longest` if it does not end or fails."""
         stepper = self._first
         try:
             while stepper.now().ending is None and stepper.step < self.longest:
@@ -160,7 +161,7 @@ class Episode(ABC):
 
 
 class TaskEpisode(Episode):
-    """An episode of a task. Its steppers have one world in common, so that a new one is the end of those before."""
+    """An episode of a task. All its steppers share one world: creating a stepper invalidates earlier ones."""
 
     def __init__(self, task: "Task", policy: "Policy", seed: int, pushes: Sequence[Push]) -> None:
         super().__init__(policy, seed)
@@ -204,9 +205,9 @@ class TaskEpisode(Episode):
 
 
 class EnvironmentEpisode(Episode):
-    """An episode of an environment of Gymnasium's, which resets, steps and rewards itself."""
+    """An episode of a Gymnasium environment, which resets, steps and rewards itself."""
 
-    goes_on = False
+    can_continue = False
 
     def __init__(self, source: "GymSource", policy: "Policy", seed: int) -> None:
         super().__init__(policy, seed)
@@ -219,7 +220,7 @@ class EnvironmentEpisode(Episode):
         from mjrun.policy.policy import ActionSpace
         from mjrun.task.gymnasium import EnvironmentStepper
 
-        environment = _environment(self._source)  # nobody else may reset it
+        environment = _environment(self._source)  # which nothing else may reset
         actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
         return EnvironmentStepper(environment, self.policy.episode(self.seed, actions), self.seed, self.policy.name)
 
@@ -244,38 +245,38 @@ def episode_of(
     control_dt: Fraction | None = None,
     duration: Fraction | None = None,
 ) -> Episode:
-    """The episode of `seed` of what `source` is: an environment, a task, or a model of which the policy says the rest.
+    """Returns the episode of `seed` of an environment, a task, or a model for which the policy specifies the task.
 
     Args:
-      pushes: forces on bodies besides those of the task.
-      control_dt, duration: the control period and the length [s], of a model alone.
+      pushes: forces on bodies in addition to those of the task.
+      control_dt, duration: control period and length [s] of a model without a task.
 
     Raises:
-      UsageError: the policy does not fit, or does not say enough.
+      UsageError: the policy does not fit, or does not specify enough.
     """
     from mjrun.model.sources.gym import GymSource
     from mjrun.task.task import Task
 
     if control_dt is not None and isinstance(source, Task | GymSource):
-        raise UsageError(f"{option('control_dt')}: {clean(source.text)} says its control period")
+        raise UsageError(f"{option('control_dt')}: {clean(source.text)} specifies the control period")
     if isinstance(source, Task):
         return TaskEpisode(source, policy, seed, pushes)
     if isinstance(source, GymSource):
         if pushes:
-            raise UsageError(f"{option('push')}: an environment steps itself, and nothing else can push its bodies")
+            raise UsageError(f"{option('push')}: the bodies of an environment cannot be pushed, since it steps itself")
         return EnvironmentEpisode(source, policy, seed)
     from mjrun.policy.inferred_task import inferred_task
 
     return TaskEpisode(inferred_task(policy, source, control_dt, duration), policy, seed, pushes)
 
 
-def remembered_policy(
+def cached_policy(
     policy: object, trust: bool, normalize: str | None, place: Callable[[str | Path], Path] = Path
 ) -> "Policy":
-    """Returns the policy that `policy` stands for; one that was read is remembered until its files change.
+    """Loads a policy; one that is read from files is cached until its files change.
 
     Args:
-      place: says where its files are read.
+      place: function that returns the path where a file is read.
     """
     from mjrun.policy import load
 
@@ -288,13 +289,13 @@ def remembered_policy(
 
 @dataclass(frozen=True)
 class _Files:
-    """Where the files of a policy are read, and their versions, by which policies are remembered."""
+    """Paths and versions of the files of a policy; the versions identify it in the cache."""
 
     place: Callable[[str | Path], Path] = field(compare=False)
     versions: tuple[tuple[str, int, int], ...]
 
 
-@lru_cache(maxsize=REMEMBERED)
+@lru_cache(maxsize=CACHED_POLICIES)
 def _read_policy(policy: str, trust: bool, normalize: str | None, files: _Files) -> "Policy":
     from mjrun.policy import load
 
@@ -302,8 +303,8 @@ def _read_policy(policy: str, trust: bool, normalize: str | None, files: _Files)
 
 
 def policy_files(policy: object, normalize: str | None = None) -> list[Path]:
-    """Returns the files that a policy is read from, those that its files name included."""
-    files: list[Path] = []
+    """Returns the files that a policy is read from, including those that its files name."""
+    files = list[Path]()
     if isinstance(policy, str) and is_policy_file(policy):
         from mjrun.policy.load import files_of
 

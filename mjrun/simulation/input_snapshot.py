@@ -1,4 +1,4 @@
-"""The files that simulations read, copied when the first of them is prepared, so that later edits change no result."""
+"""Snapshots of input files: copies that simulations read, so that later edits change no result."""
 
 import hashlib
 import os
@@ -20,14 +20,14 @@ from mjrun.suffixes import XML
 class InputSnapshot:
     """Copies of files in a temporary folder, which mirrors their absolute paths; a picklable value.
 
-    The folder exists for as long as the snapshot that was made, or copies of it in the same process. In another
+    The folder exists as long as the original snapshot, or a snapshot derived from it in the same process. In another
     process, `root` may have to be replaced.
 
     Attributes:
-      root: the folder.
-      digests: the SHA-256 of each original file, by its absolute path.
-      cwd: the working directory, to which relative paths belong.
-      folders: the absolute folders of the files as models spell them, which may hold `..`.
+      root: folder of the copies.
+      digests: SHA-256 of each original file, by absolute path.
+      cwd: working directory, to which relative paths refer.
+      folders: absolute folders of the files as models spell them, which may contain `..`.
     """
 
     root: Path = field(compare=False)
@@ -41,7 +41,7 @@ class InputSnapshot:
         """Returns a snapshot without files, in a new folder.
 
         Raises:
-          FileError: the folder cannot be made.
+          FileError: the folder cannot be created.
         """
         stack = ExitStack()
         root = stack.enter_context(scratch_folder())
@@ -50,7 +50,7 @@ class InputSnapshot:
         return cls(root, {}, os.getcwd(), frozenset(), owner)  # noqa: PTH109
 
     def with_files(self, files: Iterable[Path]) -> Self:
-        """Returns a snapshot that also holds these files. Missing files are left out: reading their copies fails.
+        """Returns a snapshot that also contains these files. Missing files are left out: reading their copies fails.
 
         Raises:
           FileError: a file cannot be read or copied.
@@ -71,10 +71,10 @@ class InputSnapshot:
         return replace(self, digests=digests, folders=frozenset(folders))
 
     def copied_from(self, contents: Mapping[str, bytes]) -> Self:
-        """Returns the same snapshot in a new folder, made from the `contents` of its files.
+        """Returns the same snapshot in a new folder, written from the `contents` of its files.
 
         Raises:
-          FileError: the folder cannot be made, or a content is not that of its file.
+          FileError: the folder cannot be created, or a content does not match the hash of its file.
         """
         copy = replace(self.empty(), digests=self.digests, cwd=self.cwd, folders=self.folders)
         for path, digest in self.digests.items():
@@ -87,7 +87,7 @@ class InputSnapshot:
         return copy
 
     def place(self, path: str | Path) -> Path:
-        """Returns where the copy of a file or folder is, whether or not it is part of the snapshot."""
+        """Returns the path of the copy of a file or folder, whether or not it is part of the snapshot."""
         absolute = _absolute(path, self.cwd)
         return Path(absolute) if self._holds(absolute) else Path(f"{self.root}{absolute}")
 
@@ -97,7 +97,7 @@ class InputSnapshot:
 
     @property
     def fingerprint(self) -> str:
-        """The SHA-256 of all paths and contents."""
+        """SHA-256 of all paths and contents."""
         listing = "".join(f"{path}\0{self.digests[path]}\0" for path in sorted(self.digests))
         return hashlib.sha256(f"{self.cwd}\0{listing}".encode("utf-8", "surrogateescape")).hexdigest()
 
@@ -112,7 +112,7 @@ class InputSnapshot:
 
     @contextmanager
     def original_names_in_errors(self) -> Generator[None]:
-        """Within the `with` block, errors name the original files."""
+        """Makes errors in a `with` block name the original files."""
         try:
             yield
         except MjrunError as error:
@@ -141,7 +141,7 @@ class InputSnapshot:
             raise FileError(copy, f"cannot be written: {error.strerror or error}") from None
 
     def _make_folder(self, folder: str) -> None:
-        """Makes a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""
+        """Creates a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""
         try:
             os.makedirs(f"{self.root}{folder}", exist_ok=True)  # noqa: PTH103
         except OSError as error:
@@ -153,7 +153,7 @@ class InputSnapshot:
 
 
 class _Owner:
-    """Keeps the folder of a snapshot, and of its copies, while any of them is in use."""
+    """Keeps the folder of a snapshot while the snapshot, or one derived from it, is in use."""
 
 
 def _absolute(path: str | Path, cwd: str) -> str:

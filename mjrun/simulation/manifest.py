@@ -1,4 +1,4 @@
-"""What a manifest says: versions, command, model, resolved options, time."""
+"""Facts of manifests: versions, command, model, resolved options, time."""
 
 import dataclasses
 import platform
@@ -18,14 +18,14 @@ from mjrun.version import __version__
 
 
 class ModelOrigin(TypedDict):
-    """Where a model comes from, and the fingerprint of its compiled form."""
+    """Source of a model, and the fingerprint of its compiled form."""
 
     path: str
     sha256: str
 
 
 class Origin(TypedDict):
-    """What makes an output."""
+    """Facts that determine an output."""
 
     mjrun: str
     mujoco: str
@@ -43,9 +43,9 @@ class Origin(TypedDict):
 
 
 def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline: Timeline) -> Origin:
-    """What makes the outputs of `job`, a dataclass, as far as it is known beforehand; plain values, for JSON.
+    """Returns the facts that determine the outputs of `job`, a dataclass, as plain values for JSON.
 
-    The model's fingerprint is that of its compiled form, with all its assets and overrides.
+    The fingerprint is that of the compiled model with all its assets and overrides.
     """
     options = cast(dict[str, object], plain(job))
     made: Origin = {
@@ -68,7 +68,7 @@ def origin(job: object, simulation: Simulation, model: mujoco.MjModel, timeline:
 
 
 def plain(value: object) -> object:
-    """`value` as JSON holds it: dataclasses by the fields of their repr, exact numbers as they print, code by name."""
+    """Converts a value for JSON: dataclasses to the fields of their repr, exact numbers to floats, code to its name."""
     if isinstance(value, mujoco.MjModel):
         return "a compiled model"
     if isinstance(value, Source):

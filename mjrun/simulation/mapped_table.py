@@ -1,4 +1,4 @@
-"""Tables whose columns are named or mapped: which columns there are, what maps give, and motions of models."""
+"""Tables whose columns are named or mapped: column names, values of expressions, and motions of models."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from fractions import Fraction
@@ -20,12 +20,12 @@ K = TypeVar("K", bound=Hashable)
 
 
 def column_names(path: str | Path) -> list[str]:
-    """The names of all columns of a table.
+    """Returns the names of all columns of a table.
 
     Raises:
-      FileError: it cannot be read.
+      FileError: the table cannot be read.
     """
-    names: list[str] = []
+    names = list[str]()
 
     def note(name: str) -> bool:
         names.append(name)
@@ -36,17 +36,17 @@ def column_names(path: str | Path) -> list[str]:
 
 
 def evaluated(path: str | Path, expressions: Mapping[K, RowExpression]) -> dict[K, np.ndarray]:
-    """The values of expressions on all rows of a table, `(n,)` each; NaN where a cell is missing.
+    """Evaluates expressions on all rows of a table, `(n,)` each; NaN where a cell is missing.
 
-    The columns that no expression reads are never in memory, and those that one does are not as a whole.
+    Columns that no expression reads are not loaded; the others are loaded block by block.
 
     Raises:
-      FileError: it cannot be read.
+      FileError: the table cannot be read.
     """
     evaluators = {key: expression.evaluator() for key, expression in expressions.items()}
     parts: dict[K, list[np.ndarray]] = {key: [np.empty(0)] for key in expressions}
     read = list(dict.fromkeys(name for expression in expressions.values() for name in expression.columns))
-    with open_table(path, read or column_names(path)[:1], missing="nan") as table:  # one, to count the rows
+    with open_table(path, read or column_names(path)[:1], missing="nan") as table:  # one column, to count the rows
         for block in table.blocks():
             columns = dict(zip(table.names, block.T, strict=True))
             for key, evaluator in evaluators.items():
@@ -63,18 +63,18 @@ def read_motion(
     rate: Fraction | None = None,
     interpolation: Interpolation | None = None,
 ) -> Motion:
-    """The motion of `model` in a table.
+    """Reads the motion of `model` from a table.
 
     Args:
-      start: holds what the table does not give.
-      texts: the map, as `column_map` takes it.
-      quat: the order of quaternions that are not named.
+      start: state of everything that the table does not contain.
+      texts: map, as in `column_map`.
+      quat: order of quaternions whose components are not named.
       rate: rows per second [Hz] of a table without times.
-      interpolation: between the rows.
+      interpolation: interpolation between rows.
 
     Raises:
-      UsageError: it has no positions of this model, no times, or what no motion can be; the map cannot be meant.
-      FileError: it cannot be read.
+      UsageError: the table has no positions of this model or no times, or is not a motion; or the map is invalid.
+      FileError: the table cannot be read.
     """
     names = column_names(path)
     mapped = column_map(model, names, texts, quat, str(path))
@@ -83,7 +83,7 @@ def read_motion(
     if mapped.time is not None and rate is not None:
         raise UsageError(
             f"{clean(str(path))} has a column 'time', and {option('replay_rate')} is for tables without one\n"
-            f"{option('map')} can say another time: time=EXPRESSION"
+            f"{option('map')} can specify another time: time=EXPRESSION"
         )
     expressions = {(field, i): source for field, sources in mapped.sources.items() for i, source in sources.items()}
     values = evaluated(path, expressions if mapped.time is None else {**expressions, (TIME, 0): mapped.time})
@@ -91,7 +91,7 @@ def read_motion(
         times = values.pop((TIME, 0))
     else:
         times = np.array(seconds(np.arange(len(next(iter(values.values())))), 1 / rate), float)
-    by_field: dict[str, dict[int, np.ndarray]] = {}
+    by_field = dict[str, dict[int, np.ndarray]]()
     for (field, index), numbers in values.items():
         by_field.setdefault(field, {})[index] = numbers
     return Motion(model, start, MotionSamples(str(path), times, mapped.columns, by_field), interpolation)

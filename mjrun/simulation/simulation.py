@@ -1,4 +1,4 @@
-"""A simulation as a value: which model, from where, with what, for how long."""
+"""A simulation as a value: model, initial state, inputs and length."""
 
 from collections.abc import Sequence
 from dataclasses import field, fields, replace
@@ -36,23 +36,23 @@ if TYPE_CHECKING:
     from mjrun.physics.motion import Motion
     from mjrun.simulation.episode import Episode
 
-DURATION = Fraction(5)  # [s], where no option decides
-LONG = 10**9  # steps of a replay that nobody can want without saying so
+DURATION = Fraction(5)  # [s] without an option for it
+LONG = 10**9  # steps of a replay that must be requested explicitly
 
 
 @options
 class Simulation(SimulationOptions):
-    """A model, its state at time 0, what drives it, and how long to run it.
+    """A model, its state at time 0, its inputs, and its duration.
 
     Args:
-      model: a file, another source such as `scene:dominos`, or a compiled model, which is copied, never changed.
-      snapshot: copies of the files that it reads, which are read instead.
+      model: a file, another source such as `scene:dominos`, or a compiled model, which is copied and never changed.
+      snapshot: copies of its input files, which are read instead.
 
-    A controller is called with (model, data) every `control_dt`, at an instant whose fields belong together: it writes
-    `data.ctrl`, or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that is called first.
+    A controller is called with (model, data) every `control_dt`, at an instant whose fields are consistent: it writes
+    `data.ctrl` or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that is called first.
 
     Raises:
-      UsageError: values that cannot be, or cannot be together.
+      UsageError: a value is invalid, or values contradict each other.
     """
 
     model: ModelLike = field(kw_only=False)
@@ -61,37 +61,37 @@ class Simulation(SimulationOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.normalize is not None and self.policy is None:
-            raise UsageError(f"{option('normalize')} is about what a {option('policy')} observes; there is none")
+            raise UsageError(f"{option('normalize')} requires {option('policy')}, whose observations it normalizes")
 
     @property
     def start(self) -> InitialState:
-        """The state at time 0."""
+        """State at time 0."""
         return InitialState(self.key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
 
     def initial_data(self, model: mujoco.MjModel) -> mujoco.MjData:
-        """The state at time 0 in `model`.
+        """Returns the state of `model` at time 0.
 
         Raises:
-          UsageError: a name that nothing has, or a value that cannot be.
-          ModelError: what the model itself says of its start cannot be.
+          UsageError: a name is unknown, or a value is invalid.
+          ModelError: the initial state of the model is invalid.
         """
         with self.source.named_in_errors():
             return self.start.data(model)
 
     @property
     def source(self) -> Source:
-        """Where the model comes from, with its overrides."""
+        """Source of the model, with overrides."""
         source = source_of(self.model)
         source = replace(source, overrides=(*source.overrides, *overrides_of(self)))
         return source.stored_at(self.snapshot.place) if self.snapshot else source
 
     def _stored(self, path: str | Path) -> Path:
-        """Returns where a file is read: where it is, or its copy."""
+        """Returns the path where a file is read: its own, or that of its copy."""
         return self.snapshot.place(path) if self.snapshot and str(path) != STDIN else Path(path)
 
     @cached_property
     def episode(self) -> "Episode | None":
-        """What its policy does; None without a policy.
+        """Episode of its policy; None without a policy.
 
         Raises:
           UsageError: the policy does not fit, or is not trusted.
@@ -99,17 +99,17 @@ class Simulation(SimulationOptions):
         """
         if self.policy is None:
             return None
-        from mjrun.simulation.episode import episode_of, remembered_policy
+        from mjrun.simulation.episode import cached_policy, episode_of
 
-        policy = remembered_policy(self.policy, self.trust, self.normalize, self._stored)
+        policy = cached_policy(self.policy, self.trust, self.normalize, self._stored)
         return episode_of(self.source, policy, self.seed, self.push, self.control_dt, self.duration)
 
     def __getstate__(self) -> dict[str, object]:
-        """What is pickled: what it is made of, and nothing that follows from that."""
+        """Returns the fields to pickle, without cached values."""
         return {each.name: vars(self)[each.name] for each in fields(self)}
 
     def with_snapshot(self) -> "Simulation":
-        """Returns the same simulation of copies of its files as they are now, whatever becomes of the files.
+        """Returns the same simulation with copies of the present input files.
 
         Raises:
           FileError: a file cannot be read or copied.
@@ -117,33 +117,33 @@ class Simulation(SimulationOptions):
         if self.snapshot:
             return self
         snapshot = InputSnapshot.empty().with_files(path for _, path in self.inputs)
-        model = source_of(self.model) if self.model == STDIN else self.model  # which holds its text when it is pickled
+        model = source_of(self.model) if self.model == STDIN else self.model  # whose text is pickled with it
         return replace(self, model=model, snapshot=snapshot)
 
     @property
     def code(self) -> list[object]:
-        """What is written by the user in it: the controller, and a policy in Python."""
+        """Functions and objects that the user has written: the controller, and a policy in Python."""
         policy = self.policy
         has_code = policy is not None and (not isinstance(policy, str) or is_code(policy))
         return [*([self.controller] if self.controller is not None else []), *([policy] if has_code else [])]
 
     @property
     def has_end(self) -> bool:
-        """Whether it ends by itself, without a usual duration."""
+        """True if an option determines its end, rather than the default duration."""
         return not (self.duration is self.steps is self.replay is self.policy is None)
 
     @property
     def inputs(self) -> list[tuple[str, Path]]:
-        """The files that it reads, with what they are, as far as that is known without reading them."""
+        """Kind and path of each input file that is known without reading the others."""
         model_files = zip(chain(["model"], repeat("file of the model")), self.source.files, strict=False)
         return [*model_files, *self.tables]
 
     @property
     def tables(self) -> list[tuple[str, Path]]:
-        """The files that it reads besides the model, with what they are."""
+        """Kind and path of each input file except those of the model."""
         replay = "table" if self.replay is not None and not is_recording(self._stored(self.replay)) else "recording"
         tables = (("table of controls", self.ctrl_from), (replay, self.replay))
-        files = [(what, Path(file)) for what, file in tables if file is not None]
+        files = [(kind, Path(file)) for kind, file in tables if file is not None]
         if self.map:
             from mjrun.simulation.column_map import map_files
 
@@ -156,39 +156,39 @@ class Simulation(SimulationOptions):
 
     @cached_property
     def fingerprints(self) -> list[dict[str, object]]:
-        """Path, size and hash of the document of a task, and of each of `tables`."""
+        """Path, size and hash of the document of a task and of each of `tables`."""
         document = self.source.path if isinstance(self.source, Task) else None
         paths = [*([document] if document else []), *(path for _, path in self.tables)]
         return [{**fingerprint(self._stored(path)), "path": str(path)} for path in paths]
 
     def load(self) -> mujoco.MjModel:
-        """The compiled model; with a policy, that of its episode."""
+        """Returns the compiled model; with a policy, that of its episode."""
         return self.compile()[1] if self.episode is None else self.episode.model()
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-        """The specification, None where there is only a compiled model, and the model; see `Source.compile`."""
+        """Returns the specification, None for a compiled model, and the model; see `Source.compile`."""
         try:
             return self.source.compile()
         except ModelError:
             if self.snapshot:
-                replace(self, snapshot=None).source.compile()  # whose error names the files that the user knows
+                replace(self, snapshot=None).source.compile()  # whose error names the original files
             raise
 
     def timeline(self, model: mujoco.MjModel) -> Timeline:
-        """How this simulation falls on the timesteps of `model`."""
+        """Returns the timeline of this simulation in timesteps of `model`."""
         timestep, requested = rational(model.opt.timestep), self._requested_timeline(model)
         if self.episode is not None:
             return self.episode.timeline(timestep, requested)
         if requested is None and self.replay is not None:
             steps = int(self.replayed(model).steps[-1])
             if steps > LONG:
-                advice = f"{option('duration')} says how much of it is wanted; {option('map')} what its times are"
+                advice = f"limit it with {option('duration')}, or correct its times with {option('map')}"
                 raise UsageError(f"{option('replay')} lasts {steps:,} steps of {float(timestep):g} s\n{advice}")
             return Timeline.of_steps(timestep, steps)
         return requested or Timeline.lasting(timestep, DURATION)
 
     def _requested_timeline(self, model: mujoco.MjModel) -> Timeline | None:
-        """Returns the timeline that the options ask for; None if they leave the length open."""
+        """Returns the timeline that the options request; None if they do not specify a length."""
         timestep = rational(model.opt.timestep)
         if self.steps is not None:
             timeline = Timeline.of_steps(timestep, self.steps)
@@ -200,27 +200,26 @@ class Simulation(SimulationOptions):
         return timeline
 
     def stepper(self, model: mujoco.MjModel) -> Stepper:
-        """`model` at time 0, ready to step.
+        """Starts the simulation of `model`.
 
         Raises:
-          UsageError: the recording to go through is of another model, or not as long; an option is about something
-            that is missing.
+          UsageError: the recording is of another model, or too short; an option requires one that is missing.
           FileError: a recording or a table cannot be read.
         """
         if self.control_dt is not None and self.controller is self.policy is None:
-            raise UsageError(f"{option('control_dt')} says how often a {option('controller')} is called; there is none")
+            raise UsageError(f"{option('control_dt')} requires {option('controller')}, which it calls periodically")
         if self.episode is not None:
             return self.episode.stepper(model.opt.enableflags)
         if self.replay is None and isinstance(self.source, Task):
             text = clean(self.source.text)
-            raise UsageError(f"{text} is a task: say which {option('policy')} acts on it, a file, zero or random")
+            raise UsageError(f"{text} is a task: select a {option('policy')} for it: a file, zero or random")
         if self.replay is not None:
             return self._replay_controls(model) if self.replay_mode == CONTROLS else self._replay_states(model)
-        if not self._motions:  # no ghost has read a table either
+        if not self._motions:  # of a ghost, either
             for name in filter(lambda name: is_given(self, name), TABLE_READING):
-                raise UsageError(f"{option(name)} says how a table is read; there is none to {option('replay')}")
+                raise UsageError(f"{option(name)} requires a table for {option('replay')}")
         if is_given(self, "replay_mode"):
-            raise UsageError(f"{option('replay_mode')} says what is done with a {option('replay')}; there is none")
+            raise UsageError(f"{option('replay_mode')} requires {option('replay')}")
         data = self.initial_data(model)
         timestep = rational(model.opt.timestep)
         table = controller = None
@@ -234,28 +233,30 @@ class Simulation(SimulationOptions):
         return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
-        """What the user should know of this simulation before it runs."""
+        """Returns remarks for the user before the simulation runs."""
         pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
         replay = self.replay_remarks(model)
         episode = self.episode.remarks(self._requested_timeline(model)) if self.episode else []
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay, *episode]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | Motion":
-        """What is replayed: a recording, or a table as a motion of `model`; opened once, and all of it checked then.
+        """Returns the recording, or the table as a motion of `model`. It is opened once, and checked completely.
 
         Raises:
-          UsageError: a recording and a start of its own; a table that is no motion of `model`.
-          FileError: it cannot be read.
+          UsageError: a recording is combined with another initial state; a table is not a motion of `model`.
+          FileError: the file cannot be read.
         """
         assert self.replay is not None
         path = self._stored(self.replay)
         if self.replay == STDIN:
-            raise UsageError(f"{option('replay')}: what is replayed is read more than once, and standard input is not")
+            raise UsageError(
+                f"{option('replay')}: a replay is read more than once, which standard input does not allow"
+            )
         if not is_recording(path):
             try:
                 return self.motion(path, model)
             except UsageError as error:
-                if error.path[:1] != ("map",) or len(error.path) == 1:  # a hint, not a fault of the map
+                if error.path[:1] != ("map",) or len(error.path) == 1:  # a hint, not an error in the map
                     error.path = ("replay",)
                 raise
         for name in (*START, "map", "replay_rate"):
@@ -264,14 +265,14 @@ class Simulation(SimulationOptions):
         return self._recording
 
     def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> "Motion":
-        """The motion of `model` in a table, read once; what it lacks is as this simulation starts.
+        """Reads the motion of `model` from a table, once; fields that it lacks keep their initial values.
 
         Args:
-          texts: the map, instead of the simulation's own.
+          texts: map, instead of that of the simulation.
 
         Raises:
-          UsageError: the table is no motion of `model`.
-          FileError: it cannot be read.
+          UsageError: the table is not a motion of `model`.
+          FileError: the table cannot be read.
         """
         from mjrun.physics.motion_samples import Interpolation
         from mjrun.simulation.column_map import with_files
@@ -292,7 +293,7 @@ class Simulation(SimulationOptions):
 
     @cached_property
     def _motions(self) -> "dict[tuple[object, ...], Motion]":
-        """The motions that were read."""
+        """Motions that have been read."""
         return {}
 
     def _replay_states(self, model: mujoco.MjModel) -> ReplayStepper:
@@ -306,15 +307,17 @@ class Simulation(SimulationOptions):
             return stepper
 
     def _replay_controls(self, model: mujoco.MjModel) -> PhysicsStepper:
-        """Physics from the first state on, under the controls and other inputs that were recorded."""
+        """Starts physics from the first state, under the recorded controls and other inputs."""
         states = self.replayed(model)
         with concerning("replay"):
             if isinstance(states, RecordingReader):
                 require_model(model, states, states.facts.get("sizes"))
                 require_timestep(model, states)
             elif not states.has_controls:
-                expected = listing([f"{PREFIX}{name}" for name in control_names(model)]) or "nothing: no actuators"
-                raise UsageError(f"{clean(str(self.replay))} has no controls to replay; the model takes {expected}")
+                expected = listing([f"{PREFIX}{name}" for name in control_names(model)]) or "none: it has no actuators"
+                raise UsageError(
+                    f"{clean(str(self.replay))} has no controls to replay; those of the model are {expected}"
+                )
         data = mujoco.MjData(model)
         state.restore(model, data, states.state(0))
         timestep = rational(model.opt.timestep)
@@ -323,28 +326,28 @@ class Simulation(SimulationOptions):
         return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
     def replay_remarks(self, model: mujoco.MjModel) -> list[str]:
-        """What the user should know of what is replayed, if anything is."""
+        """Returns remarks on the replay, if any."""
         if self.replay is None:
             return []
         states = self.replayed(model)
         again = self.replay_mode == CONTROLS
         held = self._held_inputs(model, int(states.steps[-1])) if again else []
         if not isinstance(states, RecordingReader):
-            derived = "forces and energies are what this model makes of the positions in the table"
+            derived = "forces and energies are computed by this model from the positions in the table"
             return [*states.remarks, *(held if again else [derived])]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
             return held
-        shown = "positions are as recorded, forces and energies are what this model makes of them"
-        meaning = "the motion is what its inputs make of this model" if again else shown
+        shown = "positions are the recorded ones, forces and energies are computed by this model"
+        meaning = "the motion is computed by this model from the recorded inputs" if again else shown
         return [f"the recording was made with other physics: {meaning}", *held]
 
     def _held_inputs(self, model: mujoco.MjModel, last: int) -> list[str]:
-        """What to know where physics goes on after the `last` recorded step."""
+        """Returns remarks on physics that continues after the `last` recorded step."""
         timeline = self.timeline(model)
         if timeline.steps <= last:
             return []
         end = f"{clean(str(self.replay))} ends at {float(timeline.time(last)):g} s"
-        return [f"{end}: from then on its last controls, applied forces and mocap poses hold"]
+        return [f"{end}; its last controls, applied forces and mocap poses hold from then on"]
 
     def _noise(self, model: mujoco.MjModel) -> ControlNoise | None:
         if not self.ctrl_noise:
@@ -365,13 +368,13 @@ class Simulation(SimulationOptions):
 
 
 def require_simulation(value: object) -> None:
-    """Raises UsageError if `value` is something else than a simulation, such as its model."""
+    """Raises UsageError if `value` is not a simulation but, for example, a model."""
     if not isinstance(value, Simulation):
         example = f"mjrun.Simulation({value!r})" if isinstance(value, str) else "mjrun.Simulation(…)"
         raise UsageError(f"simulation: {quoted(str(value))} is not a simulation; write {clean(example)}")
 
 
 def require_countable(steps: int, name: str) -> None:
-    """Raises UsageError if the option `name` asks for more steps than numbers can tell apart."""
+    """Raises UsageError if the option `name` requests more steps than floats can distinguish."""
     if steps > EXACT:
-        raise UsageError(f"{option(name)}: more steps than {EXACT:.1g}, which could not be told apart")
+        raise UsageError(f"{option(name)}: more than {EXACT:.1g} steps, which floats cannot distinguish")

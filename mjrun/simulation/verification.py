@@ -1,4 +1,4 @@
-"""Verification of a recording: its physics stepped again, and what differs."""
+"""Verification of a recording: its physics is stepped again and compared with its states."""
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,27 +22,27 @@ from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation
 
 SCHEMA = "mjrun-verify-1"
-VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "machine": "machine"}  # what decides the bits
+VERSIONS = {"mjrun": "mjrun", "mujoco": "MuJoCo", "machine": "machine"}  # which determine the bits
 OVERRIDES = ("set", "timestep", "integrator")
 THINNED = (
-    "the recording does not have every step: inputs that changed between two of its states are not in it, "
-    "and would make them differ"
+    "the recording does not contain every step: inputs that changed between two of its states are missing, and would "
+    "make them differ"
 )
 UNEXPLAINED = (
     "versions, machine, model and overrides are those of the recording: this state, or the inputs of the one before, "
     "were changed later"
 )
 
-PROGRESS = 1000  # states from one report to the next
+PROGRESS = 1000  # states between two reports of progress
 
 
 @dataclass(frozen=True)
 class FirstDifference:
-    """Where physics leaves the recorded states.
+    """The first recorded state that physics does not reproduce.
 
     Attributes:
-      index, step: of the first recorded state that differs.
-      recorded, stepped: the integration states `(nstate,)` there; inputs are the recorded ones in both.
+      index, step: index and step of the state.
+      recorded, stepped: recorded and stepped integration states `(nstate,)`; both contain the recorded inputs.
     """
 
     index: int
@@ -52,14 +52,14 @@ class FirstDifference:
 
 
 @dataclass(frozen=True)
-class FieldDifference:
-    """A field that differs, by that of its numbers which differs most.
+class StateDifference:
+    """A field of the state that differs, represented by the number that differs most.
 
     Attributes:
-      field: of MjData, such as `qpos`.
-      name: of the number, as columns are named: `qpos/left_knee`, `qvel/root/wz`.
-      recorded, stepped: its values in the recording, and stepped again; None if that is not finite.
-      count: how many numbers of the field differ.
+      field: field of MjData, such as `qpos`.
+      name: column of the number: `qpos/left_knee`, `qvel/root/wz`.
+      recorded, stepped: recorded and stepped values; None if stepping gives a value that is not finite.
+      count: number of values of the field that differ.
     """
 
     field: str
@@ -71,17 +71,17 @@ class FieldDifference:
 
 @dataclass(frozen=True)
 class VerificationResult:
-    """Whether a recording is what its physics makes.
+    """The result of a verification.
 
     Attributes:
-      path: of the recording.
-      agrees: whether every compared state is the same, bit for bit.
-      states: how many were compared, the first included, up to the first that differs.
-      steps: the step of the last of them.
-      time: simulated time [s] there.
-      differences: of that state, where it differs, in the order of the state.
-      origins: what is not as it was when the recording was made, in sentences; what is not known is left out.
-      schema: of this document.
+      path: path of the recording.
+      agrees: whether all compared states are identical, bit for bit.
+      states: number of compared states, from the first to the last or to the first that differs.
+      steps: step of the last compared state.
+      time: simulated time of that state [s].
+      differences: differences of that state, in the order of its fields.
+      origins: sentences on what has changed since the recording was made; unknown origins are left out.
+      schema: name of this schema.
     """
 
     path: str
@@ -89,28 +89,28 @@ class VerificationResult:
     states: int
     steps: int
     time: float
-    differences: Sequence[FieldDifference]
+    differences: Sequence[StateDifference]
     origins: Sequence[str]
     schema: str = SCHEMA
 
 
 def verify(simulation: Simulation, reporter: Reporter | None = None) -> VerificationResult:
-    """Steps from the first state of a recording with its inputs, and compares every state that it holds.
+    """Steps from the first state of a recording with its inputs, and compares all of its states.
 
     Args:
-      simulation: with the recording as `replay`; a duration or a number of steps ends the comparison earlier.
+      simulation: simulation with the recording as `replay`; its duration or number of steps limits the comparison.
 
     Raises:
-      UsageError: there is no recording, it is of another model, or not as long.
-      FileError: it cannot be read.
-      FailedStepError: MuJoCo gave up.
+      UsageError: there is no recording, or it is of another model, or too short.
+      FileError: the recording cannot be read.
+      FailedStepError: MuJoCo could not complete a step.
     """
     reporter = reporter or WarningReporter()
     if simulation.replay is None:
-        raise UsageError(f"{option('verify')} compares a recording with its physics: name it by {option('replay')}")
+        raise UsageError(f"{option('verify')} requires a recording: name it with {option('replay')}")
     if not is_recording(Path(simulation.replay)):
         raise UsageError(
-            f"{option('verify')} steps a recording again, and {clean(simulation.replay)} is none\n"
+            f"{option('verify')} requires a recording, and {clean(simulation.replay)} is not one\n"
             f"{option('recording')} FILE.npz makes one"
         )
     with collected_warnings(), without_timers(), RecordingReader(simulation.replay) as recording:
@@ -127,7 +127,7 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
         index = last if difference is None else difference.index
         step = int(recording.steps[index])
         now = origin(simulation, simulation, model, timeline)
-        origins = [*_origins(recording.facts, {**now}, model)]
+        origins = [*_changes(recording.facts, {**now}, model)]
         if difference is not None and index < step:
             origins.append(THINNED)
         elif difference is not None and not origins:
@@ -148,17 +148,17 @@ def first_difference(
 ) -> FirstDifference | None:
     """Steps from the first of `states` up to number `last`, and compares every recorded state, bit for bit.
 
-    Inputs are those recorded: controls, applied forces, mocap poses, active equalities and user data. Between recorded
-    states that are further apart than a step they stay what they are at the first of the two.
+    Inputs are the recorded ones: controls, applied forces, mocap poses, active equalities and user data. Between states
+    that are several steps apart, they hold the values of the first of the two.
 
     Args:
-      progress: told from time to time how many states agree.
+      progress: function that is called with the number of identical states from time to time.
 
     Returns:
-      Where they differ first; None if they do not.
+      The first difference; None if all states are identical.
 
     Raises:
-      FailedStepError: MuJoCo gave up.
+      FailedStepError: MuJoCo could not complete a step.
     """
     model = copy.copy(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -183,9 +183,9 @@ def first_difference(
     return None
 
 
-def _field_differences(model: mujoco.MjModel, difference: FirstDifference) -> list[FieldDifference]:
+def _field_differences(model: mujoco.MjModel, difference: FirstDifference) -> list[StateDifference]:
     names = state_columns(model)
-    differences: list[FieldDifference] = []
+    differences = list[StateDifference]()
     for field, part in state.fields(state.sizes(model)).items():
         recorded, stepped = difference.recorded[part], difference.stepped[part]
         differing = recorded.view(np.int64) != stepped.view(np.int64)
@@ -195,12 +195,12 @@ def _field_differences(model: mujoco.MjModel, difference: FirstDifference) -> li
         most = int(apart.argmax())
         again = float(stepped[most]) if np.isfinite(stepped[most]) else None
         name, count = names[int(part.start) + most], int(differing.sum())
-        differences.append(FieldDifference(field, name, float(recorded[most]), again, count))
+        differences.append(StateDifference(field, name, float(recorded[most]), again, count))
     return differences
 
 
-def _origins(recorded: Mapping[str, object], now: Mapping[str, object], model: mujoco.MjModel) -> Iterator[str]:
-    """What differs between what made the recording and what is here. A recording may say anything."""
+def _changes(recorded: Mapping[str, object], now: Mapping[str, object], model: mujoco.MjModel) -> Iterator[str]:
+    """Yields the differences between the origin of the recording and this one. Facts of a recording are untrusted."""
     if recorded.get("physics", physics := physics_fingerprint(model)) != physics:
         yield f"the physics of the model is not that of the recording, which was made from {_model(recorded)}"
     for key, name in VERSIONS.items():
@@ -219,7 +219,7 @@ def _model(recorded: Mapping[str, object]) -> str:
 
 
 def _overrides(options: object) -> list[str] | None:
-    """The overrides in the `options` of a manifest; None if they are not what a manifest has."""
+    """Returns the overrides in the `options` of a manifest; None if they are malformed."""
     try:
         simulation = cast("Any", options)["simulation"]
         texts = [f"{path}={value}" for path, value in simulation["set"]]

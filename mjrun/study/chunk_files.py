@@ -1,7 +1,7 @@
-"""The results of a study on disk: every chunk is a Parquet file of its own, and the files are all that is known.
+"""Results of a study on disk: each chunk is a separate Parquet file, and these files are the only record.
 
-A row is found by the key of its point, a hash of everything that decides its result, so that a study can be stopped,
-changed and continued, by any number of processes at once.
+Each row is identified by the key of its point, a hash of everything that determines its result. A study can therefore
+be stopped, changed and continued by any number of processes at once.
 """
 
 import hashlib
@@ -23,31 +23,30 @@ from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource
-from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.manifest import plain
-from mjrun.study.point_simulation import FILES, MODEL, simulation_at
-from mjrun.study.spec import PointResult, Status, StudySpec, code_hash, versions
+from mjrun.study.spec import FILES, MODEL, PointResult, Status, StudySpec, code_hash, simulation_at, versions
 
 if TYPE_CHECKING:
     import pyarrow
 
 SUFFIX = ".parquet"
-METRIC = "metric:"  # before the name of each
+METRIC = "metric:"  # precedes the name of each metric
+FINAL = ("ok", "unstable")  # statuses that another attempt would not change
 LAST = ("steps", "exit_code", "message", "wall")
-KNOWN = get_args(Status)
 PATHS = ("model", "ctrl_from", "replay")  # options of a simulation that are files
 
 
 def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[ModuleSource] = ()) -> dict[str, object]:
-    """All that decides the results of a study, but for the values of its points; plain values, for JSON.
+    """Returns everything that determines the results of a study except the values of its points, as plain values.
 
     Args:
-      model: the base model, compiled.
-      modules: the user's code as it is simulated.
+      model: compiled base model.
+      modules: the user's code as it will be executed.
     """
-    base, snapshot = replace(spec.base, snapshot=None), _snapshot(spec)
+    assert spec.base.snapshot, "a study reads copies of its files"
+    base, snapshot = replace(spec.base, snapshot=None), spec.base.snapshot
     simulation = cast("dict[str, object]", plain(base))
-    simulation |= dict.fromkeys(PATHS)  # what is in the files counts, not where they are
+    simulation |= dict.fromkeys(PATHS)  # the contents of the files count, not their places
     simulation["map"] = [text for text in base.map if not text.startswith("@")]
     return {
         **versions(),
@@ -64,9 +63,9 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[Mod
 
 
 def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable[Sequence[str]]) -> list[str]:
-    """The key of each point: 32 hexadecimal digits."""
+    """Returns the key of each point: 32 hexadecimal digits."""
     base = hashlib.sha256(json.dumps(identity, sort_keys=True).encode())
-    keys = []
+    keys = list[str]()
     files = {index: _file_hashes(spec, name) for index, name in enumerate(spec.names) if name in FILES}
     for values in points:
         if files:
@@ -77,14 +76,10 @@ def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable
     return keys
 
 
-def _snapshot(spec: StudySpec) -> InputSnapshot:
-    assert spec.base.snapshot, "a study reads copies of its files"
-    return spec.base.snapshot
-
-
 def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
-    """What gives the hash of the files behind a value of the option `name`; the value itself where there are none."""
-    snapshot, base = _snapshot(spec), replace(spec.base, snapshot=None)
+    """Returns a function from a value of the option `name` to the hash of its files; a value without files stays."""
+    assert spec.base.snapshot
+    snapshot, base = spec.base.snapshot, replace(spec.base, snapshot=None)
 
     @cache
     def hashed(text: str) -> str:
@@ -92,7 +87,7 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
             varied = simulation_at(base, (name,), (text,))
             files = varied.source.files if name == MODEL else [Path(text)]
             code = varied.source.code if name == MODEL else ""
-        except MjrunError:  # which the point fails with
+        except MjrunError:  # the point will fail with this error
             return text
         return "".join(map(snapshot.digest, files)) + code or text
 
@@ -100,22 +95,25 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
 
 
 class ChunkFiles:
-    """The parts in the folder of a study.
+    """The part files in the folder of a study, one for each chunk.
 
     Args:
-      folder: of the study.
-      metrics: their names.
+      folder: folder of the study.
+      metrics: names of the metrics.
+
+    Attributes:
+      damaged: parts that the last `read` could not read.
     """
 
     def __init__(self, folder: Path, metrics: Sequence[str]) -> None:
         self._folder, self._metrics = folder / PARTS, tuple(metrics)
-        self.damaged: list[Path] = []  # of those that were read
+        self.damaged = list[Path]()
 
     def create(self) -> None:
-        """Makes the folder, if it is not there yet.
+        """Creates the folder of the parts if it does not exist.
 
         Raises:
-          FileError: it cannot be made.
+          FileError: the folder cannot be created.
         """
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -124,28 +122,28 @@ class ChunkFiles:
         remove_left_behind(self._folder)
 
     def exist(self) -> bool:
-        """Whether there is a folder for them."""
+        """Returns whether the folder of the parts exists."""
         return is_folder(self._folder)
 
     def size(self) -> int:
-        """How large the parts are [bytes]."""
+        """Returns the size of all parts [bytes]."""
         return sum(path.stat().st_size for path in self._paths())
 
     def read(self) -> dict[str, PointResult]:
-        """The results that are there, by the key of their points; where there are several of one, a good one.
+        """Reads all results, by the key of their points; of several results of a point, prefers one that is final.
 
-        A result's `index` means nothing yet. Files that are not parts of this study are passed over, and so are
-        `damaged` ones, such as a power cut leaves: their points are simulated once more.
+        The `index` of a result has no meaning yet. Files that are not parts of this study are skipped. So are `damaged`
+        ones, such as a power failure leaves: their points will be simulated again.
 
         Raises:
-          FileError: a part may not be read.
+          FileError: a part cannot be read for lack of permission.
         """
         import pyarrow
 
         from mjrun.formats.arrow_columns import read_whole_parquet
 
         self.damaged = []
-        results: dict[str, PointResult] = {}
+        results = dict[str, PointResult]()
         for path in self._paths():
             try:
                 with path.open("rb") as stream:
@@ -158,27 +156,27 @@ class ChunkFiles:
                 continue
             for row in rows:
                 result = self._result(row)
-                if result and (row["key"] not in results or results[row["key"]].status not in ("ok", "unstable")):
+                if result and (row["key"] not in results or results[row["key"]].status not in FINAL):
                     results[row["key"]] = result
         return results
 
     def write(self, keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
-        """Publishes a part, in one step.
+        """Publishes a part in one step.
 
         Raises:
-          FileError: it cannot be written.
+          FileError: the part cannot be written.
         """
         import pyarrow.parquet
 
         table = _part(keys, results, host, self._metrics)
         name = hashlib.sha256("".join(keys).encode()).hexdigest()[:16]
         with OutputWriter(StagedFile(self._folder / f"{name}{SUFFIX}")) as output, output.writing():
-            with Path(output.destination.path).open("wb") as stream:  # by a path it takes no other names than UTF-8
+            with Path(output.destination.path).open("wb") as stream:  # as a path, the name would have to be UTF-8
                 pyarrow.parquet.write_table(table, stream, compression="zstd")
             output.publish()
 
     def _paths(self) -> list[Path]:
-        """The files that may be parts.
+        """Lists the files that may be parts.
 
         Raises:
           FileError: the folder cannot be read.
@@ -189,7 +187,7 @@ class ChunkFiles:
             raise FileError(self._folder, f"cannot be read: {error.strerror}") from None
 
     def _is_part(self, schema: "pyarrow.Schema") -> bool:
-        """Whether a file with these columns is a part of this study, or one of another, or of something else."""
+        """Returns whether a file with these columns is a part of this study."""
         metrics = {name for name in schema.names if name.startswith(METRIC)}
         if metrics != {METRIC + name for name in self._metrics} or len(set(schema.names)) < len(schema.names):
             return False
@@ -197,15 +195,15 @@ class ChunkFiles:
         return all(name in schema.names and schema.field(name).type == ours.field(name).type for name in ours.names)
 
     def _result(self, row: Mapping[str, object]) -> PointResult | None:
-        """The result in a row; None if it is none, for a file is not trusted."""
-        if row["status"] not in KNOWN or None in row.values():
+        """Returns the result in a row; None if the row is invalid, since files are untrusted."""
+        if row["status"] not in get_args(Status) or None in row.values():
             return None
         metrics = tuple(row[METRIC + name] for name in self._metrics)
         return PointResult(-1, row["status"], metrics, *(row[name] for name in LAST))  # type: ignore[arg-type]
 
 
 def part_bytes(metrics: Sequence[str], count: int) -> int:
-    """About how large a part of `count` points is [bytes], measured on one with random numbers."""
+    """Estimates the size of a part of `count` points [bytes], from a part with random numbers."""
     import pyarrow
     import pyarrow.parquet
 
@@ -218,7 +216,6 @@ def part_bytes(metrics: Sequence[str], count: int) -> int:
 
 
 def _part(keys: Sequence[str], results: Sequence[PointResult], host: str, metrics: Sequence[str]) -> "pyarrow.Table":
-    """The table of a part."""
     import pyarrow
 
     from mjrun.formats.arrow_columns import number_array, text_array

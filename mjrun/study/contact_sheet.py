@@ -1,4 +1,4 @@
-"""A contact sheet: videos of points side by side, at the same simulated time, with their values as captions."""
+"""Contact sheets: videos of points in a grid, at the same simulated time, with parameter values as captions."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -15,16 +15,16 @@ from mjrun.formats.video_writer import VideoWriter
 from mjrun.rendering.text import stamp
 
 MOST = 36  # cells
-LARGEST = 3840  # pixels a side; cells are made smaller to stay below
-SHAPE = 16 / 9  # that a sheet comes close to
+LARGEST = 3840  # pixels per side; cells shrink to stay below
+SHAPE = 16 / 9  # preferred ratio of width to height
 GAP = 4  # between cells [pixels]
 GROUND = 14  # grey between cells and in empty ones
-DIMMED = 0.35  # brightness of a cell that became unstable
+DIMMED = 0.35  # brightness of a cell whose simulation became unstable
 
 
 @dataclass(frozen=True)
 class SheetCell:
-    """A cell: a video, its caption, and what is written into it when it ends before the others, if anything is."""
+    """A cell: a video, its caption, and a note that appears when the video ends; empty for none."""
 
     video: Path
     caption: str
@@ -33,12 +33,12 @@ class SheetCell:
 
 @dataclass(frozen=True)
 class SheetLayout:
-    """Where cells stand.
+    """Arrangement of cells.
 
     Attributes:
-      columns, rows: how many there are.
-      width, height: of a cell [pixels], even.
-      shrink: how many pixels of a video become one, each way.
+      columns, rows: number of columns and rows.
+      width, height: size of a cell [pixels], even.
+      shrink: pixels of a video per pixel of the sheet, in each direction.
     """
 
     columns: int
@@ -56,47 +56,50 @@ class SheetLayout:
         )
 
     def place(self, index: int) -> tuple[slice, slice]:
-        """The pixels of a cell: rows and columns."""
+        """Returns the rows and columns of the pixels of a cell."""
         row, column = divmod(index, self.columns)
         top, left = row * (self.height + GAP), column * (self.width + GAP)
         return slice(top, top + self.height), slice(left, left + self.width)
 
 
 def sheet_layout(cells: int, size: tuple[int, int]) -> SheetLayout:
-    """The layout of so many videos of a `size`: the one closest to `SHAPE` among those with the fewest empty cells.
+    """Chooses the layout of videos of one `size`: close to `SHAPE`, with few empty cells.
 
-    Each is as large as it is, or a whole number of times smaller where the sheet would be too large.
+    Cells have the size of the videos, or are a whole number of times smaller where the sheet would be too large.
     """
 
-    def unlikeness(columns: int) -> float:
+    def badness(columns: int) -> float:
         rows = -(-cells // columns)
         shape = columns * size[0] / (rows * size[1])
         return abs(math.log(shape / SHAPE)) + (columns * rows - cells) / cells
 
-    columns = min(range(1, cells + 1), key=unlikeness)
+    columns = min(range(1, cells + 1), key=badness)
     rows = -(-cells // columns)
-    layouts = (SheetLayout(columns, rows, *_shrunk_size(size, shrink), shrink) for shrink in count(1))
-    return next(layout for layout in layouts if max(layout.size) <= LARGEST)
+
+    def layout(shrink: int) -> SheetLayout:
+        width, height = (-(-(side // shrink) // 2) * 2 for side in size)
+        return SheetLayout(columns, rows, width, height, shrink)
+
+    return next(each for each in map(layout, count(1)) if max(each.size) <= LARGEST)
 
 
 def write_contact_sheet(output: str, cells: Sequence[SheetCell], fps: Fraction, speed: Fraction) -> list[Path]:
-    """Writes the videos of `cells`, which have one size and frame rate, into one.
+    """Writes the videos of `cells`, which have one size and frame rate, into one video.
 
-    Frame k of the sheet shows frame k of every video, which is of the same simulated time; one that has ended stays
-    on its last frame, dimmed where it says so.
+    Frame k of the sheet shows frame k of every video, which are of the same simulated time. A video that has ended
+    stays on its last frame, dimmed where its cell has a note.
 
     Returns:
       The file.
 
     Raises:
       FileError: a video cannot be read, or the sheet cannot be written; an existing one is untouched.
-      UsageError: the format cannot hold it.
+      UsageError: the format does not support the size or the frame rate.
     """
     videos = [read_video(cell.video) for cell in cells]
     layout = sheet_layout(len(cells), videos[0].size)
-    clock_scale = (layout.height / layout.size[1]) ** 0.6  # as large as the captions, whatever the height of the sheet
-    how = encoding(output)
-    with VideoWriter(output, how, layout.size, fps) as writer:
+    clock_scale = (layout.height / layout.size[1]) ** 0.6  # in proportion to the captions, not to the sheet
+    with VideoWriter(output, encoding(output), layout.size, fps) as writer:
         for index, frame in enumerate(_frames(cells, [iter(video) for video in videos], layout)):
             stamp(frame, f"{float(index * speed / fps):.2f} s", "bottom-right", clock_scale)
             writer.write(frame)
@@ -107,7 +110,7 @@ def write_contact_sheet(output: str, cells: Sequence[SheetCell], fps: Fraction, 
 def _frames(
     cells: Sequence[SheetCell], videos: Sequence[Iterator[np.ndarray]], layout: SheetLayout
 ) -> Iterator[np.ndarray]:
-    """The frames of the sheet, while any of the videos goes on."""
+    """Yields the frames of the sheet, until all videos have ended."""
     width, height = layout.size
     running = set(range(len(cells)))
     sheet = np.full((height, width, 3), GROUND, np.uint8)
@@ -129,14 +132,8 @@ def _frames(
         yield sheet.copy()
 
 
-def _shrunk_size(size: tuple[int, int], shrink: int) -> tuple[int, int]:
-    """Width and height of a cell, even."""
-    width, height = (-(-(side // shrink) // 2) * 2 for side in size)
-    return width, height
-
-
 def _shrunk(frame: np.ndarray, layout: SheetLayout) -> np.ndarray:
-    """A frame in the size of a cell: the mean of its pixels, and its last ones again for a side that is odd."""
+    """Shrinks a frame to the size of a cell by averaging its pixels; repeats the last pixels of an odd side."""
     step, height, width = layout.shrink, frame.shape[0] // layout.shrink, frame.shape[1] // layout.shrink
     if step > 1:
         blocks = frame[: height * step, : width * step].reshape(height, step, width, step, 3)

@@ -1,6 +1,6 @@
-"""Where chunks of points run, and how large they are.
+"""Executors of chunks of points, and the sizes of chunks.
 
-They run on this machine, or by an existing engine for many; all are `concurrent.futures.Executor`s.
+Chunks run on this machine or on an existing distributed engine; each executor is a `concurrent.futures.Executor`.
 """
 
 import threading
@@ -11,42 +11,41 @@ from contextlib import ExitStack
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
 from mjrun.errors import MjrunError, UsageError, clean, option
-from mjrun.options.number_kinds import AUTO
 from mjrun.options.sweep import EXTRAS
 from mjrun.packages import require
 from mjrun.physics.warp_device import require_library
 from mjrun.platform.cores import available_cores
 from mjrun.study.isolation import run_chunk
-from mjrun.study.spec import Chunk, ChunkResult
+from mjrun.study.spec import ChunkResult, PointChunk
 
 ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory")
 WARP, SLURM = "warp", "slurm"
 PATIENCE = 20  # [s] for a scheduler to answer
-POLL = 0.2  # [s] between two looks at jobs of slurm
-REFUSALS = 5  # of a chunk's results, after which its points have failed
-SECONDS = 3.0  # that a chunk takes, which are lost when it is killed
-LEAST_SECONDS = 0.2  # of the last chunks, which are smaller so that all workers end together
-GROWTH = 4  # from the largest measured chunk to the next: few points tell little of many
+POLL = 0.2  # [s] between two queries of Slurm jobs
+REFUSALS = 5  # refused results of a chunk, after which its points have failed
+SECONDS = 3.0  # wall time of a chunk, which is lost when it is killed
+LEAST_SECONDS = 0.2  # wall time of the last chunks, which are smaller so that all workers end together
+GROWTH = 4  # from the largest measured chunk to the next, since a few points predict many badly
 MOST = 4096  # points in a chunk
-QUEUED = 3  # chunks that wait for each process, beside the one that runs
+QUEUED = 3  # chunks that wait for each process in addition to the running one
 
 
 class ChunkSizes:
-    """The sizes of the chunks of a study, each decided when it is handed out.
+    """Decides the size of each chunk of a study when it is submitted.
 
     A point is expected to take the mean time of points, or the mean time of its steps where that is more.
 
     Args:
-      size: of all chunks; measured when None.
+      size: size of all chunks; None chooses it by measurement.
       ahead: chunks in flight, a multiple of the workers.
-      seconds: that a chunk should take [s].
-      first: points of a chunk before anything is measured.
+      seconds: target wall time of a chunk [s].
+      first: points in a chunk before anything is measured.
     """
 
     def __init__(self, size: int | None, ahead: int, seconds: float = SECONDS, first: int = 1) -> None:
@@ -54,7 +53,11 @@ class ChunkSizes:
         self._points = self._steps = self._seconds = 0.0
 
     def next(self, steps: np.ndarray) -> int:
-        """How many points the next chunk takes of those that are left, which have so many steps `(n,)`, n > 0."""
+        """Returns the number of points in the next chunk.
+
+        Args:
+          steps: steps of each remaining point `(n,)`, n > 0.
+        """
         left = len(steps)
         if self._size:
             return min(self._size, left)
@@ -67,7 +70,7 @@ class ChunkSizes:
         return max(1, min(fair, int(np.searchsorted(ends, self._target, "right")), GROWTH * self._largest))
 
     def add(self, points: int, steps: int, seconds: float) -> None:
-        """Takes the measurement of a chunk: its wall time [s] in the worker. Earlier ones count half with each."""
+        """Adds the wall time of a chunk [s], measured in the worker; the weight of earlier ones is halved."""
         self._points = self._points / 2 + points
         self._steps = self._steps / 2 + steps
         self._seconds = self._seconds / 2 + seconds
@@ -75,40 +78,43 @@ class ChunkSizes:
 
 
 def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
-    """What runs chunks, closed by `stack`, and how many to hand it at a time.
+    """Opens an executor, to be closed by `stack`, and returns it with the number of chunks to keep in flight.
 
     Args:
-      folder: for the logs of engines that write any.
+      folder: folder for the logs of Slurm.
 
     Raises:
-      UsageError: there is no such engine.
+      UsageError: the engine is unknown.
       MissingExtraError: its library is not installed.
     """
     check_engine(engine)
-    count = _count(jobs) if engine != WARP else 1  # which has all of a GPU
+    count = 1 if engine == WARP else jobs if isinstance(jobs, int) else available_cores()  # Warp uses the whole GPU
     if engine in ("local", WARP):
         pool = ThreadPoolExecutor(count, thread_name_prefix="study")  # threads that wait for processes
         stack.callback(pool.shutdown, wait=False, cancel_futures=True)
         return pool, count * QUEUED
-    if engine == "dask" or engine.startswith("dask://"):
+    if _is_dask(engine):
         return _dask(engine.removeprefix("dask").removeprefix("://"), count, stack)
     if engine == SLURM:
-        return _slurm(count, folder, stack)
-    return stack.enter_context(_made_by(engine, *_factory(engine))), count * QUEUED
+        import submitit
+
+        submitter = submitit.AutoExecutor(folder=folder / "slurm")  # starts local processes where Slurm is missing
+        return stack.enter_context(SubmittedJobs(submitter.submit)), count * QUEUED
+    return stack.enter_context(_made_by(engine)), count * QUEUED
 
 
 def check_engine(engine: str) -> None:
     """Refuses an engine that cannot be used, before anything is written.
 
     Raises:
-      UsageError: there is no such engine.
+      UsageError: the engine is unknown.
       MissingExtraError: its library is not installed.
     """
     if engine not in ("local", WARP):
         require_unconfined(f"{option('engine')} {clean(engine)} works in processes of others")
     if engine == WARP:
         require_library()
-    elif engine == "dask" or engine.startswith("dask://"):
+    elif _is_dask(engine):
         require_extra("dask")
     elif engine == SLURM:
         require_extra("slurm")
@@ -117,33 +123,33 @@ def check_engine(engine: str) -> None:
 
 
 def process_count(engine: str, jobs: int | str) -> int | None:
-    """How many processes simulate; None where they are not ours to start.
+    """Returns the number of processes that simulate; None where another system decides.
 
     Raises:
-      UsageError: there is no such engine.
+      UsageError: the engine is unknown.
     """
     if engine == WARP:
         return 1
     if engine in ("local", "dask", SLURM):
-        return _count(jobs)
-    if not engine.startswith("dask://"):
+        return jobs if isinstance(jobs, int) else available_cores()
+    if not _is_dask(engine):
         _factory(engine)
     return None
 
 
 def completed(
-    executor: Executor, chunks: Iterator[Chunk], ahead: int, fault: Callable[[ChunkResult], str]
-) -> Iterator[tuple[Chunk, ChunkResult]]:
-    """The results of chunks as they come, while at most `ahead` of them are in flight.
+    executor: Executor, chunks: Iterator[PointChunk], ahead: int, fault: Callable[[ChunkResult], str]
+) -> Iterator[tuple[PointChunk, ChunkResult]]:
+    """Yields the results of chunks as they arrive, while at most `ahead` chunks are in flight.
 
-    A machine without copies of the study's files gets them. Results that are refused are simulated again; the points
-    of a chunk that is refused `REFUSALS` times have failed.
+    A machine without copies of the study's files receives them. Refused results are simulated again; the points of a
+    chunk that is refused `REFUSALS` times have failed.
 
     Args:
-      fault: says why results are refused; empty if they are not.
+      fault: returns the reason to refuse results; empty to accept them.
     """
-    running: dict[Future[ChunkResult], Chunk] = {}
-    again: deque[Chunk] = deque()
+    running = dict[Future[ChunkResult], PointChunk]()
+    again = deque[PointChunk]()
     while True:
         while len(running) < ahead and (chunk := again.popleft() if again else next(chunks, None)):
             running[executor.submit(run_chunk, chunk)] = chunk
@@ -153,7 +159,7 @@ def completed(
             chunk = running.pop(future)
             result = _result(future, chunk)
             if result.lacks_files and chunk.contents is None:
-                again.append(chunk.with_contents())
+                again.append(replace(chunk, contents=chunk.study.snapshot.contents()))
             elif not (reason := fault(result)):
                 yield chunk, result
             elif chunk.refusals + 1 < REFUSALS:
@@ -162,8 +168,8 @@ def completed(
                 yield chunk, replace(chunk.failed(reason), is_refused=True)
 
 
-def _result(future: Future[ChunkResult], chunk: Chunk) -> ChunkResult:
-    """The results of a chunk; where an engine has lost it, each of its points has failed."""
+def _result(future: Future[ChunkResult], chunk: PointChunk) -> ChunkResult:
+    """Returns the results of a chunk; each point of a chunk that the engine lost has failed."""
     try:
         return future.result()
     except MjrunError:
@@ -172,9 +178,13 @@ def _result(future: Future[ChunkResult], chunk: Chunk) -> ChunkResult:
         return chunk.failed(f"the engine lost it: {type(error).__name__}: {error}")
 
 
+def _is_dask(engine: str) -> bool:
+    return engine == "dask" or engine.startswith("dask://")
+
+
 def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
-    """A cluster that listens at `address`, or one of this machine's cores."""
-    import distributed  # whose functions say that they may return coroutines
+    """Connects to the cluster that listens at `address`, or to a new one on this machine."""
+    import distributed  # whose functions are annotated as if they might return coroutines
 
     client_class: Any = distributed.Client
     cluster_class: Any = distributed.LocalCluster
@@ -184,41 +194,22 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     try:
         client = stack.enter_context(client_class(address, timeout=PATIENCE))
     except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(
-            f"{option('engine')}: no Dask scheduler answers at {clean(address)}: {clean(str(error))}"
-        ) from None
+        reason = f"no Dask scheduler answers at {clean(address)}: {clean(str(error))}"
+        raise UsageError(f"{option('engine')}: {reason}") from None
     workers = max(1, sum(client.nthreads().values()))
     return client.get_executor(pure=False), workers * QUEUED
 
 
-def _slurm(count: int, folder: Path, stack: ExitStack) -> tuple[Executor, int]:
-    """Jobs of Slurm; where there is none, processes of this machine that submitit starts in the same way."""
-    import submitit
-
-    made = submitit.AutoExecutor(folder=folder / "slurm")
-    return stack.enter_context(SubmittedJobs(made.submit)), count * QUEUED
-
-
-class SubmittedJob(Protocol):
-    """A job that can be asked whether it is done."""
-
-    def done(self) -> bool: ...
-
-    def result(self) -> Any: ...
-
-    def cancel(self) -> object: ...
-
-
 class SubmittedJobs(Executor):
-    """An executor of `concurrent.futures` on jobs that can only be asked whether they are done.
+    """An executor on jobs that have to be polled.
 
     Args:
-      start: submits a call, and returns a job with `done()` and `result()`.
+      start: function that submits a call and returns its job, with the methods `done`, `result` and `cancel`.
     """
 
-    def __init__(self, start: Callable[..., SubmittedJob]) -> None:
+    def __init__(self, start: Callable[..., Any]) -> None:
         self._start = start
-        self._waiting: dict[Future[Any], SubmittedJob] = {}
+        self._waiting = dict[Future[Any], Any]()
         self._lock, self._closed = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._watch, name="submitted jobs", daemon=True)
         self._thread.start()
@@ -246,19 +237,21 @@ class SubmittedJobs(Executor):
             for future, job in done:
                 try:
                     future.set_result(job.result())
-                except Exception as error:  # whatever became of the job, whoever waits for it is told
+                except Exception as error:  # of whatever kind: the waiting thread raises it
                     future.set_exception(error)
 
 
 def _factory(engine: str) -> tuple[str, str]:
-    """The module and the name in `module:factory`."""
+    """Splits `module:factory`."""
     module, colon, name = engine.partition(":")
     if not (colon and module and name):
         raise UsageError(f"{option('engine')}: no engine {clean(engine)}\nengines: {', '.join(ENGINES)}")
     return module, name
 
 
-def _made_by(engine: str, module: str, name: str) -> Executor:
+def _made_by(engine: str) -> Executor:
+    """Calls the factory `module:factory`."""
+    module, name = _factory(engine)
     try:
         made = getattr(import_module(module), name)()
     except (ImportError, AttributeError) as error:
@@ -273,7 +266,3 @@ def require_extra(extra: str) -> None:
     """Raises MissingExtraError or WrongVersionError if the libraries of an extra of studies cannot be used."""
     libraries, use = EXTRAS[extra]
     require(use, extra, *libraries)
-
-
-def _count(jobs: int | str) -> int:
-    return available_cores() if jobs == AUTO else int(jobs)

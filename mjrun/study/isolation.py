@@ -1,4 +1,4 @@
-"""Simulates points in a process of their own, so that one that crashes or hangs MuJoCo costs that point alone."""
+"""Simulation of points in separate processes: a point that crashes or hangs MuJoCo is the only one lost."""
 
 import math
 import threading
@@ -9,24 +9,24 @@ from pathlib import Path
 from mjrun.errors import MjrunError
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.study.point_server import new_worker
-from mjrun.study.spec import Chunk, ChunkResult, PointResult, Proof, ShippedStudy, Status, StudyPoint
+from mjrun.study.spec import ChunkResult, PointChunk, PointResult, ShippedStudy, Status, StudyPoint, WorkerVersions
 from mjrun.worker import Worker, WorkerEndedError
 
-TIMEOUT_CODE = 124  # as timeout(1) has it
-SIGNALLED = 128  # plus the number of the signal, as shells have it
+TIMEOUT_CODE = 124  # exit code of timeout(1)
+SIGNALLED = 128  # plus the number of the signal: exit code of shells
 START = 120.0  # [s] that a process may take to start
 
 
 _processes = threading.local()
-_copies: dict[str, InputSnapshot] = {}  # of the files of studies of other machines, by their fingerprints
+_copies = dict[str, InputSnapshot]()  # files of studies of other machines, by fingerprint
 _copying = threading.Lock()
 
 
-def run_chunk(chunk: Chunk) -> ChunkResult:
-    """The results of a chunk; the task that engines run, on whatever machine.
+def run_chunk(chunk: PointChunk) -> ChunkResult:
+    """Simulates a chunk, on whatever machine; this is the task that engines execute.
 
-    Points are simulated in a process that is kept for the next chunk of this thread. When it crashes or takes too
-    long, every point without a result is simulated once more, by itself; one that fails again is listed as failed.
+    Points are simulated in a process that this thread keeps for its next chunk. When it crashes or times out, every
+    point without a result is simulated again by itself; a point that fails again is listed as failed.
     """
     snapshot = _snapshot_here(chunk)
     if snapshot is None:
@@ -36,54 +36,56 @@ def run_chunk(chunk: Chunk) -> ChunkResult:
         end_process()
         simulator = _processes.simulator = IsolatedSimulator(chunk.study, snapshot.root)
     results = {result.index: result for result in simulator.run(chunk.points, chunk.time_limit)}
-    return ChunkResult([results[point.index] for point in chunk.points], simulator.taken_proofs())
+    worker_versions, simulator.worker_versions = simulator.worker_versions, ()
+    return ChunkResult([results[point.index] for point in chunk.points], worker_versions)
 
 
 def end_process() -> None:
-    """Ends the process that this thread has kept for its next chunk, if there is one."""
+    """Ends the process that this thread keeps for its next chunk."""
     if simulator := getattr(_processes, "simulator", None):
         simulator.close()
         _processes.simulator = None
 
 
-def _snapshot_here(chunk: Chunk) -> InputSnapshot | None:
-    """Returns the copies of the study's files on this machine: the study's own, or those made of a chunk's contents."""
+def _snapshot_here(chunk: PointChunk) -> InputSnapshot | None:
+    """Returns copies of the study's files on this machine: its own, or those written from the chunk's contents."""
     snapshot = chunk.study.snapshot
     if snapshot.root.is_dir():
         return snapshot
     with _copying:
         key = snapshot.fingerprint
         if key not in _copies and chunk.contents is not None:
-            _copies.clear()  # of the last study
+            _copies.clear()  # of the previous study
             _copies[key] = snapshot.copied_from(chunk.contents)
         return _copies.get(key)
 
 
 class IsolatedSimulator:
-    """A process that simulates points of one study, replaced by another when it has died. To be closed.
+    """A process that simulates points of one study, replaced when it dies. To be closed.
 
     Args:
-      root: the folder of the study's files on this machine.
+      root: folder of the study's files on this machine.
+
+    Attributes:
+      worker_versions: versions that points were simulated with.
     """
 
     def __init__(self, study: ShippedStudy, root: Path | None = None) -> None:
         self.study, self._root = study, root or study.snapshot.root
         self._worker: Worker | None = None
-        self._proofs: list[Proof] = []
+        self.worker_versions: tuple[WorkerVersions, ...] = ()
 
     def run(self, points: Sequence[StudyPoint], time_limit: float = math.inf) -> Iterator[PointResult]:
-        """The results of points, each as soon as it is known."""
+        """Yields the result of each point when it is known."""
         missing = {point.index: point for point in points}
-        for result in self._together(points, time_limit):
-            del missing[result.index]
-            yield result
+        try:
+            for result in self._simulated(points, time_limit):
+                del missing[result.index]
+                yield result
+        except (WorkerEndedError, MjrunError):
+            self.close()
         for point in missing.values():
             yield from self._by_itself(point, time_limit)
-
-    def taken_proofs(self) -> tuple[Proof, ...]:
-        """Returns what points were simulated with since the last call."""
-        proofs, self._proofs = tuple(self._proofs), []
-        return proofs
 
     def close(self) -> None:
         """Ends the process."""
@@ -91,28 +93,21 @@ class IsolatedSimulator:
             self._worker.close()
         self._worker = None
 
-    def _together(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
-        """What results there are until the process dies or takes too long."""
-        try:
-            yield from self._simulated(points, time_limit)
-        except (WorkerEndedError, MjrunError):
-            self.close()
-
     def _by_itself(self, point: StudyPoint, time_limit: float) -> Iterator[PointResult]:
-        start, nothing = time.perf_counter(), (math.nan,) * self.study.metrics
+        start, no_metrics = time.perf_counter(), (math.nan,) * self.study.metrics
         try:
             yield from self._simulated([point], time_limit)
         except (WorkerEndedError, MjrunError) as error:
             self.close()
             status, code = _ending(error)
             message = f"the process that simulated it {error}" if isinstance(error, WorkerEndedError) else str(error)
-            yield PointResult(point.index, status, nothing, 0, code, message, time.perf_counter() - start)
+            yield PointResult(point.index, status, no_metrics, 0, code, message, time.perf_counter() - start)
 
     def _simulated(self, points: Sequence[StudyPoint], time_limit: float) -> Iterator[PointResult]:
-        """The results of points.
+        """Yields the results of points.
 
         Raises:
-          WorkerEndedError: the process ended, or took longer than the limit for all points that were left.
+          WorkerEndedError: the process ended, or took longer than the limit for all remaining points.
           MjrunError: it cannot simulate the study.
         """
         if self._worker is None:
@@ -128,12 +123,12 @@ class IsolatedSimulator:
             if isinstance(reply.value, PointResult):
                 left -= 1
                 yield reply.value
-            elif isinstance(reply.value, Proof) and reply.value not in self._proofs:
-                self._proofs.append(reply.value)
+            elif isinstance(reply.value, WorkerVersions) and reply.value not in self.worker_versions:
+                self.worker_versions += (reply.value,)
 
 
 def _ending(error: WorkerEndedError | MjrunError) -> tuple[Status, int]:
-    """How a point ended that has cost its process, and the exit code that tells of it."""
+    """Returns the status and the exit code of a point that has ended its process."""
     if isinstance(error, MjrunError):
         return "failed", error.exit_code
     if error.ending.cause == "time":

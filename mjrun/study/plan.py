@@ -1,9 +1,8 @@
-"""The plan of a study: its missing points in chunks, for tasks that know nothing of each other."""
+"""Plans of studies: the missing points in chunks, for tasks that run independently of each other."""
 
 import hashlib
 import json
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,26 +10,25 @@ from mjrun.errors import UsageError, clean
 from mjrun.experiment.design import Design
 from mjrun.reporter import Reporter
 from mjrun.study.executors import check_engine
-from mjrun.study.keep import PointKeeper
+from mjrun.study.point_files import PointKeeper
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.results import FailureNotes
 from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
 
 SCHEMA = "mjrun-plan-1"
-BLOCKS = 4  # of points that each task simulates: what is slow is seldom in one place
+BLOCKS = 4  # blocks of points of each task, since slow points are often neighbours
 VERSIONS = ("mjrun", "mujoco", "numpy")
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """What is to be simulated of a study.
+    """The points of a study that remain to be simulated.
 
     Attributes:
-      study: as it is to be collected.
-      names: what varies.
-      identity: hashes of all that decides the results, but for the values of the points.
-      chunks: all points, so many on a line.
+      study: study as it will be collected.
+      names: parameters that vary.
+      identity: hashes of everything that determines the results, except the values of the points.
+      chunks: all points, in lines of several.
     """
 
     study: Study
@@ -41,14 +39,14 @@ class StudyPlan:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What a task has done.
+    """The result of a task.
 
     Attributes:
-      path: the folder of the study.
-      task, tasks: its number, from 1, of how many.
-      points: that were its share.
-      simulated: how many of them were simulated now; the others were known.
-      statuses: how many of these ended in which way.
+      path: folder of the study.
+      task, tasks: number of the task, from 1, and number of tasks.
+      points: number of points in its share.
+      simulated: number of them that were simulated now; the others were known.
+      statuses: number of simulated points by status.
       wall: wall time [s].
     """
 
@@ -62,14 +60,14 @@ class TaskResult:
 
 
 def plan(study: Study) -> StudyPlan:
-    """The plan of what is missing of a study; its folder is made, so that it can be collected.
+    """Plans the missing points of a study, and creates its folder, so that it can be collected.
 
     Raises:
-      UsageError: a name that nothing has, or a value that cannot be.
-      FileError: the folder cannot be made, or a file cannot be read.
+      UsageError: a name is unknown, or a value is invalid.
+      FileError: the folder cannot be created, or a file cannot be read.
     """
-    prepared = PreparedStudy.of(study, study.spec)
-    PointKeeper(study, prepared)  # checks what is to be kept of which points
+    prepared = PreparedStudy(study, study.spec)
+    PointKeeper(study, prepared)  # which checks the options of kept files
     missing = prepared.missing(study.retry_failed)
     size = study.chunk or prepared.planned_size
     points = [StudyPoint(index, prepared.points.points[index]) for index in missing]
@@ -79,56 +77,50 @@ def plan(study: Study) -> StudyPlan:
 
 
 def run_task(plan: StudyPlan, task: int, tasks: int, reporter: Reporter) -> TaskResult:
-    """Simulates the points of one of `tasks` equal parts of a plan, and publishes them as they are done.
+    """Simulates the points of one of `tasks` equal parts of a plan, and publishes them in chunks.
 
     Raises:
-      UsageError: what decides the results is not as it was when the plan was made.
+      UsageError: something that determines the results has changed since the plan was made.
       FileError: results cannot be written.
     """
     start = time.perf_counter()
     study, points = plan.study, task_points(plan, task, tasks)
-    statuses = Counter[str]()
+    statuses: Mapping[str, int] = {}
     if points:
-        prepared = _prepared(plan, [point.values for point in points])
+        prepared = PreparedStudy(study, study.spec, Design(tuple(plan.names), [point.values for point in points]))
+        _require_identity(prepared, plan.identity)
         check_engine(study.engine)
         prepared.files.create()
         prepared.warn_of_damaged(reporter)
         missing = prepared.missing(study.retry_failed)
-        notes = FailureNotes(prepared.points, reporter, [point.index for point in points])
-        for results in prepared.simulate(missing, study, reporter):
-            notes.add(results)
-            statuses.update(result.status for result in results)
-            reporter.progress("points", statuses.total(), len(missing))
+        statuses = prepared.simulate(missing, study, reporter, [point.index for point in points])
     wall = time.perf_counter() - start
-    return TaskResult(study.output, task, tasks, len(points), statuses.total(), dict(statuses), wall)
+    return TaskResult(study.output, task, tasks, len(points), sum(statuses.values()), dict(statuses), wall)
 
 
 def task_points(plan: StudyPlan, task: int, tasks: int) -> list[StudyPoint]:
-    """The share of a task, numbered from 1: blocks of neighbours, which share compilations, from all over the plan."""
+    """Returns the share of a task, numbered from 1: blocks of neighbours, which share compilations, spread evenly."""
     points = [point for chunk in plan.chunks for point in chunk]
     size = -(-len(points) // (BLOCKS * tasks)) or 1
     starts = range((task - 1) * size, len(points), tasks * size)
     return [point for start in starts for point in points[start : start + size]]
 
 
-def _prepared(plan: StudyPlan, points: Sequence[tuple[str, ...]]) -> PreparedStudy:
-    """These points of the study, if their results are those that the plan is about."""
-    study, names = plan.study, tuple(plan.names)
-    prepared = PreparedStudy.of(study, study.spec, Design(names, points))
-    here, there = _hashes(prepared.identity), plan.identity
-    differing = [name for name in here if here[name] != there.get(name)]
+def _require_identity(prepared: PreparedStudy, planned: Mapping[str, str]) -> None:
+    """Raises UsageError if the results would not be those that were planned."""
+    here = _hashes(prepared.identity)
+    differing = [name for name in here if here[name] != planned.get(name)]
     if differing:
-        other = {name: f"{name} {clean(there.get(name, ''))}, here {here[name]}" for name in VERSIONS}
+        other = {name: f"{name} {clean(planned.get(name, ''))}, here {here[name]}" for name in VERSIONS}
         facts = [other.get(name, name) for name in differing]
         raise UsageError(
             f"the plan was made with other {'; '.join(facts)}\n"
-            "its results would not belong to those that are there; make the plan again, here"
+            "its results would not match the existing ones; make the plan again on this machine"
         )
-    return prepared
 
 
 def _hashes(identity: Mapping[str, object]) -> dict[str, str]:
-    """Each part of an identity in few characters."""
+    """Abbreviates each part of an identity."""
     texts = {name: json.dumps(value, sort_keys=True).encode() for name, value in identity.items()}
     hashes = {name: hashlib.sha256(text).hexdigest()[:32] for name, text in texts.items()}
     return hashes | {name: str(identity[name]) for name in VERSIONS}

@@ -1,40 +1,256 @@
-"""The files that are kept of a point, each made by the ordinary job of its kind, in a process of their own."""
+"""Files of single points of a study: traces, recordings and videos of the points that options choose.
+
+Each file is made by the ordinary output of its kind, in a separate process.
+"""
 
 import contextlib
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
 
-from mjrun.errors import MjrunError
+import numpy as np
+
+from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.experiment.design import parameter_names
+from mjrun.experiment.results_table import TableNames
 from mjrun.formats.atomic_output import written_file
-from mjrun.formats.study_folder import NAME, read_point
+from mjrun.formats.study_folder import NAME, read_point, values_in_words
 from mjrun.options.option import options_of
 from mjrun.options.sweep import KeepOptions
 from mjrun.outputs.output import Job, OutputResult
+from mjrun.platform.cores import available_cores
+from mjrun.probe.row_expression import Condition, parse_condition
+from mjrun.probe.select import selected_columns
 from mjrun.python_code import Sealed
+from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import plain
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.prepared import PreparedStudy
+from mjrun.study.results import STATUSES, with_flags
+from mjrun.study.spec import PointResult
 from mjrun.worker import Worker, WorkerEndedError
 
 FOLDER = "points"
 NAMES = {"trace": "trace.parquet", "recording": "recording.npz", "video": "video.mp4"}
+_RANKED = re.compile(r"\s*([1-9]\d*)\s*:(.+)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class KeptFiles:
+    """Files of points.
+
+    Attributes:
+      points: numbers of the points whose files are kept.
+      made: number of points of which files were missing.
+      files: all files that exist.
+      failures: reasons why files could not be made, by the number of the point.
+    """
+
+    points: Sequence[int] = ()
+    made: int = 0
+    files: Sequence[str] = ()
+    failures: Mapping[int, str] = field(default_factory=dict[int, str])
+
+
+class PointKeeper:
+    """Makes the files of points. The options are checked before there are any results.
+
+    Raises:
+      UsageError: a name is unknown, or a value is invalid.
+    """
+
+    def __init__(self, options: KeepOptions, prepared: PreparedStudy) -> None:
+        self._prepared = prepared
+        self._options = replace(keep_options(options), probe=_probes(options, prepared))
+        self._choice = PointChoice(options, prepared.points.names, [name for name, _ in prepared.spec.metrics])
+        kinds = {*options.keep, *(["video"] if options.contact_sheet is not None else [])}
+        self.kinds = tuple(kind for kind in NAMES if kind in kinds)
+        if options.contact_sheet is not None:
+            from mjrun.formats.codecs import encoding  # slow to import, and few studies keep files
+
+            with concerning("contact_sheet"):
+                encoding(options.contact_sheet).check_fps(options.fps)
+        if self.kinds:
+            from mjrun.outputs.perform import preview
+
+            first = self._outputs(0, PointResult(0, "ok", (), 0))
+            preview(replace(first, simulation=prepared.first).jobs(self.kinds), WarningReporter())
+
+    def keep(
+        self, columns: Mapping[str, np.ndarray], results: Sequence[PointResult], jobs: int | str, reporter: Reporter
+    ) -> KeptFiles:
+        """Makes the missing files of the chosen points.
+
+        Args:
+          columns: parameters and metrics as numbers `(n,)`.
+          jobs: number of processes.
+        """
+        if not self.kinds:
+            return KeptFiles()
+        # Another simulation of such a point costs no process, and has a step at least.
+        able = np.array([each.status == "ok" or (each.status == "unstable" and each.steps > 1) for each in results])
+        if lost := int((~able).sum()):
+            plural = "s" if lost > 1 else ""
+            reporter.note(f"{lost} point{plural} without a completed step, or that ended the process: no files")
+        chosen = self._choice.points(columns, [result.status for result in results], able)
+        outputs = {index: self._outputs(index, results[index]) for index in chosen}
+        missing = [index for index, each in outputs.items() if each.missing()]
+        failures = dict[int, str]()
+        with ThreadPoolExecutor(jobs if isinstance(jobs, int) else available_cores()) as pool:
+            messages = pool.map(make_isolated, [outputs[index] for index in missing])
+            for done, (index, message) in enumerate(zip(missing, messages, strict=True), 1):
+                if message:
+                    failures[index] = clean(message)
+                failed = f", {len(failures)} failed" if failures else ""
+                reporter.progress(f"files of points{failed}", done, len(missing))
+        sheet = self._contact_sheet([i for i in chosen if i not in failures], outputs, results, reporter)
+        paths = [each.folder / NAMES[kind] for each in outputs.values() for kind in self.kinds]
+        return KeptFiles(chosen, len(missing), [*(str(path) for path in paths if path.is_file()), *sheet], failures)
+
+    def _contact_sheet(
+        self,
+        points: Sequence[int],
+        outputs: Mapping[int, "PointOutputs"],
+        results: Sequence[PointResult],
+        reporter: Reporter,
+    ) -> list[str]:
+        """Makes the contact sheet if it is requested, and returns its path."""
+        from mjrun.study.contact_sheet import MOST, SheetCell, write_contact_sheet
+
+        path, options = self._options.contact_sheet, self._options
+        if path is None:
+            return []
+        if not points:
+            reporter.warn(f"{clean(path)} is not made: no point has a video")
+            return []
+        if len(points) > MOST:
+            reporter.note(f"{clean(path)} shows {MOST} of {len(points)} points, evenly chosen")
+            points = [points[i] for i in np.linspace(0, len(points) - 1, MOST).round().astype(int)]
+        reporter.note(f"{clean(path)}: points {', '.join(map(str, points))}")
+        cells = [
+            SheetCell(
+                outputs[index].folder / NAMES["video"],
+                "\n".join(values_in_words(self._prepared.points.values(index))),
+                f"unstable at step {results[index].steps}" if results[index].status == "unstable" else "",
+            )
+            for index in points
+        ]
+        return [str(file) for file in write_contact_sheet(path, cells, options.fps, options.speed)]
+
+    def _outputs(self, index: int, result: PointResult) -> "PointOutputs":
+        prepared = self._prepared
+        simulation = prepared.spec.simulation(prepared.points.points[index])
+        if result.status == "unstable":
+            simulation = up_to(simulation, result.steps - 1)
+        metrics = {name: value for (name, _), value in zip(prepared.spec.metrics, result.metrics, strict=False)}
+        facts = {
+            "point": index,
+            "values": prepared.points.values(index),
+            "status": result.status,
+            "steps": result.steps,
+            "metrics": {name: value if np.isfinite(value) else None for name, value in metrics.items()},
+        }
+        folder = prepared.folder / FOLDER / f"{index:06}"
+        key, every = prepared.keys[index], prepared.spec.every
+        return PointOutputs(folder, simulation, key, self.kinds, self._options, every, facts)
+
+
+def _probes(options: KeepOptions, prepared: PreparedStudy) -> Sequence[str]:
+    """Returns the probes of traces: those of the options, and the columns that the metrics read."""
+    if "trace" not in options.keep:
+        return options.probe
+    episode = prepared.first.episode
+    selected = selected_columns(prepared.model, options.probe, episode.columns if episode else None)
+    names = {column.name for column in selected}
+    return [*options.probe, *(name for name in prepared.columns if name not in names)]
+
+
+class PointChoice:
+    """The choice of points by conditions and ranks. The options are checked before there are any results.
+
+    Args:
+      parameters: names of the parameters.
+      metrics: names of the metrics.
+
+    Raises:
+      UsageError: a condition is malformed, or a metric is unknown.
+    """
+
+    def __init__(self, options: KeepOptions, parameters: Sequence[str], metrics: Sequence[str]) -> None:
+        names = TableNames({**parameter_names(parameters), **dict(zip(metrics, metrics, strict=True))}, STATUSES)
+        self._conditions = list[tuple[str, Condition]]()
+        for index, text in enumerate(options.keep_where):
+            with concerning("keep_where", index):
+                self._conditions.append((text, parse_condition(with_flags(text), names, option("keep_where"))))
+        ranked = (("keep_lowest", options.keep_lowest, 1), ("keep_highest", options.keep_highest, -1))
+        self._ranked = [
+            (*_count_and_metric(name, index, text, metrics), sign)
+            for name, texts, sign in ranked
+            for index, text in enumerate(texts)
+        ]
+        if (self._conditions or self._ranked) and not options.keep and options.contact_sheet is None:
+            raise UsageError(f"no files are kept of the chosen points; choose some with {option('keep')}")
+
+    def points(self, columns: Mapping[str, np.ndarray], status: Sequence[str], able: np.ndarray) -> list[int]:
+        """Returns the numbers of the points in ascending order; without a condition or rank, all that are able.
+
+        Args:
+          columns: parameters and metrics, `(n,)` each.
+          status: status of each point.
+          able: points that can be simulated again `(n,)`.
+
+        Raises:
+          UsageError: a condition reads values that are not numbers.
+        """
+        states = np.array(status)
+        chosen = able.copy()
+        table = {**columns, **{name: (states == name).astype(float) for name in STATUSES}}
+        for text, condition in self._conditions:
+            if texts := [name for name in condition.columns if name not in table]:
+                raise UsageError(f"{option('keep_where')} {text}: {clean(texts[0])} has values that are not numbers")
+            chosen &= np.broadcast_to(condition.holds(table), len(states))
+        if not self._ranked:
+            return np.flatnonzero(chosen).tolist()
+        ranked = set[int]()
+        for count, metric, sign in self._ranked:
+            usable = np.flatnonzero(chosen & np.isfinite(columns[metric]))
+            order = np.argsort(sign * columns[metric][usable], kind="stable")
+            ranked.update(usable[order[:count]].tolist())
+        return sorted(ranked)
+
+
+def _count_and_metric(name: str, index: int, text: str, metrics: Sequence[str]) -> tuple[int, str]:
+    """Splits `4:drift`."""
+    with concerning(name, index):
+        match = _RANKED.fullmatch(text)
+        if not match:
+            raise BadValueError(option(name), text, "a number of points and a metric, 4:drift")
+        metric = match[2].strip()
+        if metric not in metrics:
+            raise UnknownNameError("metric", metric, metrics, where=option(name))
+        return int(match[1]), metric
+
+
+# --- one point ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PointOutputs:
-    """What is kept of a point: a picklable value.
+    """Files to make of a point: a picklable value.
 
     Attributes:
-      folder: of the point.
-      simulation: of the point; up to the last good step where it became unstable.
-      key: of the point, and of all that decides its results.
-      kinds: of the files, as `NAMES` has them.
-      options: of the files.
-      every: steps from one row of a trace to the next.
-      facts: what else the manifest says.
+      folder: folder of the point.
+      simulation: simulation of the point; of an unstable one, up to the last good step.
+      key: key of the point; see `point_keys`.
+      kinds: kinds of the files; see `NAMES`.
+      options: options of the files.
+      every: steps between two rows of a trace.
+      facts: other entries of the manifest.
     """
 
     folder: Path
@@ -46,41 +262,42 @@ class PointOutputs:
     facts: Mapping[str, object]
 
     def jobs(self, kinds: Sequence[str]) -> list[Job[OutputResult]]:
-        """The jobs that make files of some kinds."""
+        """Returns the outputs of these kinds."""
         return [self._job(kind, str(self.folder / NAMES[kind])) for kind in kinds]
 
     def missing(self) -> list[str]:
-        """The kinds whose files are not there, or of another simulation or other options."""
-        known = read_point(self.folder)
-        same = known.get("key") == self.key
-        files = known.get("files") if same else {}
-        files = files if isinstance(files, dict) else {}
+        """Returns the kinds of files that do not exist, or are of another simulation or other options."""
+        digests = self._known_digests()
         return [
             kind
             for kind in self.kinds
-            if files.get(NAMES[kind]) != self._digest(kind) or not (self.folder / NAMES[kind]).is_file()
+            if digests.get(NAMES[kind]) != self._digest(kind) or not (self.folder / NAMES[kind]).is_file()
         ]
 
     def make(self) -> None:
-        """Makes the files that are missing, and the manifest; what an older simulation has left is removed.
+        """Makes the missing files and the manifest, and removes files of an earlier simulation.
 
         Raises:
-          MjrunError: one could not be made; none of them is there then, unless it was before.
+          MjrunError: a file could not be made; all files are as before.
         """
         from mjrun.outputs.perform import perform
 
-        kinds, known = self.missing(), read_point(self.folder)
-        files = known.get("files") if known.get("key") == self.key else None
-        files = dict(files) if isinstance(files, dict) else {}
+        kinds, digests = self.missing(), self._known_digests()
         if kinds:
             perform(self.jobs(kinds))
-        files |= {NAMES[kind]: self._digest(kind) for kind in kinds}
+        digests |= {NAMES[kind]: self._digest(kind) for kind in kinds}
         for name in NAMES.values():
-            if name not in files:
+            if name not in digests:
                 (self.folder / name).unlink(missing_ok=True)
-        document = {"key": self.key, **self.facts, "files": files}
+        document = {"key": self.key, **self.facts, "files": digests}
         with written_file(self.folder / NAME, f"{json.dumps(document, indent=2)}\n".encode()) as output:
             output.publish()
+
+    def _known_digests(self) -> dict[str, object]:
+        """Returns the digests of existing files of the same simulation, by name."""
+        known = read_point(self.folder)
+        files = known.get("files") if known.get("key") == self.key else None
+        return dict(cast("Mapping[str, object]", files)) if isinstance(files, dict) else {}
 
     def _job(self, kind: str, path: str) -> Job[OutputResult]:
         options = self.options
@@ -110,7 +327,7 @@ class PointOutputs:
                 raise ValueError(f"no output {kind} can be kept")
 
     def _digest(self, kind: str) -> str:
-        """What decides the content of a file, besides the simulation."""
+        """Returns a hash of everything that determines a file, except the simulation."""
         job = plain(self._job(kind, NAMES[kind]))
         assert isinstance(job, dict)
         del job["simulation"]
@@ -118,10 +335,10 @@ class PointOutputs:
 
 
 class PointFileServer:
-    """Makes files of points in a process of their own."""
+    """Server of a process that makes the files of a point."""
 
     def make(self, sealed: Sealed) -> None:
-        """Makes what is missing of a sealed `PointOutputs`."""
+        """Makes the missing files of sealed `PointOutputs`."""
         outputs = cast("PointOutputs", sealed.open())
         snapshot = outputs.simulation.snapshot
         with snapshot.original_names_in_errors() if snapshot else contextlib.nullcontext():
@@ -129,7 +346,7 @@ class PointFileServer:
 
 
 def make_isolated(outputs: PointOutputs) -> str:
-    """Makes the files of a point in a process of its own, and returns why it failed: nothing if it did not."""
+    """Makes the files of a point in a separate process; returns the reason of a failure, empty on success."""
     with Worker("mjrun.study.point_files:PointFileServer", environment={}) as worker:
         try:
             worker.ask("make", Sealed.of(outputs, outputs.simulation.code))
@@ -141,11 +358,11 @@ def make_isolated(outputs: PointOutputs) -> str:
 
 
 def up_to(simulation: Simulation, steps: int) -> Simulation:
-    """The same simulation, which ends after so many steps."""
+    """Returns the same simulation, ending after `steps` steps."""
     return replace(simulation, steps=steps, duration=None)
 
 
 def keep_options(options: KeepOptions) -> KeepOptions:
-    """These options alone, of whatever class they are part of."""
+    """Returns these options alone, without those of derived classes."""
     values = {each.attribute: getattr(options, each.attribute) for each in options_of(KeepOptions)}
     return KeepOptions(**values)

@@ -1,8 +1,9 @@
-"""What a study would do: its points, its steps, and what they cost, measured on one of its points."""
+"""Preview of a study: its points and steps, and their cost, measured on one of its points."""
 
 import math
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,35 +11,35 @@ import numpy as np
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.platform.cores import available_cores
 from mjrun.study.chunk_files import part_bytes
-from mjrun.study.executors import QUEUED, ChunkSizes, process_count
+from mjrun.study.executors import QUEUED, process_count
 from mjrun.study.isolation import IsolatedSimulator
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import table_bytes
-from mjrun.study.spec import PointResult
+from mjrun.study.spec import PointResult, StudyPoint
 
 SHOWN = 3  # points at each end of the study
 PATIENCE = 60.0  # [s] for the point that is measured
-START = 1.0  # [s] until processes simulate
+START = 1.0  # [s] before processes simulate
 
 
 @dataclass(frozen=True)
 class StudyPreview:
-    """What a study would do.
+    """The points and steps that a study would simulate, and their estimated cost.
 
     Attributes:
-      path: its folder.
-      points: how many there are.
-      known: of them, how many have a result already.
-      missing: how many would be simulated.
-      chunks: tasks that these points make, about, as chunks are measured while they run.
-      steps: of all simulations that are missing; where models vary, as if they had the timestep of the base model.
-      processes: that simulate; None where the engine has its own.
-      point_wall: wall time of the point that was measured [s]; None if it failed.
-      wall: estimated wall time of all [s]; None if it is not known.
+      path: folder of the study.
+      points: number of points.
+      known: number of points that have a result already.
+      missing: number of points that would be simulated.
+      chunks: approximate number of chunks, whose sizes are measured while they run.
+      steps: steps of all missing simulations; where models vary, with the timestep of the base model.
+      processes: number of processes that simulate; None where the engine has its own.
+      point_wall: wall time of the measured point [s]; None if it failed.
+      wall: estimated wall time of all points [s]; None if unknown.
       disk: estimated size of the study's files [bytes].
-      names: what varies.
-      sample: the first points and the last.
-      message: why the wall time is not known; empty if it is.
+      names: parameters that vary.
+      sample: first and last points.
+      message: reason why the wall time is unknown; empty if it is known.
     """
 
     path: str
@@ -58,11 +59,11 @@ class StudyPreview:
 
 @dataclass(frozen=True)
 class PointValues:
-    """A point.
+    """A point in a preview.
 
     Attributes:
-      point: its number.
-      values: by what varies.
+      point: number of the point.
+      values: values of the point, by parameter.
     """
 
     point: int
@@ -70,10 +71,10 @@ class PointValues:
 
 
 def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
-    """What is left to do of a study.
+    """Previews the missing points of a study.
 
     Raises:
-      UsageError: there is no such engine.
+      UsageError: the engine is unknown.
     """
     missing = prepared.missing(options.retry_failed)
     steps = prepared.steps(missing)
@@ -104,7 +105,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
         wall=wall,
         disk=prepared.files.size() + part + table_bytes(design, len(prepared.spec.metrics)),
         names=design.names,
-        sample=[PointValues(i, dict(zip(design.names, design.points[i], strict=True))) for i in ends],
+        sample=[PointValues(index, design.values(index)) for index in ends],
         message=result.message if result and point_wall is None else "",
     )
 
@@ -112,7 +113,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
 def _chunk_sizes(
     prepared: PreparedStudy, options: ExecutionOptions, steps: np.ndarray, processes: int, of_step: float
 ) -> list[int]:
-    """How many points chunks would have, if each step took so many seconds."""
+    """Returns the sizes of chunks if each step took `of_step` seconds."""
     ahead, start = processes * QUEUED, 0
     sizes, ends = prepared.chunk_sizes(options, ahead), list[int]()
     while start < len(steps):
@@ -128,18 +129,15 @@ def _chunk_sizes(
 def _measured(
     prepared: PreparedStudy, indices: Sequence[int], options: ExecutionOptions
 ) -> tuple[PointResult | None, float]:
-    """The result of the first of these points, and the wall time of it [s], in a process that has started."""
+    """Returns the result of the first of these points, and its wall time in a process that has started [s]."""
     if not indices:
         return None, math.nan
-    (chunk,) = prepared.chunks(indices[:1], options, ChunkSizes(1, 1))
-    simulator = IsolatedSimulator(prepared.shipped)
-    limit = min(chunk.time_limit, PATIENCE)
-    try:
-        (result,) = simulator.run(chunk.points, limit)
+    point = StudyPoint(indices[0], prepared.points.points[indices[0]])
+    limit = PATIENCE if options.time_limit is None else min(float(options.time_limit), PATIENCE)
+    with closing(IsolatedSimulator(prepared.shipped)) as simulator:
+        (result,) = simulator.run([point], limit)
         start = time.perf_counter()
         if result.status == "ok" and result.wall < PATIENCE / 10:  # now that the process is warm
-            (result,) = simulator.run(chunk.points, limit)
+            (result,) = simulator.run([point], limit)
             return result, time.perf_counter() - start
         return result, result.wall
-    finally:
-        simulator.close()

@@ -1,4 +1,4 @@
-"""The results of a study: their table, and why points fail."""
+"""Results of a study: their table, and the reasons of failures."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,15 +12,15 @@ from mjrun.reporter import Reporter
 from mjrun.study.spec import PointResult
 
 STATUSES = ("ok", "unstable", "failed", "timeout", "crashed", "missing")
-FRAME = 8_000  # bytes of a table without rows
-TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # besides what varies and the metrics
-TOLD = 10  # reasons, as they come
-FEW = 4  # values of a point that are told
+FRAME = 8_000  # size of a table without rows [bytes]
+TABLE_COLUMNS = ("point", "status", "steps", "exit_code", "message")  # in addition to parameters and metrics
+MOST_REASONS = 10  # that are reported while points are simulated
+FEW = 4  # values of a point in a message
 _COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 
 
 def study_table(design: Design, metrics: Sequence[str], results: Sequence[PointResult]) -> ResultsTable:
-    """Returns the table of a study: a row for each point, in the order of the points."""
+    """Returns the table of a study, with a row for each point in order."""
     table = ResultsTable()
     table.add(POINT, range(len(results)))
     table.add_parameters(design, range(len(design.points)))
@@ -35,9 +35,9 @@ def study_table(design: Design, metrics: Sequence[str], results: Sequence[PointR
 
 
 def with_flags(text: str) -> str:
-    """An expression in which `status == "ok"` is `ok == 1`: each status is a column of ones and zeros.
+    """Rewrites `status == "ok"` in an expression to `ok == 1`: each status is a column of ones and zeros.
 
-    No character moves, so that positions in it are those in `text`.
+    All characters keep their positions, so that errors point to the original text.
     """
 
     def flag(compared: re.Match[str]) -> str:
@@ -50,7 +50,7 @@ def with_flags(text: str) -> str:
 
 
 def table_bytes(design: Design, metrics: int) -> int:
-    """About how large the tables of a study are [bytes]: numbers have 8 bytes in one, and their digits in the other."""
+    """Estimates the size of the tables of a study [bytes]: 8 bytes per number in Parquet, their digits in CSV."""
     count = len(design.points)
     digits = sum(len(text) + 1 for point in design.points[:1000] for text in point) * count // max(1, min(count, 1000))
     return FRAME + count * 8 * (len(design.names) + metrics) + digits + count * (20 * metrics + 20)
@@ -58,14 +58,14 @@ def table_bytes(design: Design, metrics: int) -> int:
 
 @dataclass(frozen=True)
 class PointFailure:
-    """Why points failed.
+    """Points that failed for one reason.
 
     Attributes:
-      status: how they ended.
-      message: the first line that MuJoCo or mjrun has to say.
-      count: how many.
-      point: the first of them.
-      values: its values.
+      status: status of the points.
+      message: first line of the message of MuJoCo or mjrun.
+      count: number of points.
+      point: first of the points.
+      values: values of that point, by parameter.
     """
 
     status: str
@@ -76,8 +76,8 @@ class PointFailure:
 
 
 def point_failures(points: Design, results: Sequence[PointResult]) -> list[PointFailure]:
-    """The reasons of failures, the most frequent first."""
-    groups: dict[tuple[str, str], list[int]] = {}
+    """Groups failures by reason, the most frequent first."""
+    groups = dict[tuple[str, str], list[int]]()
     for index, result in enumerate(results):
         if result.status != "ok":
             groups.setdefault(_reason(result), []).append(index)
@@ -88,35 +88,35 @@ def point_failures(points: Design, results: Sequence[PointResult]) -> list[Point
     ]
 
 
-class FailureNotes:
-    """Tells of the first point that fails for each reason, when it does.
+class FailureReporter:
+    """Reports the first point that fails for each reason as soon as it does.
 
     Args:
-      points: of the study, or of a part of it.
-      numbers: of these points in the study; they are all of it when None.
+      points: points of the study, or of a part of it.
+      numbers: number of each of these points in the study; None if they are all of its points.
     """
 
     def __init__(self, points: Design, reporter: Reporter, numbers: Sequence[int] | None = None) -> None:
         self._points, self._reporter = points, reporter
         self._numbers = range(len(points.points)) if numbers is None else numbers
-        self._told: set[tuple[str, str]] = set()
+        self._reported = set[tuple[str, str]]()
 
     def add(self, results: Iterable[PointResult]) -> None:
-        """Takes results as they come; the index of each is that of its point in `points`."""
+        """Adds results as they arrive; their indices are those of the points in `points`."""
         for result in results:
-            if result.status == "ok" or _reason(result) in self._told:
+            if result.status == "ok" or _reason(result) in self._reported:
                 continue
-            self._told.add(_reason(result))
-            if len(self._told) <= TOLD:
+            self._reported.add(_reason(result))
+            if len(self._reported) <= MOST_REASONS:
                 values = [f"{name}={text}" for name, text in self._points.values(result.index).items()]
                 shown = ", ".join([*values[:FEW], *(["…"] if len(values) > FEW else [])])
                 line = result.message.partition("\n")[0]
                 where = f" ({clean(shown)})" if shown else ""
                 self._reporter.note(f"point {self._numbers[result.index]}{where}: {clean(line)}")
-            elif len(self._told) == TOLD + 1:
-                self._reporter.note("points fail for more reasons; the table has all")
+            elif len(self._reported) == MOST_REASONS + 1:
+                self._reporter.note("points fail for more reasons; the table contains all of them")
 
 
 def _reason(result: PointResult) -> tuple[str, str]:
-    """What failures have in common that have one reason: when a simulation becomes unstable is none."""
+    """Returns the reason of a failure; all unstable simulations have the same, whatever the step."""
     return result.status, "" if result.status == "unstable" else result.message.partition("\n")[0]

@@ -1,39 +1,50 @@
-"""What processes and machines exchange about a study: its specification, points, results, and what it was run with."""
+"""Specification of a study, its points and their results: picklable values for other processes and machines."""
 
 import hashlib
 import math
 import socket
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import clean
+from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
+from mjrun.experiment.design import simulation_kinds
+from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
+from mjrun.options.schema import ExpectedError
 from mjrun.python_code import ModuleSource, Sealed, module_sources
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.point_simulation import MODEL, simulation_at
 from mjrun.version import __version__
 
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
+Controllers = Mapping[str, Callable[..., object]]  # by the values of the parameter `controller`
+
+BY_NAME = ("qpos", "qvel", "ctrl")  # written `qpos/hip`
+# Options of a simulation that may vary as a whole.
+WHOLE = ("timestep", "integrator", "key", "perturb", "seed", "ctrl_noise", "ctrl_noise_time", "ctrl_from")
+WHOLE += ("ctrl_interpolation", "duration", "steps", "control_dt", "push")
+MANY = 1000  # texts of a parameter that are checked one by one
+MODEL, CONTROLLER = "model", "controller"
+FILES = (MODEL, "ctrl_from")  # parameters whose values name files
+NO_CONTROLLERS: Controllers = {}
 
 
 @dataclass(frozen=True)
 class StudySpec:
-    """What all points of a study have in common: a picklable value.
+    """Everything that all points of a study share.
 
     Attributes:
-      base: the simulation that points vary.
-      names: what varies.
-      metrics: the name and the text of each.
-      every: steps from one row that metrics look at to the next.
-      engine: what steps: `c`, or `warp`, in single precision.
-      controllers: where the controller varies, what each of its values stands for.
+      base: simulation that the points vary.
+      names: parameters that vary.
+      metrics: name and text of each metric.
+      every: steps between two rows that metrics read.
+      engine: physics engine: `c`, or `warp` in single precision.
+      controllers: name and function of each controller, where the controller varies.
     """
 
     base: Simulation
@@ -43,51 +54,42 @@ class StudySpec:
     engine: Literal["c", "warp"] = "c"
     controllers: tuple[tuple[str, Callable[..., object]], ...] = ()
 
-    def varying(self, names: tuple[str, ...]) -> "StudySpec":
-        """The same, with what varies."""
-        return replace(self, names=names)
-
     def simulation(self, values: tuple[str, ...]) -> Simulation:
-        """The simulation of the point with these values."""
+        """Returns the simulation of the point with these values."""
         return simulation_at(self.base, self.names, values, dict(self.controllers))
 
     def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
-        """Returns the model of the base simulation, and those that the values of points name in its place."""
+        """Returns the model of the base simulation, and those that the values of points name instead."""
         place = self.names.index(MODEL) if MODEL in self.names else None
         texts = {} if place is None else dict.fromkeys(values[place] for values in points)
         return [source_of(self.base.model), *map(source_of, texts)]
 
-    def with_files_in(self, root: Path) -> "StudySpec":
-        """Returns the same, which reads its files in the folder `root`."""
-        snapshot = self.base.snapshot and replace(self.base.snapshot, root=root)
-        return replace(self, base=replace(self.base, snapshot=snapshot))
-
     @property
     def code(self) -> list[object]:
-        """What the user has written in it."""
+        """Functions and objects in it that the user has written."""
         return [*self.base.code, *(controller for _, controller in self.controllers)]
 
 
 @dataclass(frozen=True)
 class StudyPoint:
-    """A point: its place in the study, and its values."""
+    """A point: its index in the study, and its values."""
 
     index: int
     values: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)  # as there may be a million of them
+@dataclass(frozen=True, slots=True)  # since there may be a million of them
 class PointResult:
-    """What has come of a point.
+    """The result of a point.
 
     Attributes:
-      index: the point's place in the study.
-      status: how it ended.
-      metrics: in order; NaN where the simulation did not reach its end.
-      steps: taken.
-      exit_code: what `mjrun trace` of this point alone would exit with; 4, too, where that would go on with a warning.
-      message: why it failed; empty if it did not.
-      wall: wall time [s], that of its compilation included; of points that ran side by side, its share.
+      index: index of the point in the study.
+      status: how the simulation ended.
+      metrics: values of the metrics in order; NaN if the simulation did not reach its end.
+      steps: number of steps completed.
+      exit_code: exit code of `mjrun trace` of this point alone; 4 also where that command would only warn.
+      message: reason of a failure; empty if the point did not fail.
+      wall: wall time including compilation [s]; a share of it for points that ran side by side.
     """
 
     index: int
@@ -99,13 +101,107 @@ class PointResult:
     wall: float = 0.0
 
 
+# --- values of points --------------------------------------------------------------------------------
+
+
+def simulation_at(
+    base: Simulation, names: tuple[str, ...], values: tuple[str, ...], controllers: Controllers = NO_CONTROLLERS
+) -> Simulation:
+    """Returns the simulation of the point at which the parameters `names` have `values`.
+
+    Raises:
+      UsageError: a parameter is unknown, or a value is invalid.
+    """
+    changes: dict[str, object] = {}
+    overrides: list[tuple[str, str]] = []
+    for name, text in zip(names, values, strict=True):
+        if _is_path(name):
+            overrides.append((name, text))
+            continue
+        key, value = _change(name, text, controllers)
+        if key in BY_NAME:
+            entries = changes.setdefault(key, dict({"qpos": base.qpos, "qvel": base.qvel, "ctrl": base.ctrl}[key]))
+            assert isinstance(entries, dict)
+            entries |= dict([value])
+        else:
+            changes[key] = value
+    if overrides:
+        changes["set"] = (*base.set, *overrides)
+    return replace(base, **changes) if changes else base
+
+
+def require_values(
+    names: Sequence[str], points: Sequence[Sequence[str]], controllers: Controllers, spec: mujoco.MjSpec | None
+) -> None:
+    """Refuses values that are invalid in every model, such as a seed of 1.5.
+
+    Args:
+      spec: specification of the model, if all points share it.
+
+    Raises:
+      UsageError: a value is invalid.
+    """
+    for index, name in enumerate(names):
+        for text in _representative([point[index] for point in points]):
+            if not _is_path(name):
+                _change(name, text, controllers)
+            elif spec is not None:
+                with concerning("vary", name):
+                    apply(spec.copy(), Override(name, text))
+
+
+def _is_path(name: str) -> bool:
+    """Returns whether a parameter is the path of an override rather than an option."""
+    return "." in name and name.partition("/")[0] not in BY_NAME
+
+
+def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
+    """Returns the option that a parameter changes and its value, or an entry of an option that has entries by name.
+
+    Raises:
+      UsageError: the parameter is unknown, or the value is invalid.
+    """
+    group, slash, rest = name.partition("/")
+    if name == MODEL:
+        return name, text
+    if name == CONTROLLER:
+        if text not in controllers:
+            message = f"{option('vary')} controller: {clean(text)}: only the command line and Python may name code"
+            raise UsageError(message)
+        return name, controllers[text]
+    has_entries = slash and group in BY_NAME
+    with concerning("vary", name):
+        if not has_entries and name not in WHOLE:
+            valid = [*WHOLE, MODEL, CONTROLLER, *(f"{each}/NAME" for each in BY_NAME), "opt.FIELD", "KIND/NAME.FIELD"]
+            raise UnknownNameError("parameter", name, valid, where=option("vary"))
+        try:
+            key, entry = (group, f"{rest}={text}") if has_entries else (name, text)
+            return key, simulation_kinds()[key].parse(entry)
+        except ExpectedError as error:
+            raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
+
+
+def _representative(texts: Sequence[str]) -> list[str]:
+    """Selects values that show whether any of many is invalid: the extremes and a fraction of numbers."""
+    distinct = list(dict.fromkeys(texts))
+    try:
+        numbers = {float(text): text for text in distinct}
+    except ValueError:
+        return distinct[:MANY]
+    broken = next((text for number, text in numbers.items() if not number.is_integer()), distinct[0])
+    return list(dict.fromkeys([distinct[0], broken, numbers[min(numbers)], numbers[max(numbers)]]))
+
+
+# --- versions and chunks -----------------------------------------------------------------------------
+
+
 def versions() -> dict[str, str]:
-    """Returns the versions of all that decides the results of a simulation, beside its inputs."""
+    """Returns the versions of all libraries that determine the results of a simulation."""
     return {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
 
 
 def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str:
-    """Returns the SHA-256 of the user's modules that hold `code`; empty if there are none.
+    """Returns the SHA-256 of the user's modules that contain `code`; empty if there are no such modules.
 
     Args:
       known: see `module_sources`.
@@ -118,13 +214,13 @@ def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str
 
 
 @dataclass(frozen=True)
-class Proof:
-    """What a process has simulated with.
+class WorkerVersions:
+    """The versions that a worker process simulates with.
 
     Attributes:
-      versions: of libraries, by name.
-      environments: packages of environments that models come from, by the model; see `Source.code`.
-      host: the machine.
+      versions: versions of libraries, by name.
+      environments: packages of the environments that models come from, by model; see `Source.code`.
+      host: name of the machine.
     """
 
     versions: Mapping[str, str]
@@ -132,12 +228,12 @@ class Proof:
     host: str
 
     @classmethod
-    def here(cls, models: Iterable[Source]) -> "Proof":
-        """Returns what this process simulates `models` with."""
+    def here(cls, models: Iterable[Source]) -> "WorkerVersions":
+        """Returns the versions that this process simulates `models` with."""
         return cls(versions(), {model.text: code for model in models if (code := model.code)}, socket.gethostname())
 
-    def difference(self, expected: "Proof") -> str:
-        """Returns what differs from what is expected, for a message; empty if nothing does."""
+    def difference(self, expected: "WorkerVersions") -> str:
+        """Describes the difference from the expected versions for a message; empty if they are equal."""
         wanted = {**expected.versions, **expected.environments}
         differing = [
             f"{clean(name)} {clean(value)} instead of {clean(wanted[name])}"
@@ -149,11 +245,11 @@ class Proof:
 
 @dataclass(frozen=True)
 class ShippedStudy:
-    """All that a process needs of a study, on whatever machine: a picklable value.
+    """Everything that a process on any machine needs to simulate points of a study.
 
     Attributes:
-      spec: with the user's code in it.
-      metrics: their number.
+      spec: specification, with the user's code.
+      metrics: number of metrics.
       snapshot: copies of all files that its points read.
     """
 
@@ -163,20 +259,20 @@ class ShippedStudy:
 
     @classmethod
     def of(cls, spec: StudySpec) -> "ShippedStudy":
-        """Returns a study that can be sent away; one that has no copies of its files yet gets them."""
+        """Seals a study; copies its files unless it already has copies."""
         spec = replace(spec, base=spec.base.with_snapshot())
         assert spec.base.snapshot
         return cls(Sealed.of(spec, spec.code), len(spec.metrics), spec.base.snapshot)
 
 
 @dataclass(frozen=True)
-class Chunk:
-    """Points that are simulated in one go: a picklable value, and all that a machine needs to know.
+class PointChunk:
+    """Points that one task of an engine simulates, on any machine.
 
     Attributes:
       time_limit: wall time of a point [s].
-      contents: of the study's files, for a machine that has no copies of them; None for one that should have.
-      refusals: how often its results were refused.
+      contents: contents of the study's files, for a machine without copies of them.
+      refusals: number of times that its results were refused.
     """
 
     study: ShippedStudy
@@ -185,27 +281,23 @@ class Chunk:
     contents: Mapping[str, bytes] | None = None
     refusals: int = 0
 
-    def with_contents(self) -> "Chunk":
-        """Returns the same chunk with the contents of all files."""
-        return replace(self, contents=self.study.snapshot.contents())
-
     def failed(self, message: str) -> "ChunkResult":
-        """Returns the results of points that failed with this message, outside of their processes."""
-        nothing = (math.nan,) * self.study.metrics
-        return ChunkResult([PointResult(point.index, "failed", nothing, 0, 70, message) for point in self.points])
+        """Returns results of points that failed with this message outside of their process."""
+        no_metrics = (math.nan,) * self.study.metrics
+        return ChunkResult([PointResult(point.index, "failed", no_metrics, 0, 70, message) for point in self.points])
 
 
 @dataclass(frozen=True)
 class ChunkResult:
-    """The results of the points of a chunk, in their order.
+    """The results of the points of a chunk, in order.
 
     Attributes:
-      proofs: what they were simulated with; nothing where no process came to its end.
-      lacks_files: whether nothing was simulated, since this machine has no copies of the study's files.
-      is_refused: whether what was simulated belongs to something else than the study.
+      worker_versions: versions that they were simulated with; empty if no process reached its end.
+      lacks_files: whether nothing was simulated because this machine has no copies of the study's files.
+      is_refused: whether the results are of other versions than the study.
     """
 
     results: Sequence[PointResult]
-    proofs: tuple[Proof, ...] = ()
+    worker_versions: tuple[WorkerVersions, ...] = ()
     lacks_files: bool = False
     is_refused: bool = False

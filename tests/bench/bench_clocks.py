@@ -33,7 +33,7 @@ def bench(model: Path | Source | mujoco.MjModel, **changed: Any) -> Bench:
 
 
 class FakeClock:
-    """Advances by `tick` [s] at every look, plus up to `noise` of it."""
+    """Advances by `tick` [s] at every reading, plus up to `noise` of it."""
 
     def __init__(self, tick: float = 1.0, noise: float = 0.0, seed: int = 0) -> None:
         self.now, self._tick, self._noise = 0.0, tick, noise
@@ -70,7 +70,7 @@ class SimulatedMachine:
         return self.now
 
     def took(self, batch: Batch, steps: int) -> None:
-        """Steps of all simulations of a batch were taken."""
+        """Advances by the cost of steps of all simulations in a batch."""
         is_workload = batch.model.nv == self._workload
         cost = self.STEP * (1.0 if is_workload else self._subject)
         self.now += cost * steps * self._slowdown(self.now) * np.exp(self._noise * self._random.standard_normal())

@@ -1,4 +1,4 @@
-"""Is it slower? Ratios of saved benchmarks, and what they are refused for."""
+"""Comparison of figures and their samples with those of a baseline."""
 
 import copy
 import json
@@ -10,14 +10,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.bench.baseline import check_same, compare, figures, read_base, steps_of, verdict, workload_obstacle
+from mjrun.bench.baseline import (
+    FigureSamples,
+    check_same,
+    compare,
+    figures,
+    read_base,
+    steps_of,
+    verdict,
+    workload_obstacle,
+)
 from mjrun.errors import FileError, UsageError
 
 BASE = [1.00, 1.01, 1.02, 0.99, 1.03, 1.00, 0.98, 1.01]
 
 
 def document(samples: list[float] = BASE, **changed: Any) -> dict[str, Any]:
-    """What is compared of a benchmark with one row and one picture."""
+    """Returns the compared parts of a benchmark with one row and one frame."""
     step = {"samples": samples}
     threads = [{"threads": 1, "step": step}, {"threads": 2, "step": {"samples": [s / 2 for s in samples]}}]
     frame = {
@@ -50,19 +59,19 @@ def scaled(factor: float) -> dict[str, Any]:
     ("factor", "expected"), [(1.3, "slower"), (1.0, "not slower"), (1.1, "inconclusive"), (0.8, "faster")]
 )
 def test_every_figure_that_both_have_is_compared(factor: float, expected: str) -> None:
-    found = compare(scaled(factor), document(), "base.json", 0.1)
-    assert [ratio.name for ratio in found.ratios] == ["step", "threads 2", "rgb 64x48 model"]
-    for ratio in found.ratios:
+    result = compare(scaled(factor), document(), "base.json", 0.1)
+    assert [ratio.name for ratio in result.ratios] == ["step", "threads 2", "rgb 64x48 model"]
+    for ratio in result.ratios:
         assert ratio.ratio == pytest.approx(factor)
         assert ratio.fastest == pytest.approx(factor)
         assert ratio.low == pytest.approx(factor * 0.98 / 1.03)  # the extremes: 8 samples give no less for 97.5 %
         assert ratio.high == pytest.approx(factor * 1.03 / 0.98)
         assert ratio.verdict == expected
-    assert (found.verdict, found.limit) == (expected, 1.1)
+    assert (result.verdict, result.limit) == (expected, 1.1)
 
 
 def with_workload(document: dict[str, Any], samples: list[float], version: int = 1) -> dict[str, Any]:
-    """The same beside a reference workload."""
+    """Returns the same with a reference workload."""
     row, frame = document["rows"][0], document["frames"][0]
     stat = {"samples": samples}
     threads = [{**one, "reference_workload": stat} for one in row["threads"]]
@@ -78,8 +87,8 @@ def with_workload(document: dict[str, Any], samples: list[float], version: int =
 def test_ratios_are_those_of_quotients_so_that_what_slows_both_in_a_turn_is_not_seen(factors: list[float]) -> None:
     base = with_workload(document(), [0.5] * 8)
     now = document([1.3 * factor * sample for factor, sample in zip(factors, BASE, strict=True)])
-    found = compare(with_workload(now, [0.5 * factor for factor in factors]), base, "base.json", 0.1)
-    for ratio in found.ratios:
+    result = compare(with_workload(now, [0.5 * factor for factor in factors]), base, "base.json", 0.1)
+    for ratio in result.ratios:
         assert ratio.ratio == pytest.approx(1.3)
         assert ratio.low == pytest.approx(1.3 * 0.98 / 1.03)
         assert ratio.high == pytest.approx(1.3 * 1.03 / 0.98)
@@ -88,15 +97,15 @@ def test_ratios_are_those_of_quotients_so_that_what_slows_both_in_a_turn_is_not_
 
 def test_the_fastest_samples_are_compared_relative_to_the_fastest_of_the_workload() -> None:
     base = with_workload(document(), [0.5] * 7 + [0.4])
-    found = compare(with_workload(scaled(3), [1.0] * 8), base, "base.json", 0.1)
-    assert found.ratios[0].fastest == pytest.approx(3 / (1.0 / 0.4))
+    result = compare(with_workload(scaled(3), [1.0] * 8), base, "base.json", 0.1)
+    assert result.ratios[0].fastest == pytest.approx(3 / (1.0 / 0.4))
 
 
 @pytest.mark.parametrize("there", [document(), with_workload(document(), [0.5] * 8, version=2)])
 def test_without_the_same_workload_wall_times_are_compared_as_they_are(there: dict[str, Any]) -> None:
-    found = compare(with_workload(scaled(2), [1.0] * 8), there, "base.json", 0.1)
-    assert {(ratio.ratio, ratio.reference_workload) for ratio in found.ratios} == {(2.0, None)}
-    assert found.verdict == "slower"
+    result = compare(with_workload(scaled(2), [1.0] * 8), there, "base.json", 0.1)
+    assert {(ratio.ratio, ratio.reference_workload) for ratio in result.ratios} == {(2.0, None)}
+    assert result.verdict == "slower"
 
 
 def test_another_mujoco_may_be_slower_with_its_workload_so_that_wall_times_are_compared() -> None:
@@ -132,9 +141,9 @@ def test_the_worst_figure_decides() -> None:
 
 
 def test_too_few_samples_are_inconclusive_however_slow() -> None:
-    found = compare(document([9.0] * 6), document(), "base.json", 0.1)
-    assert {ratio.verdict for ratio in found.ratios} == {"inconclusive"}
-    assert found.ratios[0].low is None
+    result = compare(document([9.0] * 6), document(), "base.json", 0.1)
+    assert {ratio.verdict for ratio in result.ratios} == {"inconclusive"}
+    assert result.ratios[0].low is None
 
 
 def test_points_of_a_grid_and_devices_are_compared_with_their_own() -> None:
@@ -143,14 +152,14 @@ def test_points_of_a_grid_and_devices_are_compared_with_their_own() -> None:
     now["rows"] = [{**row, "point": {"timestep": step}} for step in (".1", ".2")]
     base["rows"] = [{**row, "point": {"timestep": step}} for step in (".2", ".3")]
     base["frames"][0] = {**base["frames"][0], "device": "another GPU"}
-    found = compare(now, base, "base.json", 0.1)
-    assert [ratio.name for ratio in found.ratios] == ["step timestep=.2", "threads 2 timestep=.2"]
+    result = compare(now, base, "base.json", 0.1)
+    assert [ratio.name for ratio in result.ratios] == ["step timestep=.2", "threads 2 timestep=.2"]
     assert steps_of(base, {"timestep": ".2"}) == 100
     assert steps_of(base, {"timestep": ".1"}) is None
 
 
 def grid(*timesteps: str, failed: str = "") -> dict[str, Any]:
-    """A benchmark of a grid, one point of which may have failed."""
+    """Returns a benchmark of a grid, one point of which may have failed."""
     row = document()["rows"][0]
     rows = [{**row, "point": {"timestep": timestep}} for timestep in timesteps]
     nothing = {"step": None, "threads": [], "failure": "the simulation became unstable at step 3"}
@@ -169,12 +178,12 @@ def grid(*timesteps: str, failed: str = "") -> dict[str, Any]:
 def test_a_figure_that_only_the_base_has_is_named_and_fails_where_it_could_not_be_measured(
     now: dict[str, Any], gone: list[bool], expected: str
 ) -> None:
-    found = compare(now, grid(".1", ".2"), "base.json", 0.1)
-    assert [one.failure is not None for one in found.gone] == gone
-    assert found.verdict == expected
+    result = compare(now, grid(".1", ".2"), "base.json", 0.1)
+    assert [one.failure is not None for one in result.gone] == gone
+    assert result.verdict == expected
     names = [name for name, _ in (of for of, _ in figures(grid(".1", ".2")))]
-    assert sorted([one.name for one in found.gone] + [ratio.name for ratio in found.ratios]) == sorted(names)
-    assert {one.base for one in found.gone} <= {1.005, 0.5025}
+    assert sorted([one.name for one in result.gone] + [ratio.name for ratio in result.ratios]) == sorted(names)
+    assert {one.base for one in result.gone} <= {1.005, 0.5025}
 
 
 def test_what_the_base_could_not_measure_either_is_no_loss() -> None:
@@ -189,7 +198,7 @@ def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "key", "value", "said"),
+    ("part", "key", "value", "expected"),
     [
         ("model", "sha256", "c", "another model"),
         ("options", "noise_std", 0.0, "noise_std: 0.0 there, 0.01 here"),
@@ -205,11 +214,11 @@ def test_benchmarks_of_different_things_have_no_figure_in_common() -> None:
     ],
 )
 def test_another_model_options_or_machine_is_refused_unless_forced(
-    part: str, key: str, value: object, said: str
+    part: str, key: str, value: object, expected: str
 ) -> None:
     base = document()
     base[part] = {**base[part], key: value}
-    with pytest.raises(UsageError, match=f"base.json is no baseline.*\n{said}\nforce"):
+    with pytest.raises(UsageError, match=f"base.json is not a baseline.*\n{expected}\nforce"):
         check_same(document(), base, "base.json", force=False)
     assert len(check_same(document(), base, "base.json", force=True)) == 1
     assert check_same(document(), document(), "base.json", force=False) == []
@@ -247,29 +256,29 @@ def without(key: str) -> Callable[[dict[str, Any]], None]:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "expected"),
     [
         (
             lambda d: d.update(schema="mjrun-bench-0"),
             "is not a benchmark of this mjrun\n.*makes one with save",
         ),
-        (without("machine"), "is not a whole benchmark: KeyError 'machine'"),
+        (without("machine"), "is an incomplete benchmark: KeyError 'machine'"),
         (lambda d: d["rows"][0]["step"].update(samples=[1, -1]), "samples must be positive"),
         (lambda d: d["rows"][0]["step"].update(samples=[]), "samples must be positive"),
-        (lambda d: d.update(rows=3), "is not a whole benchmark: TypeError"),
-        (lambda d: d.update(reference_workload={}), "is not a whole benchmark: KeyError 'version'"),
+        (lambda d: d.update(rows=3), "is an incomplete benchmark: TypeError"),
+        (lambda d: d.update(reference_workload={}), "is an incomplete benchmark: KeyError 'version'"),
         (lambda d: d["rows"][0].update(reference_workload={"samples": [1.0]}), "as many samples as the figure"),
     ],
 )
 def test_a_file_that_is_no_benchmark_is_refused(
-    tmp_path: Path, spoil: Callable[[dict[str, Any]], None], said: str
+    tmp_path: Path, spoil: Callable[[dict[str, Any]], None], expected: str
 ) -> None:
     path, spoilt = tmp_path / "base.json", copy.deepcopy(document())
     path.write_text(json.dumps(spoilt))
     assert read_base(path) == spoilt
     spoil(spoilt)
     path.write_text(json.dumps(spoilt))
-    with pytest.raises(FileError, match=said):
+    with pytest.raises(FileError, match=expected):
         read_base(path)
 
 
@@ -281,3 +290,58 @@ def test_a_file_that_is_not_json_or_not_an_object_is_refused(tmp_path: Path, tex
         read_base(path)
     with pytest.raises(FileError, match="cannot be read: No such file"):
         read_base(tmp_path / "none.json")
+
+
+STEP, WORKLOAD = {"samples": [2.0, 4.0, 6.0]}, {"samples": [1.0, 2.0, 1.0]}
+
+
+def row(**changed: Any) -> dict[str, Any]:
+    return {"point": {}, "step": STEP, "threads": [], **changed}
+
+
+def frame(**changed: Any) -> dict[str, Any]:
+    return {
+        "view": "depth",
+        "size": [64, 48],
+        "quality": "high",
+        "renderer": "classic",
+        "device": "a GPU",
+        "total": STEP,
+        **changed,
+    }
+
+
+@pytest.mark.parametrize(
+    ("document", "expected"),
+    [
+        ({"rows": [row()], "frames": []}, [("step", "")]),
+        ({"rows": [row(point={"a.b": "1"})], "frames": []}, [("step a.b=1", "")]),
+        ({"rows": [row(step=None)], "frames": []}, []),
+        (
+            {"rows": [row(threads=[{"threads": n, "step": STEP} for n in (1, 4)])], "frames": []},
+            [("step", ""), ("threads 4", "")],
+        ),
+        (
+            {"rows": [], "frames": [frame(), frame(renderer="filament")]},
+            [("depth 64x48 high", "a GPU"), ("depth 64x48 high filament", "a GPU")],
+        ),
+    ],
+)
+def test_a_figure_is_named_by_what_it_measures_its_point_and_its_device(
+    document: dict[str, Any], expected: list[tuple[str, str]]
+) -> None:
+    assert [figure for figure, _ in figures(document)] == expected
+
+
+def test_samples_are_divided_by_those_of_the_workload_in_the_same_turn() -> None:
+    document = {"rows": [row(reference_workload=WORKLOAD)], "frames": [frame()]}
+    (_, step), (_, drawn) = figures(document)
+    assert step.workload is not None
+    assert step.quotients(step.workload) == [2.0, 2.0, 6.0]
+    assert (step.median, drawn.median, drawn.workload) == (4.0, 4.0, None)
+
+
+@pytest.mark.parametrize("workload", [{"samples": [1.0]}, {"samples": [1.0, 0.0, 1.0]}, {"samples": []}])
+def test_a_workload_without_a_positive_sample_for_each_turn_is_refused(workload: dict[str, list[float]]) -> None:
+    with pytest.raises(ValueError, match="samples"):
+        FigureSamples.read(STEP, workload)

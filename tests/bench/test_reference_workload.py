@@ -1,18 +1,13 @@
-"""The reference workload: always the same motion, stable, timed per step, as long as is fitting."""
+"""The reference workload: the same stable motion every time, timed per step, with a length to fit."""
 
-import sys
 import time
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
 from mjrun.bench.reference_workload import MJCF, SHARE, STEPS, ReferenceWorkload
-
-sys.path.append(str(Path(__file__).parent))
-
-from bench_clocks import FakeClock
+from tests.bench.bench_clocks import FakeClock
 
 
 def test_the_model_stays_stable_in_contact_and_makes_mujoco_warn_of_nothing() -> None:

@@ -1,24 +1,13 @@
-"""The document that a benchmark is, key by key."""
+"""Keys of the document of a benchmark."""
 
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-sys.path.append(str(Path(__file__).parent))
-
-from bench_clocks import MODEL, FakeClock, bench
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    path = tmp_path / "model.xml"
-    path.write_text(MODEL)
-    return path
-
+from tests.bench.bench_clocks import FakeClock, bench
 
 STAT = ["n", "median", "low", "high", "confidence", "min", "p5", "p95", "samples"]
 KEYS = {
@@ -72,15 +61,15 @@ KEYS = {
 
 
 def keys_of(value: Any, where: str = "") -> dict[str, list[str]]:
-    """The keys of every object in a document, by where it is."""
+    """Returns the keys of every object in a document, by its place."""
     if isinstance(value, list):
         return {name: keys for item in value for name, keys in keys_of(item, where).items()}
     if not isinstance(value, dict) or where in ("options/scan", "rows/point"):
         return {}
-    found = {where: list(value)}
+    result = {where: list(value)}
     for key, item in value.items():
-        found |= keys_of(item, f"{where}/{key}".lstrip("/")) if where != "rows/phases" else {}
-    return found
+        result |= keys_of(item, f"{where}/{key}".lstrip("/")) if where != "rows/phases" else {}
+    return result
 
 
 @pytest.mark.gl
@@ -88,6 +77,6 @@ def test_the_document_has_these_keys(path: Path) -> None:
     base = str(path.with_name("base.json"))
     bench(path, save=base, threads=(1, 2, 3)).run(clock=FakeClock())
     job = bench(path, accuracy=True, render=True, size=(64, 48), whole=True, compare=base)
-    found = json.loads(json.dumps(asdict(job.run(clock=FakeClock()))))
-    assert found["schema"] == "mjrun-bench-1"
-    assert keys_of(found) == KEYS
+    result = json.loads(json.dumps(asdict(job.run(clock=FakeClock()))))
+    assert result["schema"] == "mjrun-bench-1"
+    assert keys_of(result) == KEYS

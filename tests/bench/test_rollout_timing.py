@@ -1,4 +1,4 @@
-"""Timed rollouts: what the clock is asked, exactly, and that the motion is that of a bare loop."""
+"""Rollouts against a bare loop, and the phases of a step."""
 
 from collections.abc import Iterator
 
@@ -6,7 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.bench.rollout_timing import BatchRoller, LoopRoller, Roller, RolloutInputs, StoppedError, profile
+from mjrun.bench.rollout_timing import (
+    BatchRoller,
+    LoopRoller,
+    Roller,
+    RolloutInputs,
+    WarnedRolloutError,
+    phases,
+    profile,
+)
 from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import UnstableError
 
@@ -34,7 +42,7 @@ CROWDED = """
 
 
 class FakeClock:
-    """Goes on by what it is told, and counts how often it is asked."""
+    """Advances by the next tick at every second reading, and counts readings."""
 
     def __init__(self, ticks: Iterator[float]) -> None:
         self.now, self.asked, self._ticks = 0.0, 0, ticks
@@ -94,8 +102,8 @@ def test_the_loop_in_python_makes_the_same_motion_each_time(noise: bool) -> None
 def test_states_on_the_way_are_those_of_a_bare_loop() -> None:
     run = run_of()
     data = run.data()
-    for step, found in zip((0, 70), run.states([0, 70]), strict=True):
-        mujoco.mj_setState(run.model, data, found, int(mujoco.mjtState.mjSTATE_INTEGRATION))
+    for step, result in zip((0, 70), run.states([0, 70]), strict=True):
+        mujoco.mj_setState(run.model, data, result, int(mujoco.mjtState.mjSTATE_INTEGRATION))
         assert data.qpos.tolist() == bare(run, step).qpos.tolist()
 
 
@@ -107,11 +115,11 @@ def test_counts_are_the_means_of_a_bare_loop() -> None:
         mujoco.mj_step(run.model, data)
         islands = min(max(data.nisland, 1), mujoco.mjNISLAND)
         seen.append((data.ncon, data.nefc, sum(data.solver_niter[:islands]) / islands))
-    found = profile(run, 120)
-    assert (found.contacts, found.constraints, found.iterations) == pytest.approx(np.mean(seen, axis=0))
-    assert found.contacts > 1
-    assert (found.arena, found.arena_size) == (data.maxuse_arena, data.narena)
-    assert not found.warned
+    result = profile(run, 120)
+    assert (result.contacts, result.constraints, result.iterations) == pytest.approx(np.mean(seen, axis=0))
+    assert result.contacts > 1
+    assert (result.arena, result.arena_size) == (data.maxuse_arena, data.narena)
+    assert not result.warned
 
 
 def test_an_unstable_run_names_its_step_and_joint() -> None:
@@ -133,8 +141,43 @@ def test_a_batch_says_that_mujocos_warnings_stopped_it_and_a_loop_goes_on() -> N
     model = mujoco.MjModel.from_xml_string(CROWDED)
     run = RolloutInputs.of(model, mujoco.MjData(model))
     assert profile(run, 20).warned
-    with pytest.raises(StoppedError):
+    with pytest.raises(WarnedRolloutError):
         BatchRoller(run).seconds(20, 5, lambda: 0.0)
     roller = LoopRoller(run)
     roller.seconds(20, 5, lambda: 0.0)
     assert roller._data.time == pytest.approx(20 * model.opt.timestep)
+
+
+@pytest.fixture
+def ticking() -> Iterator[None]:
+    """Installs a clock for MuJoCo's timers that advances by one at every reading."""
+    count = iter(range(10**9))
+    mujoco.set_mjcb_time(lambda: float(next(count)))
+    yield
+    mujoco.set_mjcb_time(None)
+
+
+@pytest.mark.usefixtures("ticking")
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
+def test_phases_are_mujocos_timers_per_step_and_the_parts_make_up_the_whole(integrator: str) -> None:
+    run = run_of(integrator=integrator)
+    data = bare(run, 25)
+    result, timer = phases(data), {name: data.timer[int(i)] for name, i in mujoco.mjtTimer.__members__.items()
+                                  if name != "mjNTIMER"}  # fmt: skip
+    assert result is not None
+    assert result.seconds == timer["mjTIMER_STEP"].duration / 25
+    tops = {part.name: part for part in result.parts}
+    assert list(tops) == ["position", "velocity", "actuation", "constraint", "advance", "other"]
+    for name in ("position", "velocity", "actuation", "constraint", "advance"):
+        assert tops[name].seconds == timer[f"mjTIMER_{name.upper()}"].duration / 25
+    for whole in (result, tops["position"]):
+        assert sum(part.seconds for part in whole.parts) == pytest.approx(whole.seconds)
+        assert sum(part.share for part in whole.parts) == pytest.approx(whole.share)
+    position = {part.name: part for part in tops["position"].parts}
+    assert list(position) == ["kinematics", "inertia", "collision", "make", "project", "other"]
+    assert [part.name for part in position["collision"].parts] == ["broad", "narrow", "other"]
+    assert position["collision"].seconds == timer["mjTIMER_POS_COLLISION"].duration / 25
+
+
+def test_without_a_step_there_are_no_phases() -> None:
+    assert phases(run_of().data()) is None

@@ -1,6 +1,6 @@
-"""The points of a grid: every combination, its accuracy, and those that fail."""
+"""Points of a grid: every combination, its accuracy against closed forms, and those that fail."""
 
-import sys
+import math
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,23 +10,13 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.rollout_timing import RolloutInputs
-from mjrun.bench.settings_grid import distance_from_finer, simulate_to
+from mjrun.bench.settings_grid import distance_from_finer, position_distance, simulate_to
 from mjrun.bench.step_timing import StepTimer
 from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import BadValueError, UnstableError
+from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
-from mjrun.physics.parameter_grid import settings
-
-sys.path.append(str(Path(__file__).parent))
-
-from bench_clocks import MODEL, FakeClock, bench
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    path = tmp_path / "model.xml"
-    path.write_text(MODEL)
-    return path
+from tests.bench.bench_clocks import MODEL, FakeClock, bench
 
 
 def test_a_step_has_what_a_bare_loop_finds(path: Path) -> None:
@@ -44,22 +34,22 @@ def test_a_step_has_what_a_bare_loop_finds(path: Path) -> None:
 
 def test_a_grid_is_every_combination_and_each_is_that_model(path: Path) -> None:
     scan = {"integrator": ["euler", "rk4"], "timestep": [".01", ".02"], "opt.gravity": ["0,0,0"]}
-    found = bench(path, scan=scan, threads=()).run(clock=FakeClock())
-    assert [(row.integrator, row.timestep) for row in found.rows] == [
+    result = bench(path, scan=scan, threads=()).run(clock=FakeClock())
+    assert [(row.integrator, row.timestep) for row in result.rows] == [
         ("euler", 0.01),
         ("euler", 0.02),
         ("rk4", 0.01),
         ("rk4", 0.02),
     ]
-    assert found.rows[1].point == {"integrator": "euler", "timestep": ".02", "opt.gravity": "0,0,0"}
-    assert all([threads.threads for threads in row.threads] == [1] for row in found.rows)
-    assert all(row.step and row.step.samples == [1.0] * 8 for row in found.rows)
+    assert result.rows[1].point == {"integrator": "euler", "timestep": ".02", "opt.gravity": "0,0,0"}
+    assert all([threads.threads for threads in row.threads] == [1] for row in result.rows)
+    assert all(row.step and row.step.samples == [1.0] * 8 for row in result.rows)
 
 
 def test_accuracy_is_measured_without_noise_against_steps_finer_than_the_finest(path: Path) -> None:
     scan = {"integrator": ["euler", "rk4"], "timestep": [".01", ".02"]}
-    found = bench(path, scan=scan, accuracy=True, horizon=0.5).run(clock=FakeClock())
-    for row in found.rows:
+    result = bench(path, scan=scan, accuracy=True, horizon=0.5).run(clock=FakeClock())
+    for row in result.rows:
         model = mujoco.MjModel.from_xml_string(MODEL)
         model.opt.timestep = row.timestep
         model.opt.integrator = 1 if row.integrator == "rk4" else 0
@@ -70,7 +60,7 @@ def test_accuracy_is_measured_without_noise_against_steps_finer_than_the_finest(
         assert (row.accuracy.horizon, row.accuracy.energy_drift) == (0.5, there.drift)
         assert row.accuracy.reference == 0.01 / 8
         assert row.accuracy.distance == distance_from_finer(model, data, there, Fraction(1, 800))
-    errors = [row.accuracy.distance for row in found.rows if row.accuracy and row.accuracy.distance]
+    errors = [row.accuracy.distance for row in result.rows if row.accuracy and row.accuracy.distance]
     assert errors[0] < errors[1]
     assert errors[2] < errors[3] < errors[0]
 
@@ -99,20 +89,20 @@ def test_an_unstable_point_of_a_grid_is_a_result_and_a_grid_of_them_an_error(pat
     with pytest.raises(UnstableError, match="joint 'x'"):
         bench(path, scan={"timestep": ["1", "2"]}).run(clock=FakeClock())
     with pytest.raises(UnstableError):
-        bench(FileSource(path, overrides=settings({"timestep": "1"}))).run(clock=FakeClock())
+        bench(FileSource(path, overrides=(Override("opt.timestep", "1"),))).run(clock=FakeClock())
 
 
 @pytest.mark.parametrize(
-    ("given", "key", "center"), [(None, "test", 0.5), ("rest", "rest", 0.0), (1, "1", 0.0), (0, "0", 0.5)]
+    ("options", "key", "center"), [(None, "test", 0.5), ("rest", "rest", 0.0), (1, "1", 0.0), (0, "0", 0.5)]
 )
 def test_it_starts_from_the_keyframe_called_test_with_noise_about_its_controls(
-    path: Path, given: str | int | None, key: str, center: float, monkeypatch: pytest.MonkeyPatch
+    path: Path, options: str | int | None, key: str, center: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runs: list[RolloutInputs] = []
     begun = StepTimer.warm_up
     monkeypatch.setattr(StepTimer, "warm_up", lambda self: (begun(self), runs.append(self.run))[0])
-    found = bench(path, key=given).run(clock=FakeClock())
-    assert found.options.key == key
+    result = bench(path, key=options).run(clock=FakeClock())
+    assert result.options.key == key
     model = mujoco.MjModel.from_xml_string(MODEL)
     assert runs[0].data().qpos[0] == (0.3 if center else 0)
     assert runs[0].controls is not None
@@ -131,6 +121,81 @@ def test_without_noise_the_controls_stay_those_of_the_start(path: Path, monkeypa
 @pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
 def test_real_models_are_timed(shared_models: Path) -> None:
     for name in ("humanoid/humanoid.xml", "sleep/dominos.xml", "plugin/sdf/torus.xml", "flex/flag.xml"):
-        found = Bench(shared_models / name, steps=5, repeats=2, threads=(1, 2)).run(clock=FakeClock())
-        assert found.rows[0].step is not None
-        assert found.rows[0].threads[-1].threads == 2
+        result = Bench(shared_models / name, steps=5, repeats=2, threads=(1, 2)).run(clock=FakeClock())
+        assert result.rows[0].step is not None
+        assert result.rows[0].threads[-1].threads == 2
+
+
+# A mass on a spring: x = cos(10 t).
+SPRING = """
+<mujoco>
+  <option timestep="{timestep}" integrator="{integrator}" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="x" type="slide" axis="1 0 0" stiffness="100"/><geom size=".1" mass="1"/></body>
+  </worldbody>
+</mujoco>
+"""
+POSES = """
+<mujoco>
+  <worldbody><body><freejoint/><geom size=".1"/></body><body><joint/><geom size=".1"/></body></worldbody>
+</mujoco>
+"""
+
+
+def spring(integrator: str, timestep: str = ".01") -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(SPRING.format(integrator=integrator, timestep=timestep))
+    data = mujoco.MjData(model)
+    data.qpos[0] = 1
+    return model, data
+
+
+def test_it_arrives_at_the_whole_step_nearest_to_the_horizon_and_drift_is_the_energy_it_has_made() -> None:
+    model, data = spring("Euler")
+    result = simulate_to(model, data, Fraction(1, 3))
+    assert result.time == Fraction(33, 100)
+    for _ in range(33):
+        mujoco.mj_step(model, data)
+    assert result.qpos.tolist() == data.qpos.tolist()
+    energy = 50 * data.qpos[0] ** 2 + 0.5 * data.qvel[0] ** 2
+    assert result.drift == pytest.approx(energy - 50)
+    assert abs(result.drift) > 0.1
+
+
+def test_nothing_is_changed_by_looking() -> None:
+    model, data = spring("Euler")
+    flags, before = int(model.opt.enableflags), data.qpos.copy()
+    distance_from_finer(model, data, simulate_to(model, data, Fraction(1, 3)), Fraction(1, 1000))
+    assert (model.opt.enableflags, model.opt.timestep) == (flags, 0.01)
+    assert data.qpos.tolist() == before.tolist()
+
+
+@pytest.mark.parametrize(("integrator", "tolerance"), [("Euler", 2e-2), ("RK4", 1e-3)])
+def test_the_distance_from_a_finer_run_is_that_from_the_closed_form(integrator: str, tolerance: float) -> None:
+    model, data = spring(integrator)
+    result = simulate_to(model, data, Fraction(1))
+    error = abs(result.qpos[0] - math.cos(10))
+    assert distance_from_finer(model, data, result, Fraction(1, 10_000)) == pytest.approx(error, rel=tolerance)
+
+
+def test_a_finer_run_that_does_not_meet_the_instant_goes_the_rest_by_its_velocity() -> None:
+    model, data = spring("RK4")
+    result = simulate_to(model, data, Fraction(1, 2))
+    meeting = distance_from_finer(model, data, result, Fraction(1, 8000))
+    missing = distance_from_finer(model, data, result, Fraction(1, 7777))
+    assert (result.time / Fraction(1, 7777)).denominator > 1
+    assert missing == pytest.approx(meeting, abs=100 / 2 / 7777**2)  # what acceleration adds in half a step
+
+
+def test_positions_are_a_root_mean_square_over_degrees_of_freedom_apart() -> None:
+    model = mujoco.MjModel.from_xml_string(POSES)
+    data = mujoco.MjData(model)
+    moved = data.qpos.copy()
+    mujoco.mj_integratePos(model, moved, np.array([1.0, 2, 3, 0, 0.4, 0, 0.5]), 1)
+    assert position_distance(model, data.qpos, moved) == pytest.approx(math.sqrt((1 + 4 + 9 + 0.16 + 0.25) / 7))
+    assert position_distance(mujoco.MjModel.from_xml_string("<mujoco/>"), np.empty(0), np.empty(0)) == 0
+
+
+def test_an_unstable_simulation_does_not_arrive() -> None:
+    model, data = spring("Euler", "1")
+    with pytest.raises(UnstableError):
+        simulate_to(model, data, Fraction(1000))

@@ -1,6 +1,5 @@
-"""How many steps are timed, how often, and in which blocks."""
+"""Numbers of steps, rollouts and blocks."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +9,12 @@ from mujoco.batch import Batch
 
 from mjrun.bench.rollout_timing import RolloutInputs
 from mjrun.bench.step_timing import StepTimer, TimingBudget, rounded_down
-
-sys.path.append(str(Path(__file__).parent))
-
-from bench_clocks import MODEL, FakeClock, bench
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    path = tmp_path / "model.xml"
-    path.write_text(MODEL)
-    return path
+from tests.bench.bench_clocks import MODEL, FakeClock, bench
 
 
 def test_figures_are_exactly_those_of_the_clock(path: Path) -> None:
-    found = bench(path).run(clock=FakeClock())
-    (row,) = found.rows
+    result = bench(path).run(clock=FakeClock())
+    (row,) = result.rows
     assert row.step is not None
     # A look at the clock costs a second, so every block is a single step of a second.
     assert (row.block, row.steps) == (1, 20)
@@ -38,15 +27,15 @@ def test_figures_are_exactly_those_of_the_clock(path: Path) -> None:
     # On two threads ten steps of both are timed by two looks: 20 steps a second.
     assert (two.threads, two.steps_per_second, two.scaling) == (2, pytest.approx(20), pytest.approx(20))
     assert two.realtime_factor == pytest.approx(0.2)
-    assert found.load is not None
-    assert found.load.first == 1.0
-    assert found.load.parse is not None
-    assert found.load.parse.samples == [1.0] * 3
-    assert found.wall > 8 * 20
+    assert result.load is not None
+    assert result.load.first == 1.0
+    assert result.load.parse is not None
+    assert result.load.parse.samples == [1.0] * 3
+    assert result.wall > 8 * 20
 
 
 class WorkClock:
-    """Goes on by `cost` [s] for every step that has been taken since the last look."""
+    """Advances by `cost` [s] for every step since the last reading."""
 
     def __init__(self, cost: float) -> None:
         self._cost, self.steps, self.now = cost, 0, 0.0

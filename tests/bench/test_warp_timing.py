@@ -1,4 +1,4 @@
-"""Benchmarks of many worlds, with a fake engine and a fake clock; what only one of the engines can do."""
+"""Benchmarks of many worlds, with a fake engine and a fake clock; options of only one engine."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ OVERFLOW = "the constraints do not fit: raise njmax"
 
 
 class FakeClock:
-    """Goes on by a second at every look."""
+    """Advances by a second at every reading."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -39,7 +39,7 @@ class FakeClock:
 
 
 class FakeWorlds:
-    """Looks at the clock where worlds do, and does nothing else."""
+    """Reads the clock where worlds do, and does nothing else."""
 
     told: Sequence[str] = ()
 
@@ -89,8 +89,8 @@ def bench(model: Path, **changed: Any) -> Bench:
 
 
 def test_a_step_is_that_of_one_world_and_figures_are_exactly_those_of_the_clock(path: Path) -> None:
-    found = bench(path, njmax=64).run(clock=FakeClock())
-    (row,) = found.rows
+    result = bench(path, njmax=64).run(clock=FakeClock())
+    (row,) = result.rows
     assert row.step is not None
     # A second for every block, which is a step of four worlds.
     assert (row.block, row.steps) == (1, 20)
@@ -100,10 +100,10 @@ def test_a_step_is_that_of_one_world_and_figures_are_exactly_those_of_the_clock(
     assert row.counts is not None
     assert (row.counts.contacts, row.counts.constraints, row.counts.iterations) == (3.0, 12.0, 2.5)
     assert (row.counts.arena, row.phases, row.threads, row.overflows) == (None, None, [], [])
-    facts = found.engine
+    facts = result.engine
     assert (facts.name, facts.device, facts.device_name, facts.worlds) == ("warp", "cuda:0", "a GPU", 4)
     assert (facts.version, facts.nconmax, facts.njmax) == ("mujoco_warp 4, warp 1", None, 64)
-    assert any("no phases and no arena" in note for note in found.notes)
+    assert any("no phases and no arena" in note for note in result.notes)
 
 
 def test_the_worlds_have_the_stimulus_of_one_and_more_steps_of_it(path: Path) -> None:
@@ -114,11 +114,11 @@ def test_the_worlds_have_the_stimulus_of_one_and_more_steps_of_it(path: Path) ->
 
 
 def test_with_mujoco_itself_there_is_one_world_and_nothing_is_compiled(path: Path) -> None:
-    found = bench(path, engine="c", worlds=1, threads=[1]).run(clock=FakeClock())
-    facts = found.engine
+    result = bench(path, engine="c", worlds=1, threads=[1]).run(clock=FakeClock())
+    facts = result.engine
     assert (facts.name, facts.version, facts.device, facts.worlds) == ("c", None, "cpu", 1)
-    assert facts.device_name == found.machine.cpu
-    assert found.rows[0].first_step is None
+    assert facts.device_name == result.machine.cpu
+    assert result.rows[0].first_step is None
     assert FakeEngine.opened == []
 
 
@@ -129,13 +129,13 @@ def test_a_base_of_another_engine_device_or_number_of_worlds_is_refused(path: Pa
     assert same is not None
     assert [(ratio.name, ratio.ratio) for ratio in same.ratios] == [("step", 1.0)]
     assert same.verdict == "not slower"
-    for changed, said in (
+    for changed, expected in (
         ({"worlds": 8}, "worlds: 4 there, 8 here"),
         ({"device": "cpu"}, "device: cuda:0 there, cpu here"),
         ({"nconmax": 9}, "nconmax: null there, 9 here"),
         ({"engine": "c"}, "engine: warp there, c here"),
     ):
-        with pytest.raises(UsageError, match=f"is no baseline for this benchmark(.|\n)*{said}"):
+        with pytest.raises(UsageError, match=f"is not a baseline for this benchmark(.|\n)*{expected}"):
             bench(path, compare=base, **changed).run(clock=FakeClock())
     forced = bench(path, compare=base, worlds=8, force=True).run(clock=FakeClock()).comparison
     assert forced is not None
@@ -145,10 +145,10 @@ def test_a_base_of_another_engine_device_or_number_of_worlds_is_refused(path: Pa
 def test_what_does_not_fit_is_a_warning_and_stays_in_the_document(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FakeWorlds, "told", (OVERFLOW,))
     with pytest.warns(MjrunWarning) as heard:
-        found = bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock())
+        result = bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock())
     assert [str(warning.message) for warning in heard] == [OVERFLOW]  # once for both points
-    assert [row["overflows"] for row in json.loads(json.dumps(asdict(found)))["rows"]] == [[OVERFLOW]] * 2
-    assert f"- timestep=.02: {OVERFLOW}" in bench_report.markdown(found)
+    assert [row["overflows"] for row in json.loads(json.dumps(asdict(result)))["rows"]] == [[OVERFLOW]] * 2
+    assert f"- timestep=.02: {OVERFLOW}" in bench_report.markdown(result)
 
 
 def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
@@ -160,14 +160,14 @@ def test_worlds_that_are_unstable_are_a_result_of_a_grid(path: Path) -> None:
 
 
 def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -> None:
-    found = bench(path).run(clock=FakeClock())
-    lines = bench_report.text(found).splitlines()
+    result = bench(path).run(clock=FakeClock())
+    lines = bench_report.text(result).splitlines()
     assert lines[1] == "4 worlds on cuda:0, a GPU; mujoco_warp 4; noise 0.01"
     assert "all worlds 1.000 s for a step of each of them" in lines
     assert "first step 1.000 s; it compiles what is not cached" in lines
     assert not any("arena" in line for line in lines if not line.startswith("note: "))
     assert max(map(len, lines)) <= 80
-    header, row = bench_report.csv_table(found).splitlines()
+    header, row = bench_report.csv_table(result).splitlines()
     known = dict(zip(header.split(","), row.split(","), strict=True))
     names = ("engine", "device", "worlds", "first_step", "steps_per_second", "arena")
     assert [known[name] for name in names] == ["warp", "cuda:0", "4", "1.0", "4.0", ""]
@@ -176,22 +176,22 @@ def test_the_report_tells_of_worlds_and_of_compiling_in_80_columns(path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "expected"),
     [
-        ({"threads": [1]}, "threads is for engine c"),
-        ({"accuracy": True}, "accuracy is for engine c"),
-        ({"whole": True}, "whole is for engine c"),
-        ({"render": True}, "render is for engine c"),
+        ({"threads": [1]}, "threads requires engine c"),
+        ({"accuracy": True}, "accuracy requires engine c"),
+        ({"whole": True}, "whole requires engine c"),
+        ({"render": True}, "render requires engine c"),
         ({"worlds": 0}, "worlds: '0' is not a whole number from 1 to 1048576"),
         ({"njmax": -1}, "njmax: '-1' is not"),
-        ({"engine": "c", "worlds": 2}, "worlds is for engine warp"),
-        ({"engine": "c", "device": "cpu"}, "device is for engine warp"),
-        ({"engine": "c", "nconmax": 1}, "nconmax is for engine warp"),
+        ({"engine": "c", "worlds": 2}, "worlds requires engine warp"),
+        ({"engine": "c", "device": "cpu"}, "device requires engine warp"),
+        ({"engine": "c", "nconmax": 1}, "nconmax requires engine warp"),
         ({"engine": "mjx"}, "engine: 'mjx' is not one of c, warp"),
     ],
 )
-def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[str, Any], said: str) -> None:
-    with pytest.raises(UsageError, match=said):
+def test_what_an_engine_cannot_do_is_refused_at_once(path: Path, changed: dict[str, Any], expected: str) -> None:
+    with pytest.raises(UsageError, match=expected):
         bench(path, **changed)
 
 
@@ -214,7 +214,7 @@ WORLDS = 2
 
 
 class BlockClock:
-    """Goes on by what it is told at every second look."""
+    """Advances by the next tick at every second reading."""
 
     def __init__(self, ticks: Iterator[float]) -> None:
         self.now, self.asked, self._ticks = 0.0, 0, ticks
@@ -234,7 +234,7 @@ def run_of(speed: float = 0.0) -> RolloutInputs:
 
 
 def bare(run: RolloutInputs, steps: int, ahead: int = 0) -> np.ndarray:
-    """Where a bare loop ends that plays the controls `ahead` of their time."""
+    """Returns the end of a bare loop that plays the controls `ahead` of their time."""
     data = run.data()
     for step in range(steps):
         if run.controls is not None:
@@ -251,7 +251,7 @@ def warp() -> WarpOptions:
 
 @pytest.fixture(scope="module")
 def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRoller]:
-    """Worlds that have taken their first step: compiling takes most of the time here."""
+    """Returns worlds that have taken their first step, since compiling takes most of the time."""
     run = run_of()
     roller = warp.open(run)
     assert roller.first(BlockClock(iter([4.0]))) == 4.0
@@ -264,10 +264,10 @@ def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
 ) -> None:
     run, worlds = pushed
     worlds.seconds(steps, 10, BlockClock(iter([1.0] * 5)))
-    found = worlds._worlds.read("qpos")
-    assert found.shape == (WORLDS, run.model.nq)
+    result = worlds._worlds.read("qpos")
+    assert result.shape == (WORLDS, run.model.nq)
     for world in range(WORLDS):
-        np.testing.assert_allclose(found[world], bare(run, steps, world), atol=2e-5)
+        np.testing.assert_allclose(result[world], bare(run, steps, world), atol=2e-5)
     assert abs(bare(run, steps)[7] - bare(run, steps, 1)[7]) > 1e-3  # the worlds are told apart by that
 
 
@@ -285,11 +285,11 @@ def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, W
     for _ in range(FALLEN):
         mujoco.mj_step(run.model, data)
         contacts, constraints = contacts + data.ncon, constraints + data.nefc
-    found = worlds.profile(FALLEN)
+    result = worlds.profile(FALLEN)
     assert contacts > 0
-    assert (found.contacts, found.constraints) == (contacts / FALLEN, constraints / FALLEN)
-    assert found.iterations > 0
-    assert (found.arena, found.phases, found.warned) == (None, None, False)
+    assert (result.contacts, result.constraints) == (contacts / FALLEN, constraints / FALLEN)
+    assert result.iterations > 0
+    assert (result.arena, result.phases, result.warned) == (None, None, False)
     assert list(worlds.overflows()) == []
 
 

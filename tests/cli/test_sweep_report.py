@@ -11,7 +11,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import simulation
 from mjrun.cli.sweep_report import point_command
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.point_simulation import simulation_at
+from mjrun.study.spec import simulation_at
 
 
 @pytest.mark.parametrize(

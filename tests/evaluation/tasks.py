@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from mjrun.evaluation import schedule
-from mjrun.evaluation.episode import Episode
+from mjrun.evaluation.episode import EpisodeRecord
 from mjrun.evaluation.player import player_of
-from mjrun.evaluation.schedule import Chunk
+from mjrun.evaluation.schedule import EpisodeChunk
 from mjrun.task.task import Action, Observation, Reset, Task, Termination
 
 XML = """
@@ -85,7 +85,7 @@ def wide(observation):
 
 
 def cart_task(folder: Path, *, duration: float = 1.5, rewards: bool = True) -> Task:
-    """A cart that should come to the middle and must not leave the road; in steps of two timesteps."""
+    """Returns a task: a cart should reach the middle and must not leave the road; a control period is two timesteps."""
     path = folder / "cart.xml"
     path.write_text(XML)
     return Task(
@@ -107,16 +107,16 @@ def cart_task(folder: Path, *, duration: float = 1.5, rewards: bool = True) -> T
 
 
 def write_policies(folder: Path) -> Path:
-    """A file of policies in Python."""
+    """Writes a file of Python policies."""
     path = folder / "policies.py"
     path.write_text(POLICY)
     return path
 
 
 def play_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Episodes are played in the process of the test: a process of their own shows nothing more, and takes a second."""
+    """Plays episodes in the process of the test: a separate process shows nothing more, and takes a second."""
 
-    def played(chunks: Sequence[Chunk], processes: int) -> Iterator[tuple[Chunk, list[Episode]]]:
+    def played(chunks: Sequence[EpisodeChunk], processes: int) -> Iterator[tuple[EpisodeChunk, list[EpisodeRecord]]]:
         for chunk in chunks:
             yield chunk, player_of(chunk.spec).play(chunk.seeds)
 

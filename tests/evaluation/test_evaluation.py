@@ -1,4 +1,4 @@
-"""An evaluation in Python: the same table every time, and what is there when something fails."""
+"""Evaluations in Python: the same table every time, and the folder after a failure."""
 
 import json
 from dataclasses import asdict, replace
@@ -13,8 +13,7 @@ import pytest
 import mjrun
 from mjrun.document.report_schema import report_schema
 from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
-from mjrun.evaluation.evaluation import Evaluation
-from mjrun.evaluation.result import SCHEMA, EvaluationResult
+from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
 from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.table import FILES
 from mjrun.task.task import Reward
@@ -31,14 +30,14 @@ def _here(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
 
 def evaluation(folder: Path, out: str = "out", name: str = "act", **options: object) -> Evaluation:
     task, policies = cart_task(folder), write_policies(folder)
-    given = {"policy": f"{policies}:{name}", "episodes": 9, "seed": 3, "jobs": 1, **options}
-    return Evaluation(task, str(folder / out), **given)  # type: ignore[arg-type]
+    arguments = {"policy": f"{policies}:{name}", "episodes": 9, "seed": 3, "jobs": 1, **options}
+    return Evaluation(task, str(folder / out), **arguments)  # type: ignore[arg-type]
 
 
 def test_the_table_is_the_same_bytes_whatever_the_number_of_processes(tmp_path: Path) -> None:
     varied = {"vary": {"geom/box.mass": "1,2"}, "compare": "random"}
     evaluation(tmp_path, "a", **varied).run()
-    evaluation(tmp_path, "b", **varied, jobs=3).run()
+    evaluation(tmp_path, "b", **varied, jobs=2).run()
     for name in (*FILES, "results.parquet", "results.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
@@ -84,16 +83,16 @@ def test_a_failure_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
 
 
 def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> None:
-    with pytest.raises(FailedAssertionError, match="return >= 5") as found:
+    with pytest.raises(FailedAssertionError, match="return >= 5") as caught:
         evaluation(tmp_path, fail_below={"return": 5}, require=["steps > 0"]).run()
-    (result,) = found.value.results
+    (result,) = caught.value.results
     assert [verdict.passed for verdict in result.assertions] == [True, False]
     assert (tmp_path / "out" / FILES[0]).is_file()
 
 
 @pytest.mark.parametrize(
     ("out", "match"),
-    [(".", "holds other things than an evaluation"), ("cart.xml", "is no folder"), ("cart.xml/a", "is not a folder")],
+    [(".", "holds other files than an evaluation"), ("cart.xml", "is not a folder"), ("cart.xml/a", "is not a folder")],
 )
 def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: str, match: str) -> None:
     some = evaluation(tmp_path, out)
@@ -105,7 +104,9 @@ def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: s
 
 def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:
     task = replace(cart_task(tmp_path), rewards={"bad": Reward(value="log(-1 - abs(qpos/slider))")})
-    with pytest.warns(MjrunWarning, match=r"^zero: 2 of 2 returns not finite, because of bad; the figures leave such"):
+    with pytest.warns(
+        MjrunWarning, match=r"^zero: 2 of 2 returns not finite, because of bad; the summaries exclude them"
+    ):
         result = Evaluation(task, str(tmp_path / "out"), policy="zero", episodes=2, jobs=1).run()
     assert result.policies[0].returns.count == 0
 
@@ -131,18 +132,18 @@ def test_edits_while_episodes_are_played_by_processes_change_nothing(
 def test_a_policy_is_read_with_its_weights_before_the_first_episode(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The weights of the ONNX file are in a file of their own."""
+    """The weights of the ONNX file are in a separate file."""
     network = onnx.load(linear(tmp_path / "p.onnx", np.array([[-2.0, -1.2]], np.float32)))
     onnx.save(network, tmp_path / "p.onnx", save_as_external_data=True, location="p.weights", size_threshold=0)
-    given: dict[str, Any] = {"policy": str(tmp_path / "p.onnx"), "jobs": 1}
-    evaluation(tmp_path, "quiet", **given).run()
+    options: dict[str, Any] = {"policy": str(tmp_path / "p.onnx"), "jobs": 1}
+    evaluation(tmp_path, "quiet", **options).run()
 
     def edited_and_played(*arguments: Any) -> Any:
         (tmp_path / "p.weights").write_bytes(np.zeros(2, np.float32).tobytes())
         return play_all(*arguments)
 
     monkeypatch.setattr("mjrun.evaluation.evaluation.play_all", edited_and_played)
-    evaluation(tmp_path, "edited_in_processes", **given).run()
+    evaluation(tmp_path, "edited_in_processes", **options).run()
     tables = [tmp_path / folder / FILES[1] for folder in ("quiet", "edited_in_processes")]
     assert tables[0].read_bytes() == tables[1].read_bytes()
     shown = (tmp_path / "edited_in_processes" / "evaluation.json").read_text()

@@ -1,4 +1,4 @@
-"""Episodes against a bare loop of MuJoCo, and against each other in other company."""
+"""Episodes against a bare MuJoCo loop, and against the same episodes beside others."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ def policy(observation: np.ndarray) -> np.ndarray:
 
 
 def bare_episode(task: Task, seed: int) -> tuple[float, int, str]:
-    """The return, the control periods and the ending of an episode, by mj_step alone."""
+    """Computes the return, the control periods and the ending of an episode by mj_step alone."""
     worlds = TaskWorlds(task, 1, threads=1)
     worlds.reset([seed])
     model = task.load()
@@ -107,11 +107,11 @@ def test_models_of_worlds_take_no_more_memory_than_the_budget(tmp_path: Path, mo
 
 
 def test_an_action_that_is_no_number_is_told_with_its_step_and_seed(tmp_path: Path) -> None:
-    with pytest.raises(InvalidActionError, match=r"push = nan[\s\S]*seed 3") as found:
+    with pytest.raises(InvalidActionError, match=r"push = nan[\s\S]*seed 3") as caught:
         player_of(spec(tmp_path, "Broken")).play([3])
-    assert found.value.exit_code == 4
-    assert found.value.step == 14
-    assert found.value.time == pytest.approx(0.14)
+    assert caught.value.exit_code == 4
+    assert caught.value.step == 14
+    assert caught.value.time == pytest.approx(0.14)
 
 
 def test_a_policy_of_another_size_is_told(tmp_path: Path) -> None:
@@ -177,8 +177,8 @@ METRICS = {
 def test_metrics_are_those_of_the_trace_at_control_instants(tmp_path: Path) -> None:
     task, policy = cart_task(tmp_path), f"{write_policies(tmp_path)}:act"
     plain = player_of(EpisodeSpec(task, PolicyChoice(policy))).play([3, 8])
-    found = player_of(EpisodeSpec(task, PolicyChoice(policy), tuple(METRICS.items()))).play([3, 8])
-    for episode, other in zip(found, plain, strict=True):
+    result = player_of(EpisodeSpec(task, PolicyChoice(policy), tuple(METRICS.items()))).play([3, 8])
+    for episode, other in zip(result, plain, strict=True):
         path = tmp_path / f"{episode.seed}.csv"
         simulation = Simulation(task, policy=policy, seed=episode.seed)
         Trace(simulation, str(path), probe=["qpos", "ctrl", "obs", "action", "return"], every=2).run()
@@ -204,9 +204,9 @@ def test_an_environment_is_measured_too() -> None:
 
 
 def test_a_metric_of_nothing_is_told_at_once(tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match="qpos/knee") as found:
+    with pytest.raises(UnknownNameError, match="qpos/knee") as caught:
         player_of(EpisodeSpec(cart_task(tmp_path), PolicyChoice("zero"), (("m", "max(qpos/knee)"),)))
-    assert found.value.path == ("metric", "m")
+    assert caught.value.path == ("metric", "m")
 
 
 def test_an_episode_that_becomes_unstable_is_measured_as_far_as_it_goes(tmp_path: Path) -> None:

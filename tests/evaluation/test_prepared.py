@@ -1,5 +1,6 @@
-"""What varies between episodes, and what is checked before the first."""
+"""Variations of evaluations, and checks before the first episode."""
 
+import pickle
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -8,7 +9,7 @@ import pytest
 
 from mjrun.document.task import read_task
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.evaluation.episode import PolicyChoice
+from mjrun.evaluation.episode import EpisodeSpec, PolicyChoice
 from mjrun.evaluation.prepared import PreparedEvaluation, points_of, policy_at, task_at
 from mjrun.experiment.design import Design
 from mjrun.model.override import Override
@@ -25,8 +26,8 @@ actions: [{actuators: [push]}]
 """
 
 
-def options(**given: object) -> EvaluationOptions:
-    return EvaluationOptions(None, "out", **given)  # type: ignore[arg-type]
+def options(**arguments: object) -> EvaluationOptions:
+    return EvaluationOptions(None, "out", **arguments)  # type: ignore[arg-type]
 
 
 def test_nothing_varies_as_a_rule(tmp_path: Path) -> None:
@@ -40,12 +41,12 @@ def test_points_are_those_of_a_study(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "match"),
-    [({"vary": {"seed": "1,2"}}, "a seed of its own"), ({"repeats": 2}, "episodes repeat each point")],
+    ("arguments", "match"),
+    [({"vary": {"seed": "1,2"}}, "a separate seed"), ({"repeats": 2}, "to repeat each point")],
 )
-def test_seeds_are_those_of_episodes(tmp_path: Path, given: dict[str, object], match: str) -> None:
+def test_seeds_are_those_of_episodes(tmp_path: Path, arguments: dict[str, object], match: str) -> None:
     with pytest.raises(UsageError, match=match):
-        points_of(options(**given), cart_task(tmp_path))
+        points_of(options(**arguments), cart_task(tmp_path))
 
 
 def test_paths_of_the_model_are_overrides_and_times_are_the_tasks_own(tmp_path: Path) -> None:
@@ -74,9 +75,9 @@ def test_whatever_a_document_says_can_vary(tmp_path: Path) -> None:
 
 
 def test_what_no_task_has_is_told_with_what_can_vary(tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match="control_dt") as found:
+    with pytest.raises(UnknownNameError, match="control_dt") as caught:
         task_at(cart_task(tmp_path), {"colour": "3"}, None)
-    assert found.value.path == ("vary", "colour")
+    assert caught.value.path == ("vary", "colour")
     with pytest.raises(UsageError, match="control_dt"):
         task_at(cart_task(tmp_path), {"control_dt": "soon"}, None)
 
@@ -87,37 +88,37 @@ def test_a_policy_may_vary() -> None:
     assert policy_at(chosen, {"control_dt": "1"}) == chosen
 
 
-def prepare(folder: Path, **given: object) -> PreparedEvaluation:
+def prepare(folder: Path, **arguments: object) -> PreparedEvaluation:
     task = cart_task(folder)
-    return PreparedEvaluation(EvaluationOptions(task, "out", **given), task, None)  # type: ignore[arg-type]
+    return PreparedEvaluation(EvaluationOptions(task, "out", **arguments), task, None)  # type: ignore[arg-type]
 
 
 def test_groups_are_by_policies_and_then_by_points(tmp_path: Path) -> None:
-    found = prepare(tmp_path, policy="random", compare="zero", vary={"opt.timestep": "0.005,0.01"}, timestep="0.002")
-    assert [(group.policy, group.name, group.point) for group in found.groups] == [
+    result = prepare(tmp_path, policy="random", compare="zero", vary={"opt.timestep": "0.005,0.01"}, timestep="0.002")
+    assert [(group.policy, group.name, group.point) for group in result.groups] == [
         (0, "random", 0),
         (0, "random", 1),
         (1, "zero", 0),
         (1, "zero", 1),
     ]
-    assert [group.spec.task.load().opt.timestep for group in found.groups] == [0.005, 0.01] * 2
-    assert [group.spec.chosen.policy for group in found.groups] == ["random", "random", "zero", "zero"]
-    assert found.values(1) == {"opt.timestep": "0.01"}
+    assert [group.spec.task.load().opt.timestep for group in result.groups] == [0.005, 0.01] * 2
+    assert [group.spec.chosen.policy for group in result.groups] == ["random", "random", "zero", "zero"]
+    assert result.points.values(1) == {"opt.timestep": "0.01"}
 
 
 def test_two_policies_of_one_name_are_told_apart(tmp_path: Path) -> None:
-    found = prepare(tmp_path, policy="random", compare="random")
-    assert [group.name for group in found.groups] == ["random (1)", "random (2)"]
+    result = prepare(tmp_path, policy="random", compare="random")
+    assert [group.name for group in result.groups] == ["random (1)", "random (2)"]
 
 
 @pytest.mark.parametrize(
-    ("given", "match", "path"),
+    ("arguments", "match", "path"),
     [
-        ({}, "who plays", ("policy",)),
+        ({}, "select a policy", ("policy",)),
         ({"policy": "no_such.onnx"}, "no_such.onnx", None),
-        ({"policy": "zero", "compare_normalize": "none"}, "goes with", ("compare_normalize",)),
-        ({"policy": "zero", "vary": {"policy": "zero,random"}}, "both say who plays", ("policy",)),
-        ({"compare": "zero", "vary": {"policy": "zero,random"}}, "both say who plays", ("compare",)),
+        ({"policy": "zero", "compare_normalize": "none"}, "requires", ("compare_normalize",)),
+        ({"policy": "zero", "vary": {"policy": "zero,random"}}, "both select the policy", ("policy",)),
+        ({"compare": "zero", "vary": {"policy": "zero,random"}}, "both select the policy", ("compare",)),
         ({"policy": "zero", "metric": {"seed": "max(time)"}}, "cannot be the name of a metric", ("metric", "seed")),
         ({"policy": "zero", "metric": {"home": "max(time)"}}, "cannot be the name of a metric", ("metric", "home")),
         ({"policy": "zero", "metric": {"a b": "max(time)"}}, "cannot be the name of a metric", ("metric", "a b")),
@@ -126,13 +127,13 @@ def test_two_policies_of_one_name_are_told_apart(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_is_told(
-    tmp_path: Path, given: dict[str, object], match: str, path: tuple[object, ...] | None
+    tmp_path: Path, arguments: dict[str, object], match: str, path: tuple[object, ...] | None
 ) -> None:
-    with pytest.raises(Exception, match=match) as found:
-        prepare(tmp_path, **given)
+    with pytest.raises(Exception, match=match) as caught:
+        prepare(tmp_path, **arguments)
     if path is not None:
-        assert isinstance(found.value, UsageError)
-        assert found.value.path == path
+        assert isinstance(caught.value, UsageError)
+        assert caught.value.path == path
 
 
 def test_the_other_policy_is_checked_too(tmp_path: Path) -> None:
@@ -145,3 +146,13 @@ def test_a_missing_library_is_told_with_its_extra(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"mjrun\[eval\]"):
         prepare(tmp_path, policy="zero")
+
+
+def test_a_specification_goes_to_another_process_as_it_is(tmp_path: Path) -> None:
+    spec = EpisodeSpec(cart_task(tmp_path), PolicyChoice("random", "none", True), (("m", "max(time)"),))
+    assert pickle.loads(pickle.dumps(spec)) == spec
+
+
+def test_a_policy_is_called_by_its_text_or_by_what_it_is() -> None:
+    assert PolicyChoice("walk.onnx").name == "walk.onnx"
+    assert PolicyChoice(len).name == "builtin_function_or_method"

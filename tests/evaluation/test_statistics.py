@@ -20,7 +20,7 @@ LEVELS = st.sampled_from([0.8, 0.9, 0.95, 0.99])
 
 
 def rounding(values: np.ndarray, *ends: float) -> float:
-    """An error that rounding explains in what is computed from numbers as large as these."""
+    """Returns a bound on rounding errors in computations with numbers as large as these."""
     return 1e-11 * max(1.0, *np.abs(values), *map(abs, ends))
 
 
@@ -28,9 +28,9 @@ def rounding(values: np.ndarray, *ends: float) -> float:
 def test_the_interval_of_a_share_is_wilsons(counts: tuple[int, int], confidence: float) -> None:
     count, of = counts
     expected = scipy.stats.binomtest(count, of).proportion_ci(confidence, method="wilson")
-    found = wilson_interval(count, of, confidence)
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert share([True] * count + [False] * (of - count), confidence).interval == found
+    result = wilson_interval(count, of, confidence)
+    assert (result.low, result.high) == pytest.approx((expected.low, expected.high), abs=1e-12)
+    assert share([True] * count + [False] * (of - count), confidence).interval == result
 
 
 def test_a_share_of_all_or_none_reaches_the_end() -> None:
@@ -42,22 +42,22 @@ def test_a_share_of_all_or_none_reaches_the_end() -> None:
 def test_the_interval_of_a_mean_is_students(values: list[float], confidence: float) -> None:
     numbers = np.array(values)
     spread = scipy.stats.sem(numbers)
-    found = mean_interval(numbers, confidence)
+    result = mean_interval(numbers, confidence)
     if spread == 0:
-        assert found == Interval(numbers.mean(), numbers.mean())
+        assert result == Interval(numbers.mean(), numbers.mean())
         return
     expected = scipy.stats.t.interval(confidence, len(numbers) - 1, numbers.mean(), spread)
-    assert (found.low, found.high) == pytest.approx(expected, rel=1e-9, abs=rounding(numbers, *expected))
+    assert (result.low, result.high) == pytest.approx(expected, rel=1e-9, abs=rounding(numbers, *expected))
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=80, unique=True), LEVELS)
 def test_the_interval_of_a_median_is_that_of_the_quantile_test(values: list[float], confidence: float) -> None:
     expected = scipy.stats.quantile_test(values, p=0.5).confidence_interval(confidence)
-    found = median_interval(np.array(values), confidence)
+    result = median_interval(np.array(values), confidence)
     if np.isnan(expected.low) or np.isnan(expected.high):
-        assert found == Interval(None, None)
+        assert result == Interval(None, None)
     else:
-        assert (found.low, found.high) == (expected.low, expected.high)
+        assert (result.low, result.high) == (expected.low, expected.high)
 
 
 def paired(both: int, first: int, second: int, neither: int) -> tuple[np.ndarray, np.ndarray]:
@@ -78,11 +78,11 @@ def paired(both: int, first: int, second: int, neither: int) -> tuple[np.ndarray
 def test_the_interval_of_a_difference_of_paired_shares_is_that_of_the_literature(
     table: tuple[int, int, int, int], expected: tuple[float, float]
 ) -> None:
-    found = paired_share_interval(*paired(*table))
+    result = paired_share_interval(*paired(*table))
     digits = 3 if table[0] == 1 else 4
-    assert found.low is not None
-    assert found.high is not None
-    assert (round(found.low, digits), round(found.high, digits)) == expected
+    assert result.low is not None
+    assert result.high is not None
+    assert (round(result.low, digits), round(result.high, digits)) == expected
 
 
 @given(*[st.integers(0, 40)] * 4)
@@ -90,12 +90,12 @@ def test_a_difference_lies_in_its_interval_which_turns_around_with_the_sides(a: 
     if a + b + c + d == 0:
         return
     ours, theirs = paired(a, b, c, d)
-    found, other = paired_share_interval(ours, theirs), paired_share_interval(theirs, ours)
-    assert found.low is not None
-    assert found.high is not None
-    assert -1 <= found.low <= found.high <= 1
-    assert found.low - 1e-12 <= (b - c) / (a + b + c + d) <= found.high + 1e-12
-    assert (other.low, other.high) == pytest.approx((-found.high, -found.low), abs=1e-12)
+    result, other = paired_share_interval(ours, theirs), paired_share_interval(theirs, ours)
+    assert result.low is not None
+    assert result.high is not None
+    assert -1 <= result.low <= result.high <= 1
+    assert result.low - 1e-12 <= (b - c) / (a + b + c + d) <= result.high + 1e-12
+    assert (other.low, other.high) == pytest.approx((-result.high, -result.low), abs=1e-12)
 
 
 def test_intervals_cover_what_they_are_to_cover() -> None:
@@ -118,12 +118,12 @@ def test_the_mean_of_clusters_of_one_size_has_the_interval_of_their_own_means(
 ) -> None:
     numbers = np.array(values[: len(values) // size * size])
     means = numbers.reshape(-1, size).mean(axis=1)
-    found = mean_interval(numbers, confidence, np.repeat(np.arange(len(means)), size))
+    result = mean_interval(numbers, confidence, np.repeat(np.arange(len(means)), size))
     expected = mean_interval(means, confidence)
     assert expected.low is not None
     assert expected.high is not None
     ends = expected.low, expected.high
-    assert (found.low, found.high) == pytest.approx(ends, rel=1e-9, abs=rounding(numbers, *ends))
+    assert (result.low, result.high) == pytest.approx(ends, rel=1e-9, abs=rounding(numbers, *ends))
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40), st.integers(1, 6))
@@ -136,8 +136,8 @@ def test_the_same_cases_several_times_say_no_more_than_once(cases: list[tuple[bo
         (share(again[0], clusters=clusters).interval, share(ours).interval),
         (median_interval(again[0] + 0.0, clusters=clusters), median_interval(ours + 0.0)),
     ]
-    for found, expected in pairs:
-        assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=1e-9)
+    for result, expected in pairs:
+        assert (result.low, result.high) == pytest.approx((expected.low, expected.high), abs=1e-9)
 
 
 def test_intervals_of_clusters_cover_what_they_are_to_cover_where_those_of_independent_cases_do_not() -> None:
@@ -167,21 +167,21 @@ def _contains(interval: Interval, value: float) -> bool:
 
 
 def test_a_summary_leaves_out_what_is_not_finite() -> None:
-    found = summarized([1.0, np.nan, 3.0, np.inf, 8.0])
-    assert (found.count, found.mean, found.median, found.min, found.max) == (3, 4.0, 3.0, 1.0, 8.0)
-    assert found.std == pytest.approx(np.std([1, 3, 8], ddof=1))
-    assert found.median_interval == Interval(None, None)
+    result = summarized([1.0, np.nan, 3.0, np.inf, 8.0])
+    assert (result.count, result.mean, result.median, result.min, result.max) == (3, 4.0, 3.0, 1.0, 8.0)
+    assert result.std == pytest.approx(np.std([1, 3, 8], ddof=1))
+    assert result.median_interval == Interval(None, None)
 
 
 @pytest.mark.parametrize("values", [[], [np.nan]])
 def test_a_summary_of_nothing_says_nothing(values: list[float]) -> None:
-    found = summarized(values)
-    assert (found.count, found.mean, found.mean_interval) == (0, None, Interval(None, None))
+    result = summarized(values)
+    assert (result.count, result.mean, result.mean_interval) == (0, None, Interval(None, None))
 
 
 def test_one_value_has_a_mean_without_an_interval() -> None:
-    found = summarized([2.5])
-    assert (found.mean, found.std, found.mean_interval) == (2.5, None, Interval(None, None))
+    result = summarized([2.5])
+    assert (result.mean, result.std, result.mean_interval) == (2.5, None, Interval(None, None))
 
 
 def test_only_an_interval_on_one_side_excludes_zero() -> None:

@@ -1,4 +1,4 @@
-"""Which episodes are recorded, and their videos."""
+"""The choice of episodes, and their videos."""
 
 from pathlib import Path
 
@@ -34,12 +34,12 @@ def test_three_are_the_worst_the_median_and_the_best() -> None:
     ],
 )
 def test_any_number_is_spaced_by_rank(count: int, expected: list[tuple[str, float]]) -> None:
-    found = chosen([5, 1, 4, 2, 3], count)
-    assert [value for _, value in found] == sorted(value for _, value in found)
+    result = chosen([5, 1, 4, 2, 3], count)
+    assert [value for _, value in result] == sorted(value for _, value in result)
     if count != 4:
-        assert found == expected
-    assert (found[0], found[-1]) == (expected[0], expected[-1])
-    assert len(found) == min(count, 5)
+        assert result == expected
+    assert (result[0], result[-1]) == (expected[0], expected[-1])
+    assert len(result) == min(count, 5)
 
 
 def test_of_an_even_number_the_median_is_the_lower_in_the_middle() -> None:

@@ -1,4 +1,4 @@
-"""The points of a study, against products, and the properties that samples promise."""
+"""Points of a design: lists, spans, tables, random values, and conditions on them."""
 
 import itertools
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError, MjrunError, UsageError
-from mjrun.experiment.design import COMBINATIONS, SAMPLERS, Design, _sampled, design
+from mjrun.experiment.design import COMBINATIONS, SAMPLERS, Design, _sampled, design, value_list
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
 from mjrun.physics.distribution import Distribution
@@ -117,7 +117,7 @@ def test_conditions_leave_points_out() -> None:
         ({"vary": {"a.x": "1,,2"}}, "vary a.x"),
         ({"vary": {"each:geom/leg*.size": "1"}}, "no geom 'leg\\*'"),
         ({"vary": {"each:nothing/leg*.size": "1"}}, "nothing"),
-        ({"vary": {"a.x": "1,2"}, "where": ["x > 5"]}, "where: no point is left of 2"),
+        ({"vary": {"a.x": "1,2"}, "where": ["x > 5"]}, "where: none of the 2 points satisfies it"),
         ({"vary": {"a.x": "1,2"}, "where": ["z > 5"]}, "no column 'z'"),
         ({"vary": {"a.x": "p,q"}, "where": ["x > 5"]}, "not numbers"),
         ({"vary": {f"a.{k}": "1..100:100" for k in "abcdef"}}, "1,000,000,000,000 points"),
@@ -140,3 +140,40 @@ def test_a_table_that_has_no_points_is_refused(tmp_path: Path, text: str) -> Non
 
 def test_without_anything_that_varies_there_is_one_point() -> None:
     assert list(points().points) == [()]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("a,b", ["a", "b"]), (" 1 , 2 ", ["1", "2"]), ("0,0,1;0,0,2", ["0,0,1", "0,0,2"]), ("a", ["a"])],
+)
+def test_values_of_a_scan_are_separated_by_commas_or_semicolons(text: str, expected: list[str]) -> None:
+    assert value_list("opt.x", text, "scan") == expected
+
+
+@pytest.mark.parametrize("text", ["", "a,,b", "a,a", ";"])
+def test_a_scan_without_values_or_with_one_twice_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="scan opt"):
+        value_list("opt.x", text, "scan")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0.1..1:10", ["0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.7", "0.8", "0.9", "1"]),
+        ("-1..1:3", ["-1", "0", "1"]),
+        (".1...5:3", ["0.1", "0.3", "0.5"]),
+        ("1..40:40", [str(seed) for seed in range(1, 41)]),
+        ("0..1:3,7", ["0", "0.5", "1", "7"]),
+        ("log:1e-4..1e-1:4", ["0.0001", "0.001", "0.01", "0.1"]),
+        ("log:1..2:3", ["1", repr(2**0.5), "2"]),
+        ("..", [".."]),
+    ],
+)
+def test_a_span_is_spelled_out(text: str, expected: list[str]) -> None:
+    assert value_list("opt.x", text, "scan") == expected
+
+
+@pytest.mark.parametrize("text", ["a..b:3", "0..1:1", "1..1:3", "0..1:x", "log:0..1:3", "0..1:2000000", "0..1:3,1"])
+def test_a_span_that_has_no_values_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="vary opt"):
+        value_list("opt.x", text, "vary")

@@ -40,8 +40,8 @@ def test_parameters_are_numbers_where_all_values_are_and_null_stands_for_no_text
 def verdicts(*texts: str) -> list[tuple[bool, str]]:
     made = table()
     requirements = Requirements(texts, ["seed", "drift"], ["ok", "bad"], lambda text: text.replace("awry", "bad "))
-    found = requirements.verdicts(made.numbers | made.flags("status", ["ok", "bad"]))
-    return [(verdict.passed, verdict.text) for verdict in found]
+    result = requirements.verdicts(made.numbers | made.flags("status", ["ok", "bad"]))
+    return [(verdict.passed, verdict.text) for verdict in result]
 
 
 def test_requirements_hold_over_all_rows_and_flags_count_them() -> None:

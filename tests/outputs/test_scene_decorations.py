@@ -125,7 +125,7 @@ def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_o
         assert [state[1] for state in states] == pytest.approx(sign * np.pi / 4 * np.array([0, 1, 2, 0, -2]))
         assert any("3 s is time 0 here" in text for text in found.remarks)
     assert simulation.stepper(model).step == 0  # the map is not idle
-    with pytest.raises(UsageError, match=r"^map says how a table is read; there is none to replay"):
+    with pytest.raises(UsageError, match=r"^map requires a table for replay"):
         Simulation(swing, map="time=t", steps=5).stepper(model)
     for ghost, message in (
         (f"trace={tmp_path}/log.csv,map=none", "has no positions of this model"),

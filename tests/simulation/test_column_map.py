@@ -1,4 +1,4 @@
-"""What the columns of tables mean, by name, by number, and as maps say."""
+"""Columns of tables are mapped by name, by number, and by maps."""
 
 from pathlib import Path
 
@@ -16,9 +16,9 @@ def resolved(names: list[str], *texts: str, quat: str = "wxyz") -> ColumnMap:
     return column_map(model(), names, texts, quat, "t.csv")
 
 
-def read(found: ColumnMap, field: str = "qpos") -> dict[str, str]:
-    """The column of the table that gives each of ours, where it is one as it stands."""
-    return {found.columns[field][index]: source.columns[0] for index, source in found.sources[field].items()}
+def read(result: ColumnMap, field: str = "qpos") -> dict[str, str]:
+    """Returns the table's column of each number that is a column unchanged."""
+    return {result.columns[field][index]: source.columns[0] for index, source in result.sources[field].items()}
 
 
 def numbered(prefix: str, count: int, first: int = 0) -> list[str]:
@@ -26,12 +26,12 @@ def numbered(prefix: str, count: int, first: int = 0) -> list[str]:
 
 
 def test_our_own_names_mean_themselves_and_others_nothing() -> None:
-    found = resolved(["time", *reversed(QPOS), "qvel/hip", "energy/kinetic", "note"])
-    assert read(found) == {name: name for name in QPOS}
-    assert read(found, "qvel") == {"qvel/hip": "qvel/hip"}
-    assert set(found.sources) == {"qpos", "qvel"}
-    assert found.time is not None
-    assert found.time.columns == ("time",)
+    result = resolved(["time", *reversed(QPOS), "qvel/hip", "energy/kinetic", "note"])
+    assert read(result) == {name: name for name in QPOS}
+    assert read(result, "qvel") == {"qvel/hip": "qvel/hip"}
+    assert set(result.sources) == {"qpos", "qvel"}
+    assert result.time is not None
+    assert result.time.columns == ("time",)
 
 
 @pytest.mark.parametrize("prefix", ["qpos/{}", "qpos_{}", "qpos.{}", "qpos[{}]", "qpos{}"])
@@ -42,11 +42,11 @@ def test_a_whole_field_may_be_numbered(prefix: str, first: int) -> None:
 
 
 def test_the_order_of_numbered_quaternions_is_said() -> None:
-    found = read(resolved(numbered("qpos/{}", 13), quat="xyzw"))
+    result = read(resolved(numbered("qpos/{}", 13), quat="xyzw"))
     expected = [0, 1, 2, 6, 3, 4, 5, 7, 11, 8, 9, 10, 12]
-    assert [found[name] for name in QPOS] == [f"qpos/{index}" for index in expected]
-    found = read(resolved([*numbered("qpos/neck/{}", 4), "qpos/root/qw", "qpos/root/x"], quat="xyzw"))
-    assert found == {
+    assert [result[name] for name in QPOS] == [f"qpos/{index}" for index in expected]
+    result = read(resolved([*numbered("qpos/neck/{}", 4), "qpos/root/qw", "qpos/root/x"], quat="xyzw"))
+    assert result == {
         "qpos/root/qw": "qpos/root/qw",
         "qpos/root/x": "qpos/root/x",  # what has a name has no order
         "qpos/neck/qw": "qpos/neck/3",
@@ -60,20 +60,20 @@ def test_the_order_of_numbered_quaternions_is_said() -> None:
 
 
 def test_a_map_has_expressions_over_the_columns_of_the_table() -> None:
-    found = resolved(
+    result = resolved(
         ["t", "hip_deg", "lift (mm)"], "time=t/1000", "qpos/hip = hip_deg*pi/180", "qpos/lift='lift (mm)'/1e3"
     )
-    assert found.time is not None
+    assert result.time is not None
     table = {"t": np.array([0.0, 500.0]), "hip_deg": np.array([180.0, -90.0]), "lift (mm)": np.array([1.0, 2.0])}
-    assert found.time.values(table).tolist() == [0, 0.5]
-    assert found.sources["qpos"][7].values(table).tolist() == [np.pi, -np.pi / 2]
-    assert found.sources["qpos"][12].values(table).tolist() == [0.001, 0.002]
+    assert result.time.values(table).tolist() == [0, 0.5]
+    assert result.sources["qpos"][7].values(table).tolist() == [np.pi, -np.pi / 2]
+    assert result.sources["qpos"][12].values(table).tolist() == [0.001, 0.002]
 
 
 def test_a_map_precedes_names() -> None:
-    found = resolved(["time", *QPOS, "other"], "qpos/hip=other")
-    assert read(found)["qpos/hip"] == "other"
-    assert read(found)["qpos/lift"] == "qpos/lift"
+    result = resolved(["time", *QPOS, "other"], "qpos/hip=other")
+    assert read(result)["qpos/hip"] == "other"
+    assert read(result)["qpos/lift"] == "qpos/lift"
 
 
 @pytest.mark.parametrize(
@@ -84,21 +84,21 @@ def test_a_map_precedes_names() -> None:
     ],
 )
 def test_a_joint_is_mapped_whole_to_columns_of_its_components(names: list[str]) -> None:
-    found = read(resolved(names, "qpos/root=pelvis", quat="xyzw"))
-    assert {name.rpartition("/")[2]: source for name, source in found.items()} == {
+    result = read(resolved(names, "qpos/root=pelvis", quat="xyzw"))
+    assert {name.rpartition("/")[2]: source for name, source in result.items()} == {
         name[len("pelvis") + 1 :]: name for name in names
     }
 
 
 def test_arrays_side_by_side_are_a_joint_or_a_field() -> None:
     names = [*numbered("root_pos/{}", 3), *numbered("root_rot/{}", 4), *numbered("neck_{}", 4), "hip", "lift"]
-    found = read(resolved(names, "qpos=root_pos, root_rot, hip, neck, lift", quat="xyzw"))
-    assert [found[name] for name in QPOS] == [
+    result = read(resolved(names, "qpos=root_pos, root_rot, hip, neck, lift", quat="xyzw"))
+    assert [result[name] for name in QPOS] == [
         *("root_pos/0", "root_pos/1", "root_pos/2", "root_rot/3", "root_rot/0", "root_rot/1", "root_rot/2"),
         *("hip", "neck_3", "neck_0", "neck_1", "neck_2", "lift"),
     ]
-    found = resolved(names, "qpos/lift=2*lift", "qpos=root_pos,root_rot,hip,neck,lift")
-    assert found.sources["qpos"][12].text == "2*lift"
+    result = resolved(names, "qpos/lift=2*lift", "qpos=root_pos,root_rot,hip,neck,lift")
+    assert result.sources["qpos"][12].text == "2*lift"
 
 
 def test_expressions_side_by_side_are_computed_number_by_number() -> None:
@@ -108,8 +108,8 @@ def test_expressions_side_by_side_are_computed_number_by_number() -> None:
     rest = np.array([table[name] for name in names[7:13]])
     zero = np.array([table[name] for name in names[13:]])
 
-    found = resolved(names, "qpos='x (mm)'/1000, cos(y), -z, rot, (rest - rest_zero)*pi/180", quat="xyzw")
-    values = [found.sources["qpos"][index].values(table) for index in range(13)]
+    result = resolved(names, "qpos='x (mm)'/1000, cos(y), -z, rot, (rest - rest_zero)*pi/180", quat="xyzw")
+    values = [result.sources["qpos"][index].values(table) for index in range(13)]
     assert np.array_equal(values[:3], [table["x (mm)"] / 1000, np.cos(table["y"]), -table["z"]])
     assert np.array_equal(values[3:7], [table[f"rot[{index}]"] for index in (3, 0, 1, 2)])
     order = [0, 4, 1, 2, 3, 5]  # the neck's quaternion is turned round like the root's
@@ -117,26 +117,26 @@ def test_expressions_side_by_side_are_computed_number_by_number() -> None:
 
     with pytest.raises(UsageError, match=r"arrays of different widths in 'rot \+ rest': rot 4, rest 6"):
         resolved(names, "qpos=y,y,y,rot + rest")
-    found = resolved([*numbered("turn/{}", 4)], "qpos/neck=-turn")  # the other cover of the same attitude
-    assert [source.text for source in found.sources["qpos"].values()] == ["-turn"] * 4
-    assert [source.columns[0] for source in found.sources["qpos"].values()] == numbered("turn/{}", 4)
+    result = resolved([*numbered("turn/{}", 4)], "qpos/neck=-turn")  # the other cover of the same attitude
+    assert [source.text for source in result.sources["qpos"].values()] == ["-turn"] * 4
+    assert [source.columns[0] for source in result.sources["qpos"].values()] == numbered("turn/{}", 4)
 
 
 def test_what_says_more_precedes_whatever_the_order() -> None:
     names = [*QPOS, *numbered("all/{}", 13), *numbered("neck_{}", 4)]
     for texts in (("qpos=all", "qpos/neck=neck"), ("qpos/neck=neck", "qpos=all")):
-        given = list(read(resolved(names, *texts)).values())
-        assert sorted(given) == sorted([*(f"all/{i}" for i in (*range(8), 12)), *numbered("neck_{}", 4)])
+        options = list(read(resolved(names, *texts)).values())
+        assert sorted(options) == sorted([*(f"all/{i}" for i in (*range(8), 12)), *numbered("neck_{}", 4)])
 
 
 def test_a_pattern_stands_for_all_columns_that_both_sides_have() -> None:
     names = ["hip_deg", "lift_deg", "other_deg", "hip_vel", "neck_qw"]
-    found = resolved(names, "qpos/lift=hip_deg", "qpos/{}={}_deg*pi/180", "qvel/{}={}_vel")
-    assert {index: source.text for index, source in found.sources["qpos"].items()} == {
+    result = resolved(names, "qpos/lift=hip_deg", "qpos/{}={}_deg*pi/180", "qvel/{}={}_vel")
+    assert {index: source.text for index, source in result.sources["qpos"].items()} == {
         7: "hip_deg*pi/180",
         12: "hip_deg",  # which says more
     }
-    assert [source.text for source in found.sources["qvel"].values()] == ["hip_vel"]
+    assert [source.text for source in result.sources["qvel"].values()] == ["hip_vel"]
     with pytest.raises(UnknownNameError, match=r"no column 'qpas/\{\}' in map of this model"):
         resolved(names, "qpas/{}={}_deg")
     with pytest.raises(UnknownNameError, match=r"no column 'hip_dog' .* \(did you mean 'hip_deg'\?\)"):
@@ -147,9 +147,9 @@ def test_a_pattern_stands_for_all_columns_that_both_sides_have() -> None:
 
 def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
     (tmp_path / "names.map").write_text("\ufeff# a robot's log\n\ntime = t\n  qpos/hip=hip_deg*pi/180  \n")
-    found = resolved(["t", "hip_deg"], f"@{tmp_path}/names.map")
-    assert found.time is not None
-    assert read(found) == {"qpos/hip": "hip_deg"}
+    result = resolved(["t", "hip_deg"], f"@{tmp_path}/names.map")
+    assert result.time is not None
+    assert read(result) == {"qpos/hip": "hip_deg"}
     assert map_files(["time=t", "@a/b.map"]) == ["a/b.map"]
     (tmp_path / "names.map").write_text("time = t\nnothing\n")
     with pytest.raises(UsageError, match=r"names\.map:2 is not COLUMN=EXPRESSION"):
@@ -157,7 +157,7 @@ def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="no such file"):
         resolved(["t"], f"@{tmp_path}/no.map")
     (tmp_path / "names.map").write_bytes(b"\0\1")
-    with pytest.raises(UsageError, match=r"names\.map is no file of lines"):
+    with pytest.raises(UsageError, match=r"names\.map is not a file of lines"):
         resolved(["t"], f"@{tmp_path}/names.map")
 
 
@@ -169,7 +169,7 @@ def test_a_file_of_lines_is_a_map(tmp_path: Path) -> None:
         (["qpos/hip=hip_dg"], UnknownNameError, r"no column 'hip_dg' .*\(did you mean 'hip_deg'\?\)"),
         (["qpos/hip=hip_deg*"], UsageError, r"^map qpos/hip, character 9: found"),
         (["qpos/hip=mean(hip_deg)"], UsageError, r"^map qpos/hip, character 1"),
-        (["qpos/hip=hip_deg", "qpos/hip=a"], UsageError, r"^map says twice what qpos/hip is"),
+        (["qpos/hip=hip_deg", "qpos/hip=a"], UsageError, r"^map specifies qpos/hip twice"),
         (["qpos/root=pelvs"], UnknownNameError, r"no column 'pelvs' in 'pelvs', character 1"),
         (["qpos/root=hip_deg,pelvs*2"], UnknownNameError, r"no column 'pelvs' in 'pelvs\*2', character 1"),
         (["qpos/root=hip_deg,,a"], UsageError, r"^map, character 1: found the end"),
@@ -190,7 +190,7 @@ def test_a_table_without_positions_says_what_it_has_and_what_to_do() -> None:
     assert str(caught.value) == (
         "t.csv has no positions of this model\nit has stamp, left_hip_deg, x\\x1b\n"
         f"the model has time, {', '.join(QPOS)}, mocap_pos/0/x, mocap_pos/0/y, mocap_pos/0/z, mocap_quat/0/qw, "
-        "mocap_quat/0/qx, mocap_quat/0/qy, mocap_quat/0/qz\nmap says what is what, as in qpos/hip=left_hip_deg*pi/180"
+        "mocap_quat/0/qx, mocap_quat/0/qy, mocap_quat/0/qz\nmap assigns columns, as in qpos/hip=left_hip_deg*pi/180"
     )
 
 
@@ -208,5 +208,5 @@ def test_a_table_of_another_model_is_told_by_what_it_has_and_lacks() -> None:
 
 
 def test_the_hint_names_what_may_be_the_time() -> None:
-    assert time_hint(["hip", "Timestamp"]).startswith("\x02map\x03 says which column it is, as in time=Timestamp, or")
+    assert time_hint(["hip", "Timestamp"]).startswith("\x02map\x03 specifies the time, as in time=Timestamp, or")
     assert "as in" not in time_hint(["hip"])

@@ -28,7 +28,7 @@ from mjrun.outputs.perform import perform
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.policy.load import load_policy
-from mjrun.simulation.episode import episode_of, remembered_policy
+from mjrun.simulation.episode import cached_policy, episode_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.simulate import PointSimulator
 from mjrun.study.spec import StudyPoint, StudySpec
@@ -39,7 +39,7 @@ from tests.task.environments import registered
 
 
 class Spring:
-    """Pulls a cart back to where it belongs; forgets nothing within an episode."""
+    """Pulls a cart back to the middle, and remembers the whole episode."""
 
     def __init__(self) -> None:
         self.calls = 0
@@ -53,7 +53,7 @@ class Spring:
 
 
 def bare_episode(name: str, seed: int, periods: int) -> list[dict[str, Any]]:
-    """What Gymnasium's own loop gives at each control instant."""
+    """Returns the values of a bare Gymnasium loop at each control instant."""
     environment: Any = gymnasium.make(name, disable_env_checker=True)
     policy = Spring()
     policy.reset(seed)
@@ -153,8 +153,8 @@ def test_actions_that_are_not_finite_end_it_with_the_step(tmp_path: Path) -> Non
         ({"policy": "zero", "ctrl_from": "a.csv"}, "both drive the actuators"),
         ({"policy": "zero", "key": "home"}, "sets the start of an episode"),
         ({"policy": "zero", "perturb": 0.1}, "sets the start of an episode"),
-        ({"policy": "zero", "replay": "a.npz"}, "driven by what is replayed"),
-        ({"normalize": "none"}, "there is none"),
+        ({"policy": "zero", "replay": "a.npz"}, "the replayed file drives the simulation"),
+        ({"normalize": "none"}, "normalize requires policy"),
     ],
 )
 def test_what_does_not_go_with_a_policy_is_refused(options: dict[str, Any], message: str) -> None:
@@ -175,7 +175,7 @@ def test_a_model_alone_is_played_where_the_file_of_the_policy_says_the_rest(tmp_
     assert tables[0] == tables[1]
     with pytest.raises(UsageError, match=r"does not specify its control period\nset control_dt"):
         Trace(Simulation(str(tmp_path / "robot.xml"), policy=policy), str(tmp_path / "t.csv")).run()
-    with pytest.raises(UsageError, match=r"^control_dt: .*task.yaml says its control period"):
+    with pytest.raises(UsageError, match=r"^control_dt: .*task.yaml specifies the control period"):
         Trace(Simulation(task, policy=policy, control_dt="0.01"), str(tmp_path / "t.csv")).run()
 
 
@@ -211,7 +211,7 @@ def task(tmp_path: Path) -> Path:
 
 
 def bare_arm(path: Path, start: np.ndarray, periods: int) -> Iterator[dict[str, Any]]:
-    """What a loop of mj_step and onnxruntime gives at each control instant."""
+    """Returns the values of a bare loop of mj_step and onnxruntime at each control instant."""
     model = mujoco.MjModel.from_xml_string(ARM)
     data = mujoco.MjData(model)
     data.qpos[:] = start
@@ -264,7 +264,7 @@ def test_a_task_lasts_until_it_ends_or_as_long_as_is_said(task: Path, tmp_path: 
     assert ended.episode is not None
     assert beyond.episode is not None
     assert beyond.episode == replace(ended.episode, simulated=2.0)
-    assert beyond.episode.sentence == f"{ended.episode.sentence}; the simulation went on without a reset up to 2 s"
+    assert beyond.episode.sentence == f"{ended.episode.sentence}; the simulation continued without a reset up to 2 s"
     assert (ended.episode.ending, ended.episode.kind) == ("fast", "failure")
     assert (ended.simulated, beyond.simulated) == (ended.episode.time, 2.0)
     shorter, longer = ((tmp_path / name).read_bytes() for name in ("a.csv", "b.csv"))
@@ -307,7 +307,7 @@ def test_an_event_of_the_episode_decides_when_an_image_is_taken(task: Path, tmp_
 
 
 def test_a_task_needs_a_policy_unless_it_is_replayed(task: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="is a task: say which policy acts on it"):
+    with pytest.raises(UsageError, match="is a task: select a policy for it"):
         Trace(Simulation(read_task(task)), str(tmp_path / "t.csv")).run()
     Recording(Simulation(read_task(task), policy="random", seed=1), str(tmp_path / "r.npz")).run()
     again = Simulation(read_task(task), replay=str(tmp_path / "r.npz"), replay_mode="controls")
@@ -335,7 +335,7 @@ def test_a_study_varies_seeds_and_the_model_under_a_policy(task: Path, tmp_path:
 
 def test_a_policy_is_read_again_when_its_file_has_changed(task: Path) -> None:
     path = str(task.with_suffix(".onnx"))
-    before = remembered_policy(path, False, None)
-    assert remembered_policy(path, False, None) is before
+    before = cached_policy(path, False, None)
+    assert cached_policy(path, False, None) is before
     linear(Path(path), np.ones((2, 3), np.float32))
-    assert remembered_policy(path, False, None).facts.observation_size == 3
+    assert cached_policy(path, False, None).facts.observation_size == 3

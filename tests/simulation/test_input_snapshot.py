@@ -1,4 +1,4 @@
-"""Copies of files give the model that the files gave when they were copied, whatever happens to them afterwards."""
+"""Copies of files give the same model as the files when they were copied, despite later edits."""
 
 import os
 import pickle
@@ -22,7 +22,7 @@ BODY = '<mujoco><worldbody><body name="{}"><freejoint/><geom size="{}"/></body><
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Path:
-    """A model in four files: an include, an attached model, a mesh by an absolute path, and one by a crooked one."""
+    """A model in four files: an include, an attached model, a mesh by an absolute path, and one by a path with `..`."""
     parts, meshes = tmp_path / "parts", tmp_path / "a & b"
     for folder in (parts, meshes, tmp_path / "robot"):
         folder.mkdir()

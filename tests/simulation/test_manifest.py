@@ -1,4 +1,4 @@
-"""What manifests say, against hashlib and the values themselves."""
+"""Facts of manifests, against hashlib and the values themselves."""
 
 import hashlib
 import json
@@ -30,18 +30,18 @@ def test_the_manifest_says_what_made_the_tables(tmp_path: Path) -> None:
     simulation = Simulation(MODEL, duration=0.1, seed=7, ctrl={"m": 2})
     job = Trace(simulation, str(table), contacts=str(contacts), manifest=str(manifest), command="mjrun trace x")
     result = job.run()
-    found = json.loads(manifest.read_text())
-    assert (found["mujoco"], found["command"], found["seed"]) == (mujoco.mj_versionString(), "mjrun trace x", 7)
-    assert (found["steps"], found["timestep"]) == (50, 0.002)
-    assert found["options"]["simulation"]["ctrl"] == {"m": [2.0]}
-    assert found["result"]["rows"] == result.rows == 51
-    for output, path in zip(found["outputs"], (table, contacts), strict=True):
+    outcome = json.loads(manifest.read_text())
+    assert (outcome["mujoco"], outcome["command"], outcome["seed"]) == (mujoco.mj_versionString(), "mjrun trace x", 7)
+    assert (outcome["steps"], outcome["timestep"]) == (50, 0.002)
+    assert outcome["options"]["simulation"]["ctrl"] == {"m": [2.0]}
+    assert outcome["result"]["rows"] == result.rows == 51
+    for output, path in zip(outcome["outputs"], (table, contacts), strict=True):
         content = path.read_bytes()
         assert (output["path"], output["bytes"]) == (str(path), len(content))
         assert output["sha256"] == hashlib.sha256(content).hexdigest()
     heavier = mujoco.MjModel.from_xml_string(TEXT.replace('size=".05"', 'size=".06"'))
     Trace(Simulation(heavier, duration=0.1), str(table), manifest=str(manifest)).run()
-    assert json.loads(manifest.read_text())["model"]["sha256"] != found["model"]["sha256"]
+    assert json.loads(manifest.read_text())["model"]["sha256"] != outcome["model"]["sha256"]
 
 
 def test_tables_that_are_read_are_in_the_manifest_with_their_hashes(tmp_path: Path) -> None:
@@ -51,13 +51,13 @@ def test_tables_that_are_read_are_in_the_manifest_with_their_hashes(tmp_path: Pa
     simulation = Simulation(MODEL, replay=table, map=names)
     with pytest.warns(MjrunWarning, match=r"log\.csv|forces"):
         Trace(simulation, f"{tmp_path}/t.h5", manifest=f"{tmp_path}/m.json").run()
-    found = json.loads((tmp_path / "m.json").read_text())["inputs"]
-    assert [(entry["path"], entry["sha256"]) for entry in found] == [
+    result = json.loads((tmp_path / "m.json").read_text())["inputs"]
+    assert [(entry["path"], entry["sha256"]) for entry in result] == [
         (str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in (table, names)
     ]
     with open_table(tmp_path / "t.h5") as made:
         assert made.manifest is not None
-        assert made.manifest["inputs"] == found
+        assert made.manifest["inputs"] == result
 
 
 def test_the_fingerprint_of_a_model_is_that_of_its_compiled_file(tmp_path: Path) -> None:
@@ -91,5 +91,5 @@ class Point:
     ],
 )
 def test_values_are_plain_in_a_manifest(value: object, expected: object) -> None:
-    found = plain(value)
-    assert json.loads(json.dumps(found)) == expected
+    result = plain(value)
+    assert json.loads(json.dumps(result)) == expected

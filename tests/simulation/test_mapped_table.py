@@ -47,7 +47,7 @@ def xyzw(quaternions: np.ndarray) -> np.ndarray:
 
 
 def foreign(rows: np.ndarray = ROWS) -> pd.DataFrame:
-    """A log in its own names and units: degrees, centimetres, milliseconds, quaternions xyzw."""
+    """Returns a log with other names and units: degrees, centimetres, milliseconds, quaternions xyzw."""
     qpos = tumble().qpos[rows]
     table = pd.DataFrame({"frame": np.arange(len(rows)), "t_ms": 2.0 * rows})
     table[[f"pelvis_{i}" for i in range(7)]] = np.c_[qpos[:, :3], xyzw(qpos[:, 3:7])]
@@ -71,12 +71,12 @@ def test_a_csv_in_degrees_with_xyzw_quaternions_and_gaps_has_the_true_states_at_
     table = table.drop(index=[5, 6, 40])  # missing rows
     table.to_csv(tmp_path / "log.csv", index=False)
     motion = read(tmp_path / "log.csv", *MAP, quat="xyzw")
-    found, truth = positions(motion), tumble().qpos[ROWS]
+    result, truth = positions(motion), tumble().qpos[ROWS]
     parts = [([*range(7), 12], []), ([7], range(12, 18)), ([*range(8, 12)], range(30, 34))]
     for indices, empty in parts:
         whole = np.setdiff1d(np.arange(51), [5, 6, 40, *empty])
-        assert abs(found[np.ix_(whole, indices)] - truth[np.ix_(whole, indices)]).max() < 1e-9
-    assert found[14, 7] == pytest.approx(np.interp(14, [11, 18], truth[[11, 18], 7]), abs=1e-9)
+        assert abs(result[np.ix_(whole, indices)] - truth[np.ix_(whole, indices)]).max() < 1e-9
+    assert result[14, 7] == pytest.approx(np.interp(14, [11, 18], truth[[11, 18], 7]), abs=1e-9)
     assert any("3 gaps" in text or "4 gaps" in text for text in motion.remarks)
     assert any("the longest in qpos/hip of 0.14 s from 0.22 s on; interpolated" in text for text in motion.remarks)
 
@@ -93,9 +93,9 @@ def test_empty_cells_nulls_and_nans_are_gaps_in_every_format(tmp_path: Path, suf
         "feather": lambda: table.to_feather(path),
     }
     save[suffix]()
-    found = positions(read(path, *MAP, quat="xyzw"))
+    result = positions(read(path, *MAP, quat="xyzw"))
     kept = np.delete(np.arange(51), range(12, 18))
-    assert abs(found[kept] - tumble().qpos[ROWS][kept]).max() < 1e-9
+    assert abs(result[kept] - tumble().qpos[ROWS][kept]).max() < 1e-9
 
 
 def save_h5(path: Path, arrays: dict[str, np.ndarray]) -> None:
@@ -162,7 +162,7 @@ def csv(**columns: Any) -> Callable[[], bytes]:
 
 @dataclass(frozen=True)
 class Bad:
-    """A table, a map, and what is said of them."""
+    """A table, a map, and the error that they cause."""
 
     content: Callable[[], bytes]
     message: str
@@ -174,8 +174,8 @@ class Bad:
 @pytest.mark.parametrize(
     "bad",
     [
-        Bad(csv(**{"qpos/hip": [1, 2]}), r"has no column 'time'\nmap says which column it is, or replay_rate how"),
-        Bad(csv(**{"qpos/hip": [1], "t": [0]}), r"has no column 'time'\nmap says which column it is, as in time=t, or"),
+        Bad(csv(**{"qpos/hip": [1, 2]}), r"has no column 'time'\nmap specifies the time, or replay_rate the number"),
+        Bad(csv(**{"qpos/hip": [1], "t": [0]}), r"has no column 'time'\nmap specifies the time, as in time=t, or"),
         Bad(csv(**{"qpos/hip": [1], "time": [0]}), r"has a column 'time', and replay_rate is for", rate=Fraction(1)),
         Bad(csv(time=[0.0, 1], x=[1, 2]), r"t\.csv has no positions of this model\nit has time, x\n"),
         Bad(lambda: b"", r"t\.csv: is empty: a table begins with", kind=FileError),

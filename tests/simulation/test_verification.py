@@ -1,4 +1,4 @@
-"""A recording against its physics: what differs is named, and so is what else is not as it was."""
+"""Recordings against their physics: differences of states and of origins are reported."""
 
 import json
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ def recording(model: Path, tmp_path: Path) -> Path:
 
 
 def rewritten(recording: Path, facts: dict[str, Any] | None = None, every: int = 1, **changes: float) -> Path:
-    """The recording once more, with other facts, fewer states, or `flip` of a bit in (step, number)."""
+    """Rewrites the recording with other facts, fewer states, or `flip` of a bit in (step, number)."""
     with np.load(recording) as file:
         states, old = file["states"], json.loads(str(file["facts"]))
     if changes:
@@ -107,10 +107,10 @@ def test_a_damaged_file_is_no_recording(model: Path, recording: Path) -> None:
 
 def test_what_is_not_as_it_was_is_told_only_where_something_is_not(model: Path, recording: Path) -> None:
     rewritten(recording, {"mjrun": "0.0.1", "mujoco": "3.9.0", "machine": "Plan9 vax\x1b", "physics": "other"})
-    told = verify(Simulation(model, replay=recording)).origins
-    assert [text.partition(":")[0] for text in told[1:]] == ["mjrun", "MuJoCo", "machine"]
-    assert told[2] == f"MuJoCo: recorded with 3.9.0, verified with {mujoco.mj_versionString()}"
-    assert told[3].startswith(r"machine: recorded with Plan9 vax\x1b, verified with ")
+    messages = verify(Simulation(model, replay=recording)).origins
+    assert [text.partition(":")[0] for text in messages[1:]] == ["mjrun", "MuJoCo", "machine"]
+    assert messages[2] == f"MuJoCo: recorded with 3.9.0, verified with {mujoco.mj_versionString()}"
+    assert messages[3].startswith(r"machine: recorded with Plan9 vax\x1b, verified with ")
 
 
 def test_overrides_that_differ_are_told(model: Path, recording: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_recording_without_every_step_says_what_it_cannot_know(model: Path, re
     rewritten(recording, every=10)  # noise in the controls between its states is lost
     result = verify(Simulation(model, replay=recording))
     assert (result.agrees, result.steps, result.states) == (False, 10, 2)
-    assert "inputs that changed between two of its states are not in it" in result.origins[-1]
+    assert "inputs that changed between two of its states are missing" in result.origins[-1]
 
 
 def test_what_steps_to_infinity_is_told_without_a_number(model: Path, recording: Path) -> None:
@@ -159,11 +159,11 @@ def test_what_steps_to_infinity_is_told_without_a_number(model: Path, recording:
 def test_without_a_recording_of_this_model_there_is_nothing_to_verify(
     model: Path, recording: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(UsageError, match="verify compares a recording with its physics: name it by replay"):
+    with pytest.raises(UsageError, match="verify requires a recording: name it with replay"):
         verify(Simulation(model))
     (tmp_path / "table.csv").write_text("time,qpos/hinge\n0,1\n")
     with pytest.raises(
-        UsageError, match=r"steps a recording again, and .*table\.csv is none\nrecording FILE\.npz makes"
+        UsageError, match=r"requires a recording, and .*table\.csv is not one\nrecording FILE\.npz makes"
     ):
         verify(Simulation(model, replay=tmp_path / "table.csv"))
     with pytest.raises(FileError, match="is not a recording"):
@@ -185,7 +185,7 @@ def run(model: mujoco.MjModel, steps: Sequence[int] = range(MANY + 1), driven: b
 
 @cache
 def driven_run() -> Kept:
-    """A run under changing inputs; not to be written to."""
+    """A read-only recording of a run under changing inputs."""
     return run(TUMBLER, driven=True)
 
 
@@ -231,11 +231,11 @@ def test_a_bit_that_was_flipped_is_found_in_its_step_and_place(step: int, field:
     rows = kept.rows.copy()
     rows.view(np.uint64)[step, place] ^= np.uint64(1) << np.uint64(bit)
 
-    found = first_difference(TUMBLER, replace(kept, rows=rows), MANY)
-    assert found
-    assert (found.index, found.step) == (step, step)
-    assert np.flatnonzero(found.recorded.view(np.uint64) != found.stepped.view(np.uint64)).tolist() == [place]
-    assert found.stepped.tobytes() == kept.rows[step].tobytes()
+    result = first_difference(TUMBLER, replace(kept, rows=rows), MANY)
+    assert result
+    assert (result.index, result.step) == (step, step)
+    assert np.flatnonzero(result.recorded.view(np.uint64) != result.stepped.view(np.uint64)).tolist() == [place]
+    assert result.stepped.tobytes() == kept.rows[step].tobytes()
     assert first_difference(TUMBLER, replace(kept, rows=rows), step - 1) is None
 
 
@@ -243,9 +243,9 @@ def test_controls_that_were_changed_are_found_a_step_later() -> None:
     kept = driven_run()
     rows = kept.rows.copy()
     rows[50, state.controls(TUMBLER)] += 1
-    found = first_difference(TUMBLER, replace(kept, rows=rows), MANY)
-    assert found
-    assert found.step == 51
+    result = first_difference(TUMBLER, replace(kept, rows=rows), MANY)
+    assert result
+    assert result.step == 51
 
 
 @pytest.mark.parametrize("every", [1, 2, 7])
@@ -255,17 +255,17 @@ def test_a_recording_of_some_steps_is_verified_at_those(every: int) -> None:
     assert first_difference(TUMBLER, kept, len(steps) - 1) is None
     rows = kept.rows.copy()
     rows[5, 1] += 1e-15
-    found = first_difference(TUMBLER, replace(kept, rows=rows), len(steps) - 1)
-    assert found
-    assert (found.index, found.step) == (5, 5 * every)
+    result = first_difference(TUMBLER, replace(kept, rows=rows), len(steps) - 1)
+    assert result
+    assert (result.index, result.step) == (5, 5 * every)
 
 
 def test_progress_is_told_and_the_model_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verification, "PROGRESS", 50)
-    model, told = mujoco.MjModel.from_xml_string(TUMBLE.format("Euler")), list[int]()
+    model, messages = mujoco.MjModel.from_xml_string(TUMBLE.format("Euler")), list[int]()
     flags = model.opt.disableflags
-    assert first_difference(model, run(model, range(101)), 100, told.append) is None
-    assert told == [50, 100]
+    assert first_difference(model, run(model, range(101)), 100, messages.append) is None
+    assert messages == [50, 100]
     assert model.opt.disableflags == flags
 
 

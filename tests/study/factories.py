@@ -1,4 +1,4 @@
-"""Executors that tests give as `module:factory`."""
+"""Executors for tests of `module:factory`."""
 
 import pickle
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -52,7 +52,7 @@ class Elsewhere(Executor):
 
 
 class OtherLibraries(Executor):
-    """Workers of which every `N`-th has another MuJoCo."""
+    """Workers of which every N-th has another version of MuJoCo."""
 
     def __init__(self, every: int) -> None:
         self._every, self._count = every, 0
@@ -61,9 +61,9 @@ class OtherLibraries(Executor):
         future, result = Future[Any](), fn(*args, **kwargs)
         self._count += 1
         if self._count % self._every == 0:
-            proofs = [replace(each, versions={**each.versions, "mujoco": "3.9.9"}) for each in result.proofs]
+            proofs = [replace(each, versions={**each.versions, "mujoco": "3.9.9"}) for each in result.worker_versions]
             wrong = [replace(each, metrics=tuple(-metric for metric in each.metrics)) for each in result.results]
-            result = replace(result, results=wrong, proofs=tuple(proofs))
+            result = replace(result, results=wrong, worker_versions=tuple(proofs))
         future.set_result(result)
         return future
 

@@ -1,4 +1,4 @@
-"""Contact sheets: where cells are, and what they show."""
+"""Layout and contents of contact sheets."""
 
 from fractions import Fraction
 from pathlib import Path

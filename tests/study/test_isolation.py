@@ -1,7 +1,9 @@
-"""A point that crashes or hangs its process costs that point alone."""
+"""Processes that simulate points: one that crashes or hangs costs its point alone, and may start early."""
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +12,11 @@ import numpy as np
 import pytest
 
 from mjrun.simulation.simulation import Simulation
+from mjrun.study import point_server
 from mjrun.study.isolation import IsolatedSimulator, end_process, run_chunk
+from mjrun.study.point_server import PointServer, new_worker, start_early
 from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import Chunk, ShippedStudy, StudyPoint, StudySpec
-from tests.study.models import BALL, DEADLY
+from mjrun.study.spec import PointChunk, PointResult, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
 
 METRICS = (("low", "min(qpos/ball/z)"),)
 
@@ -25,14 +28,12 @@ def no_process_is_left() -> Iterator[None]:
 
 
 @pytest.fixture
-def spec(tmp_path: Path) -> StudySpec:
-    (tmp_path / "ball.xml").write_text(BALL)
-    (tmp_path / "deadly.xml").write_text(DEADLY)
-    return StudySpec(Simulation(str(tmp_path / "ball.xml"), steps=20), ("model", "seed"), METRICS)
+def spec(ball: Simulation) -> StudySpec:
+    return StudySpec(ball, ("model", "seed"), METRICS)
 
 
 def shipped(spec: StudySpec, points: Sequence[StudyPoint]) -> ShippedStudy:
-    """The study, with copies of the models that its points name."""
+    """Returns a study with copies of the models that its points name."""
     base = spec.base.with_snapshot()
     assert base.snapshot
     snapshot = base.snapshot.with_files(Path(point.values[0]) for point in points)
@@ -49,7 +50,7 @@ def test_the_results_are_those_of_this_process_in_the_order_of_the_points(spec: 
     here = {result.index: result for result in PointSimulator(spec).run(wanted)}
     study = shipped(spec, wanted)
     for _ in range(2):  # the second time in the same process
-        there = run_chunk(Chunk(study, wanted)).results
+        there = run_chunk(PointChunk(study, wanted)).results
         assert [result.index for result in there] == [10, 11, 12, 13]
         for result in there:
             np.testing.assert_array_equal(result.metrics, here[result.index].metrics)
@@ -59,7 +60,7 @@ def test_the_results_are_those_of_this_process_in_the_order_of_the_points(spec: 
 
 def test_a_crash_costs_the_point_that_crashes(spec: StudySpec) -> None:
     wanted = points(spec, "ball", "deadly", "ball", "deadly", "ball")
-    results = run_chunk(Chunk(shipped(spec, wanted), wanted)).results
+    results = run_chunk(PointChunk(shipped(spec, wanted), wanted)).results
     assert [result.status for result in results] == ["ok", "crashed", "ok", "crashed", "ok"]
     assert results[1].exit_code == 128 + signal.SIGSEGV
     assert "SIGSEGV" in results[1].message
@@ -71,7 +72,7 @@ def test_a_point_that_does_not_end_in_time_is_ended(spec: StudySpec) -> None:
     folder = Path(spec.base.source.text).parent
     wanted = [StudyPoint(i, (str(folder / "ball.xml"), steps)) for i, steps in enumerate(("5", "2000000000", "6"))]
     simulator = IsolatedSimulator(shipped(endless, wanted))
-    results = {result.index: result for result in simulator.run(wanted, time_limit=1)}
+    results = {result.index: result for result in simulator.run(wanted, time_limit=0.6)}
     simulator.close()
     assert [results[i].status for i in range(3)] == ["ok", "timeout", "ok"]
     assert results[1].exit_code == 124
@@ -87,3 +88,33 @@ def test_a_process_that_is_killed_from_outside_is_replaced(spec: StudySpec) -> N
     results = list(simulator.run(wanted))
     simulator.close()
     assert [result.status for result in results] == ["ok"] * 5
+
+
+def test_each_point_has_a_result_and_each_chunk_its_versions(ball: Simulation) -> None:
+    study = ShippedStudy.of(StudySpec(ball, ("seed",), METRICS))
+    server = PointServer()
+    server.open(study.spec, study.snapshot.root)
+    for chunk in ([StudyPoint(4, ("1",)), StudyPoint(2, ("2",))], [], [StudyPoint(9, ("3",))]):
+        *results, worker_versions = server.simulate(chunk)
+        assert {each.index for each in results if isinstance(each, PointResult)} == {point.index for point in chunk}
+        assert worker_versions == WorkerVersions.here([])
+
+
+def test_a_worker_that_was_started_early_is_the_next_unless_that_was_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start_early()
+    start_early()
+    first, second = (worker for _, worker in point_server._waiting)
+    with new_worker() as worker:
+        assert worker is first
+    monkeypatch.chdir(tmp_path)
+    with new_worker() as worker:
+        assert worker not in (first, second)
+        assert worker.process.running
+        assert not second.process.running
+
+
+def test_starting_one_needs_no_mujoco() -> None:
+    code = "import sys, mjrun.study.point_server; sys.exit('mujoco' in sys.modules or 'numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

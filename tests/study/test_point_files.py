@@ -1,34 +1,34 @@
-"""Files of a point, made alone."""
+"""The choice of points whose files are kept, against pandas, and these files."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.formats.study_folder import read_point
+from mjrun.errors import BadValueError, FailedPointsError, LostFilesError, UnknownNameError, UsageError
+from mjrun.formats.study_folder import read_point, read_study
+from mjrun.formats.video_reader import read_video
 from mjrun.options.sweep import KEPT, KeepOptions
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.point_files import PointOutputs, keep_options, make_isolated, up_to
-from tests.study.models import BALL, DEADLY
+from mjrun.study import point_files
+from mjrun.study.point_files import PointChoice, PointOutputs, keep_options, make_isolated, up_to
+from mjrun.study.study import Study
 
 
-@pytest.fixture
-def simulation(tmp_path: Path) -> Simulation:
-    (tmp_path / "ball.xml").write_text(BALL)
-    return Simulation(str(tmp_path / "ball.xml"), steps=20)
-
-
-def outputs(simulation: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointOutputs:
+def outputs(ball: Simulation, folder: Path, *kinds: str, key: str = "a", **options: object) -> PointOutputs:
     kept = KeepOptions(**options)  # type: ignore[arg-type]
-    return PointOutputs(folder, simulation, key, kinds, kept, 2, {"values": {"seed": "1"}})
+    return PointOutputs(folder, ball, key, kinds, kept, 2, {"values": {"seed": "1"}})
 
 
-def test_a_trace_is_that_of_the_simulation_alone(simulation: Simulation, tmp_path: Path) -> None:
-    made = outputs(simulation, tmp_path / "p", "trace", "recording", probe=("qpos",))
+def test_a_trace_is_that_of_the_simulation_alone(ball: Simulation, tmp_path: Path) -> None:
+    made = outputs(ball, tmp_path / "p", "trace", "recording", probe=("qpos",))
     assert make_isolated(made) == ""
-    Trace(simulation, str(tmp_path / "t.parquet"), probe=("qpos",), every=2).run()
+    Trace(ball, str(tmp_path / "t.parquet"), probe=("qpos",), every=2).run()
     pd.testing.assert_frame_equal(
         pd.read_parquet(tmp_path / "p" / "trace.parquet"), pd.read_parquet(tmp_path / "t.parquet"), check_exact=True
     )
@@ -36,44 +36,182 @@ def test_a_trace_is_that_of_the_simulation_alone(simulation: Simulation, tmp_pat
     assert read_point(tmp_path / "p")["values"] == {"seed": "1"}
 
 
-def test_what_is_there_is_known_until_something_changes(simulation: Simulation, tmp_path: Path) -> None:
+def test_what_is_there_is_known_until_something_changes(ball: Simulation, tmp_path: Path) -> None:
     folder = tmp_path / "p"
-    outputs(simulation, folder, "trace", "recording").make()
-    assert outputs(simulation, folder, "trace", "recording").missing() == []
-    assert outputs(simulation, folder, "trace", "recording", probe=("qvel",)).missing() == ["trace"]
-    assert outputs(simulation, folder, "trace", key="b").missing() == ["trace"]
+    outputs(ball, folder, "trace", "recording").make()
+    assert outputs(ball, folder, "trace", "recording").missing() == []
+    assert outputs(ball, folder, "trace", "recording", probe=("qvel",)).missing() == ["trace"]
+    assert outputs(ball, folder, "trace", key="b").missing() == ["trace"]
     (folder / "recording.npz").unlink()
-    assert outputs(simulation, folder, "trace", "recording").missing() == ["recording"]
+    assert outputs(ball, folder, "trace", "recording").missing() == ["recording"]
     (folder / "point.json").write_text("[]")
-    assert outputs(simulation, folder, "trace").missing() == ["trace"]
+    assert outputs(ball, folder, "trace").missing() == ["trace"]
 
 
-def test_every_kind_of_file_that_can_be_kept_is_made_by_its_own_job(simulation: Simulation, tmp_path: Path) -> None:
-    jobs = outputs(simulation, tmp_path, *KEPT).jobs(KEPT)
+def test_every_kind_of_file_that_can_be_kept_is_made_by_its_own_job(ball: Simulation, tmp_path: Path) -> None:
+    jobs = outputs(ball, tmp_path, *KEPT).jobs(KEPT)
     assert [type(job).__name__.lower() for job in jobs] == [*KEPT]
     with pytest.raises(ValueError, match="no output plot can be kept"):
-        outputs(simulation, tmp_path)._job("plot", "plot.png")
+        outputs(ball, tmp_path)._job("plot", "plot.png")
 
 
-def test_files_of_an_older_simulation_are_removed_and_others_stay(simulation: Simulation, tmp_path: Path) -> None:
+def test_files_of_an_older_simulation_are_removed_and_others_stay(ball: Simulation, tmp_path: Path) -> None:
     folder = tmp_path / "p"
-    outputs(simulation, folder, "trace", "recording").make()
-    outputs(simulation, folder, "trace").make()
+    outputs(ball, folder, "trace", "recording").make()
+    outputs(ball, folder, "trace").make()
     assert {file.name for file in folder.iterdir()} == {"trace.parquet", "recording.npz", "point.json"}
     (folder / "notes.txt").write_text("mine")
-    outputs(simulation, folder, "trace", key="b").make()
+    outputs(ball, folder, "trace", key="b").make()
     assert {file.name for file in folder.iterdir()} == {"trace.parquet", "point.json", "notes.txt"}
     assert set(json.loads((folder / "point.json").read_text())["files"]) == {"trace.parquet"}
 
 
-def test_a_process_that_dies_and_an_error_are_told(simulation: Simulation, tmp_path: Path) -> None:
-    (tmp_path / "deadly.xml").write_text(DEADLY)
+def test_a_process_that_dies_and_an_error_are_told(ball: Simulation, tmp_path: Path) -> None:
     deadly = Simulation(str(tmp_path / "deadly.xml"), steps=5)
     assert "the process that simulated it" in make_isolated(outputs(deadly, tmp_path / "p", "trace"))
-    assert "nothing_like_it" in make_isolated(outputs(simulation, tmp_path / "q", "trace", probe=("nothing_like_it",)))
+    assert "nothing_like_it" in make_isolated(outputs(ball, tmp_path / "q", "trace", probe=("nothing_like_it",)))
 
 
 def test_options_and_length_are_taken_over() -> None:
     assert keep_options(KeepOptions(fps=25)).fps == 25
     shorter = up_to(Simulation("a.xml", duration=3), 7)
     assert (shorter.steps, shorter.duration) == (7, None)
+
+
+@pytest.fixture
+def study(ball: Simulation, tmp_path: Path) -> dict[str, object]:
+    return {
+        "simulation": ball,
+        "output": str(tmp_path / "study"),
+        "vary": {"qpos/ball/z": "0.2..0.5:4"},
+        "metric": {"low": "min(qpos/ball/z)"},
+        "jobs": 1,
+    }
+
+
+def test_traces_of_chosen_points_are_those_of_their_simulations(study: dict[str, object], tmp_path: Path) -> None:
+    kept = Study(**study, keep=("trace",), keep_where=("z > 0.25",), keep_lowest=("2:low",), probe=("qpos",)).run().kept  # type: ignore[arg-type]
+    lows: Any = pd.read_parquet(tmp_path / "study" / "results.parquet")
+    expected = lows[lows["qpos/ball/z"] > 0.25].nsmallest(2, "low")
+    assert list(kept.points) == sorted(expected.index)
+    for index, row in expected.iterrows():
+        alone = Simulation(str(tmp_path / "ball.xml"), steps=20, qpos={"ball/z": row["qpos/ball/z"]})
+        Trace(alone, str(tmp_path / "alone.parquet"), probe=("qpos",)).run()
+        trace = pd.read_parquet(tmp_path / "study" / "points" / f"{index:06}" / "trace.parquet")
+        pd.testing.assert_frame_equal(trace, pd.read_parquet(tmp_path / "alone.parquet"), check_exact=True)
+
+
+def test_traces_hold_the_columns_that_the_metrics_read(study: dict[str, object], tmp_path: Path) -> None:
+    metrics = {"low": "min(qpos/ball/z)", "far": "max(abs(xpos(ball).x) + subtree_com/ball/z)", "end": "last(time)"}
+    Study(**{**study, "metric": metrics}, keep=("trace",), keep_lowest=("1:low",), probe=("ctrl", "qpos")).run()  # type: ignore[arg-type]
+    (path,) = (tmp_path / "study" / "points").glob("*/trace.parquet")
+    names = list(pd.read_parquet(path).columns)
+    assert names[0] == "time"
+    assert names[-2:] == ["xpos/ball/x", "subtree_com/ball/z"]
+    assert set(names[1:-2]) == {f"qpos/ball/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")}
+    assert read_study(tmp_path / "study").metric_columns == ["qpos/ball/z", "xpos/ball/x", "subtree_com/ball/z"]
+
+
+@pytest.mark.usefixtures("half_a_core")
+def test_files_are_made_once_by_as_many_processes_as_the_quota_of_a_container_feeds(
+    study: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+
+    def record(count: int) -> ThreadPoolExecutor:
+        counts.append(count)
+        return ThreadPoolExecutor(count)
+
+    monkeypatch.setattr(point_files, "ThreadPoolExecutor", record)
+    options = {**study, "jobs": "auto", "vary": {"qpos/ball/z": "0.2,0.5"}, "keep": ("recording",)}
+    assert [Study(**options).run().kept.made for _ in range(2)] == [2, 0]  # type: ignore[arg-type]
+    assert counts == [1, 1]
+
+
+def test_an_unstable_point_is_kept_up_to_its_last_good_step(study: dict[str, object], tmp_path: Path) -> None:
+    study["vary"] = {"opt.gravity[2]": "-9.81,9e9"}
+    study["simulation"] = Simulation(str(tmp_path / "ball.xml"), steps=60, timestep="0.05")
+    with pytest.raises(FailedPointsError) as failure:
+        Study(**study, keep=("trace",), keep_where=("unstable",), probe=("qpos",)).run()  # type: ignore[arg-type]
+    (result,) = failure.value.results
+    rows = pd.read_parquet(tmp_path / "study" / "results.parquet")
+    assert list(result.kept.points) == [1]
+    for index in result.kept.points:
+        trace = pd.read_parquet(tmp_path / "study" / "points" / f"{index:06}" / "trace.parquet")
+        assert len(trace) == rows["steps"][index]
+        assert np.isfinite(trace.to_numpy()).all()
+
+
+def test_names_are_checked_before_the_first_point(study: dict[str, object]) -> None:
+    for options in ({"probe": ("nothing",)}, {"keep_where": ("nothing > 1",)}, {"keep_lowest": ("1:nothing",)}):
+        with pytest.raises(UnknownNameError):
+            Study(**study, keep=("trace",), **options).run()  # type: ignore[arg-type]
+    assert not Path(str(study["output"])).exists()
+
+
+def test_a_file_that_cannot_be_made_is_told_and_costs_nothing_else(study: dict[str, object], tmp_path: Path) -> None:
+    (tmp_path / "study" / "points").mkdir(parents=True)
+    (tmp_path / "study" / "points" / "000001").write_text("in the way")
+    with pytest.raises(LostFilesError, match="files of point 1") as failure:
+        Study(**{**study, "vary": {"qpos/ball/z": "0.2,0.5"}}, keep=("trace",)).run()  # type: ignore[arg-type]
+    assert failure.value.exit_code == 8
+    assert len(failure.value.results[0].kept.files) == 1
+
+
+@pytest.mark.gl
+@pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
+def test_a_contact_sheet_shows_the_frames_of_the_videos(study: dict[str, object], tmp_path: Path) -> None:
+    study |= {"simulation": Simulation(str(tmp_path / "ball.xml"), duration="0.2"), "vary": {"qpos/ball/z": "0.2,0.5"}}
+    sheet = str(tmp_path / "sheet.mkv")
+    kept = Study(**study, contact_sheet=sheet, size=(160, 120), fps=10, quality="draft").run().kept  # type: ignore[arg-type]
+    assert sheet in kept.files
+    frames = read_video(sheet).frames
+    assert frames.shape == (2, 120, 324, 3)
+    single = read_video(tmp_path / "study" / "points" / "000001" / "video.mp4").frames
+    middle = np.s_[40:90, 40:110]
+    np.testing.assert_allclose(frames[:, :, 164:][:, *middle], single[:, *middle], atol=12)
+
+
+RNG = np.random.default_rng(2)
+COLUMNS = {"geom/box.mass": RNG.random(40), "drift": RNG.permutation(40).astype(float)}
+COLUMNS["drift"][:3] = np.nan
+STATUS = ["unstable"] * 3 + ["ok"] * 37
+ABLE = np.arange(40) != 1
+FRAME: Any = pd.DataFrame(COLUMNS).assign(status=STATUS)[ABLE]
+
+
+def points(**options: object) -> list[int]:
+    kept = KeepOptions(**{"keep": ("trace",), **options})  # type: ignore[arg-type]
+    return PointChoice(kept, ["geom/box.mass", "model"], ["drift"]).points(COLUMNS, STATUS, ABLE)
+
+
+def test_points_are_chosen_by_conditions_that_all_hold() -> None:
+    assert points() == FRAME.index.tolist()
+    assert points(keep_where=("unstable",)) == [0, 2]
+    chosen = FRAME[(FRAME["drift"] > 10) & (FRAME["geom/box.mass"] < 0.5)].index.tolist()
+    assert points(keep_where=("drift > 10", "mass < 0.5")) == chosen
+    assert points(keep_where=("unstable or drift > 37",)) == [0, 2, *FRAME[FRAME["drift"] > 37].index]
+
+
+def test_points_are_chosen_by_the_ends_of_a_metric_within_the_conditions() -> None:
+    light = FRAME[FRAME["geom/box.mass"] < 0.5]
+    ends = {*light["drift"].nsmallest(3).index, *light["drift"].nlargest(2).index}
+    assert points(keep_where=("mass < 0.5",), keep_lowest=("3:drift",), keep_highest=("2:drift",)) == sorted(ends)
+    assert points(keep_lowest=("1000:drift",)) == FRAME["drift"].dropna().index.tolist()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "match"),
+    [
+        ({"keep_where": ("drft > 1",)}, UnknownNameError, "drft"),
+        ({"keep_lowest": ("3:mass",)}, UnknownNameError, "metric"),
+        ({"keep_highest": ("drift",)}, BadValueError, "4:drift"),
+        ({"keep_where": ("model > 1",)}, UsageError, "not numbers"),
+        ({"keep_where": ("unstable",), "keep": ()}, UsageError, "no files are kept of the chosen points"),
+    ],
+)
+def test_an_invalid_choice_is_refused_before_the_study(
+    options: dict[str, object], error: type[Exception], match: str
+) -> None:
+    with pytest.raises(error, match=match):
+        points(**options)

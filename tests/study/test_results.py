@@ -1,4 +1,4 @@
-"""The table of a study reads back in pandas; failures are reported by their reasons, as they come and at the end."""
+"""The table of a study reads back in pandas; failures are reported by reason, immediately and at the end."""
 
 import math
 from pathlib import Path
@@ -7,7 +7,7 @@ import pandas as pd
 
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import BLOCK
-from mjrun.study.results import TOLD, FailureNotes, point_failures, study_table
+from mjrun.study.results import MOST_REASONS, FailureReporter, point_failures, study_table
 from mjrun.study.spec import PointResult, Status
 
 DESIGN = Design(("opt.timestep", "integrator"), [("1e-3", "rk4"), ("0.1", "euler"), ("2", "rk4")])
@@ -42,14 +42,6 @@ def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> No
         assert pd.isna(table["message"].tolist()[0])
 
 
-def test_the_same_results_are_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        study_table(DESIGN, ["drift"], RESULTS).write(tmp_path / name, {})
-    for name in ("results.parquet", "results.csv"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
 POINTS = Design(("seed", "geom/a.size"), [(str(i), f"0.{i}") for i in range(30)])
 
 
@@ -75,7 +67,7 @@ def result(index: int, status: Status, message: str = "") -> PointResult:
 
 def test_the_first_of_each_reason_is_told() -> None:
     notes = Notes()
-    failures = FailureNotes(POINTS, notes)
+    failures = FailureReporter(POINTS, notes)
     failures.add([result(0, "ok"), result(4, "unstable", "unstable at step 3"), result(1, "failed", "no\nsuch")])
     failures.add([result(2, "unstable", "unstable at step 9"), result(3, "failed", "no\nother"), result(5, "crashed")])
     assert notes.lines == [
@@ -87,18 +79,18 @@ def test_the_first_of_each_reason_is_told() -> None:
 
 def test_many_reasons_are_cut() -> None:
     notes = Notes()
-    failures = FailureNotes(POINTS, notes, range(100, 130))
+    failures = FailureReporter(POINTS, notes, range(100, 130))
     for index in range(30):
         failures.add([result(index, "failed", f"reason {index}")])
-    assert len(notes.lines) == TOLD + 1
+    assert len(notes.lines) == MOST_REASONS + 1
     assert notes.lines[0] == "point 100 (seed=0, geom/a.size=0.0): reason 0"
-    assert notes.lines[-1] == "points fail for more reasons; the table has all"
+    assert notes.lines[-1] == "points fail for more reasons; the table contains all of them"
 
 
 def test_failures_are_counted_by_reason_the_most_frequent_first() -> None:
     results = [result(i, "failed", "one") for i in range(2)] + [result(i, "unstable", f"at {i}") for i in range(2, 5)]
-    found = point_failures(POINTS, results)
-    assert [(each.status, each.message, each.count, each.point) for each in found] == [
+    outcome = point_failures(POINTS, results)
+    assert [(each.status, each.message, each.count, each.point) for each in outcome] == [
         ("unstable", "at 2", 3, 2), ("failed", "one", 2, 0),
     ]  # fmt: skip
-    assert found[0].values == {"seed": "2", "geom/a.size": "0.2"}
+    assert outcome[0].values == {"seed": "2", "geom/a.size": "0.2"}

@@ -1,18 +1,23 @@
-"""What a process has simulated with is compared by versions, and code by its text."""
+"""The simulation of a point is that of a command line with its values; versions and code determine its result."""
 
+import pickle
 import sys
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import mujoco
 import pytest
 
+from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.model.sources import source_of
-from mjrun.study.spec import Proof, code_hash, versions
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.spec import StudySpec, WorkerVersions, code_hash, simulation_at, versions
+from tests.study.models import PENDULUM
 
 
 def test_other_versions_are_named() -> None:
-    here = Proof.here([source_of("scene:dominos")])
+    here = WorkerVersions.here([source_of("scene:dominos")])
     assert here.versions["mujoco"] == mujoco.mj_versionString()
     assert here.difference(here) == ""
     other = replace(here, versions={**versions(), "mujoco": "3.9.9"}, host="elsewhere")
@@ -20,11 +25,11 @@ def test_other_versions_are_named() -> None:
 
 
 def test_other_packages_of_an_environment_are_named() -> None:
-    here = Proof.here([source_of("gym:Hopper-v5")])
+    here = WorkerVersions.here([source_of("gym:Hopper-v5")])
     (name, code) = next(iter(here.environments.items()))
     other = replace(here, environments={name: f"{code}.dev1"})
     assert other.difference(here) == f"gym:Hopper-v5 {code}.dev1 instead of {code}"
-    assert here.difference(Proof.here([])) == ""  # of a model that this study does not ask about
+    assert here.difference(WorkerVersions.here([])) == ""  # of a model that this study does not ask about
 
 
 def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
@@ -45,3 +50,44 @@ def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
     assert code_hash([act]) != before
     assert code_hash([]) == code_hash([print]) == code_hash([Path]) == ""
     del sys.modules["control_of_a_test"], sys.modules["gains_of_a_test"]
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Simulation:
+    path = tmp_path / "pendulum.xml"
+    path.write_text(PENDULUM)
+    return Simulation(str(path), qpos={"hinge": 0.1}, set={"opt.gravity": "0,0,-5"})
+
+
+def test_values_replace_options_and_join_names_and_overrides(base: Simulation) -> None:
+    names = ("timestep", "seed", "qpos/hinge", "ctrl/motor", "geom/bob.size[0]", "integrator", "steps")
+    point = simulation_at(base, names, ("0.005", "3", "0.7", "2", "0.2", "rk4", "7"))
+    expected = Simulation(
+        base.model, timestep=Fraction("0.005"), seed=3, qpos={"hinge": 0.7}, ctrl={"motor": 2},
+        integrator="rk4", steps=7,
+        set={"opt.gravity": "0,0,-5", "geom/bob.size[0]": "0.2"},
+    )  # fmt: skip
+    assert point == expected
+
+
+def test_the_model_itself_may_vary(base: Simulation) -> None:
+    assert simulation_at(base, ("model",), ("other.xml",)).source.text == "other.xml"
+
+
+@pytest.mark.parametrize(("name", "near"), [("timestp", "timestep"), ("qpos", "qpos/NAME"), ("x", "KIND/NAME.FIELD")])
+def test_what_nothing_has_is_refused(base: Simulation, name: str, near: str) -> None:
+    with pytest.raises(UnknownNameError, match=near):
+        simulation_at(base, (name,), ("1",))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("timestep", "x"), ("qpos/hinge", "y"), ("seed", "-1"), ("integrator", "z")]
+)
+def test_a_value_that_cannot_be_is_told(base: Simulation, name: str, text: str) -> None:
+    with pytest.raises(BadValueError, match=text):
+        simulation_at(base, (name,), (text,))
+
+
+def test_a_specification_can_be_sent_to_another_machine(base: Simulation) -> None:
+    spec = StudySpec(base, ("seed",), (("swing", "max(qpos/hinge)"),))
+    assert pickle.loads(pickle.dumps(spec)) == spec

@@ -1,4 +1,4 @@
-"""Studies as a whole: the table is the same however it came about, and nothing that is known is lost."""
+"""Whole studies: every way to compute the table gives the same bytes, and no known result is lost."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from mjrun.study.executors import open_executor
 from mjrun.study.plan import plan, run_task
 from mjrun.study.study import Study, StudyResult
 from tests.study import factories
-from tests.study.models import BALL, DEADLY
+from tests.study.models import BALL
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from tests.conftest import Command
 
@@ -38,10 +38,8 @@ METRICS = {"low": "min(qpos/ball/z)", "drift": "max(abs(energy/drift))"}
 
 
 @pytest.fixture
-def simulation(tmp_path: Path) -> Simulation:
-    (tmp_path / "ball.xml").write_text(BALL)
-    (tmp_path / "deadly.xml").write_text(DEADLY)
-    return Simulation(str(tmp_path / "ball.xml"), steps=100)
+def simulation(ball: Simulation) -> Simulation:
+    return replace(ball, steps=100)
 
 
 def study(simulation: Simulation, folder: Path, **options: object) -> Study:
@@ -57,7 +55,7 @@ def test_a_run_that_cannot_begin_leaves_the_folder_as_it_was(simulation: Simulat
     study(simulation, tmp_path / "study", vary={"qvel/ball/vx": "0,1"}).run()
     before = {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()}
     endless = replace(simulation, steps=10**30)
-    with pytest.raises(UsageError, match="could not be told apart"):
+    with pytest.raises(UsageError, match="floats cannot distinguish"):
         study(endless, tmp_path / "study", vary={"qvel/ball/vx": "0,1,2"}).run()
     assert {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()} == before
 
@@ -83,7 +81,8 @@ def test_the_same_study_again_simulates_nothing_and_more_values_only_what_is_new
 ) -> None:
     folder = tmp_path / "study"
     study(simulation, folder, vary={"seed": "1..5:5", "perturb": "uniform(0,1)"}, samples=2).run()
-    first = table(folder)
+    first, manifest = table(folder), json.loads((folder / "study.json").read_text())
+    assert (manifest["points"], manifest["names"]) == (10, ["seed", "perturb"])
     again = study(simulation, folder, vary={"seed": "1..5:5", "perturb": "uniform(0,1)"}, samples=2).run()
     assert (again.points, again.simulated) == (10, 0)
     assert table(folder) == first
@@ -99,7 +98,7 @@ def test_the_same_study_again_simulates_nothing_and_more_values_only_what_is_new
 def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simulation, tmp_path: Path) -> None:
     tables = set[bytes]()
     for index, options in enumerate(
-        [{"chunk": 1}, {"chunk": 100}, {"jobs": 2}, {"engine": "tests.study.factories:threads", "chunk": 3}]
+        [{"chunk": 1}, {"jobs": 2}, {"engine": "tests.study.factories:threads", "chunk": 3}]
     ):
         folder = tmp_path / str(index)
         study(simulation, folder, vary={"perturb": "uniform(0, 3)"}, samples=8, **options).run()
@@ -123,10 +122,15 @@ def test_points_that_fail_are_rows_and_the_rest_is_done(simulation: Simulation, 
     assert reasons["failed"].values["model"].endswith("missing.xml")
 
 
-def test_failed_points_are_tried_again_on_request(simulation: Simulation, tmp_path: Path) -> None:
+def test_points_that_an_engine_loses_have_failed_and_are_tried_again_on_request(
+    simulation: Simulation, tmp_path: Path
+) -> None:
     options: dict[str, object] = {"vary": {"seed": "1..4:4"}, "chunk": 1}
-    with pytest.raises(FailedPointsError):
+    with pytest.raises(FailedPointsError) as caught:
         study(simulation, tmp_path / "study", engine="tests.study.factories:Forgetful", **options).run()
+    (lost,) = caught.value.results
+    assert lost.statuses == {"ok": 2, "failed": 2}
+    assert "the machine is gone" in lost.failures[0].message
     with pytest.raises(FailedPointsError):
         study(simulation, tmp_path / "study", **options).run()
     result = study(simulation, tmp_path / "study", retry_failed=True, **options).run()
@@ -140,14 +144,6 @@ def test_a_model_that_varies_and_has_changed_is_simulated_again(simulation: Simu
     assert study(simulation, tmp_path / "study", **options).run().simulated == 2
     other.write_text(BALL.replace(".3", ".4"))
     assert study(simulation, tmp_path / "study", **options).run().simulated == 1
-
-
-def test_what_an_engine_loses_is_a_failed_point(simulation: Simulation, tmp_path: Path) -> None:
-    options: dict[str, object] = {"engine": "tests.study.factories:Forgetful", "chunk": 1}
-    with pytest.raises(FailedPointsError) as caught:
-        study(simulation, tmp_path / "study", vary={"seed": "1..4:4"}, **options).run()
-    assert caught.value.results[0].statuses == {"ok": 2, "failed": 2}
-    assert "the machine is gone" in caught.value.results[0].failures[0].message
 
 
 REQUIRED = [
@@ -199,12 +195,6 @@ def test_an_engine_that_is_not_there_leaves_no_folder(
     assert not (tmp_path / "study").exists()
 
 
-def test_the_manifest_says_what_the_study_is(simulation: Simulation, tmp_path: Path) -> None:
-    study(simulation, tmp_path / "study", vary={"seed": "1,2"}).run()
-    manifest = json.loads((tmp_path / "study" / "study.json").read_text())
-    assert (manifest["points"], manifest["names"]) == (2, ["seed"])
-
-
 def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simulation, tmp_path: Path) -> None:
     options = {"vary": {"perturb": "uniform(0,2)"}, "samples": 24, "metric": {"low": "min(qpos/ball/z)"}, "jobs": 2}
     undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
@@ -246,40 +236,32 @@ class Count:
 """
 
 
-def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(mjrun_here: Command) -> None:
+@pytest.mark.parametrize("period", [(), ("--control-dt", "0.01")])
+def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(mjrun_here: Command, period: Sequence[str]) -> None:
     (mjrun_here.folder / "ball.xml").write_text(BALL)
-    code = mjrun_here.folder / "pushes.py"
+    name = f"pushes_{len(period)}.py"  # a module that this process has not imported yet
+    code = mjrun_here.folder / name
     code.write_text(CODE)
-    vary = ("--vary", "controller=pushes.py:push,pushes.py:Count", "--repeats", "2", "--metric", "z=last(qpos/ball/z)")
+    steps = ("--steps", "40", *period)
+    vary = ("--vary", f"controller={name}:push,{name}:Count", "--repeats", "2", "--metric", "z=last(qpos/ball/z)")
 
     def simulated() -> int:
-        return json.loads(mjrun_here("sweep", "ball.xml", "--steps", "40", "--json", *vary).stdout)["simulated"]
+        return json.loads(mjrun_here("sweep", "ball.xml", *steps, "--json", *vary).stdout)["simulated"]
 
     assert (simulated(), simulated()) == (4, 0)
     rows = pd.read_csv(mjrun_here.folder / "ball_study" / "results.csv")
-    for index, name in ((0, "push"), (2, "Count")):
-        options = ("--steps", "40", "--controller", f"pushes.py:{name}", "-o", "alone.csv")
+    for index, controller in ((0, "push"), (2, "Count")):
+        options = (*steps, "--controller", f"{name}:{controller}", "-o", "alone.csv")
         assert mjrun_here("trace", "ball.xml", *options).returncode == 0
         alone = pd.read_csv(mjrun_here.folder / "alone.csv")["qpos/ball/z"].tolist()[-1]
         assert rows["z"].tolist()[index : index + 2] == [alone] * 2
-    code.write_text(CODE.replace("= 5", "= 6"))
-    assert simulated() == 4
-
-
-def test_the_period_of_controllers_that_vary_is_that_of_each(mjrun_here: Command) -> None:
-    (mjrun_here.folder / "ball.xml").write_text(BALL)
-    (mjrun_here.folder / "slow_pushes.py").write_text(CODE)
-    options = ("--steps", "40", "--control-dt", "0.01")
-    vary = ("--vary", "controller=slow_pushes.py:push,slow_pushes.py:Count", "--metric", "z=last(qpos/ball/z)")
-    assert mjrun_here("sweep", "ball.xml", *options, *vary).returncode == 0
-    rows = pd.read_csv(mjrun_here.folder / "ball_study" / "results.csv")
-    for index, name in enumerate(("push", "Count")):
-        alone = (*options, "--controller", f"slow_pushes.py:{name}", "-o", "alone.csv")
-        assert mjrun_here("trace", "ball.xml", *alone).returncode == 0
-        assert rows["z"][index] == pd.read_csv(mjrun_here.folder / "alone.csv")["qpos/ball/z"].tolist()[-1]
-    nobody = mjrun_here("sweep", "ball.xml", *options, "--vary", "seed=1,2", "-o", "other")
-    assert nobody.returncode == 2
-    assert b"--control-dt says how often a --controller is called; there is none" in nobody.stderr
+    if period:
+        nobody = mjrun_here("sweep", "ball.xml", *steps, "--vary", "seed=1,2", "-o", "other")
+        assert nobody.returncode == 2
+        assert b"--control-dt requires --controller, which it calls periodically" in nobody.stderr
+    else:
+        code.write_text(CODE.replace("= 5", "= 6"))
+        assert simulated() == 4
 
 
 def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) -> None:
@@ -288,7 +270,7 @@ def test_a_document_may_not_vary_code(simulation: Simulation, tmp_path: Path) ->
 
 
 class _Editor(WarningReporter):
-    """Calls `edit` as soon as there are results."""
+    """Calls `edit` when the first results arrive."""
 
     def __init__(self, edit: Callable[[], object]) -> None:
         self._edit, self.warnings = edit, list[str]()
@@ -371,7 +353,7 @@ def test_a_controller_that_is_edited_while_a_study_runs_changes_no_result(
         code.write_text("def push(model, data):\n    data.ctrl[:] = 8\n")
         return open_executor(*arguments)
 
-    monkeypatch.setattr("mjrun.study.prepared.open_executor", edit_and_open)
+    monkeypatch.setattr("mjrun.study.executors.open_executor", edit_and_open)
     replace(quiet, simulation=controlled, output=str(tmp_path / "edited")).run()
     assert table(tmp_path / "edited") == table(tmp_path / "quiet" / "study")
 
@@ -411,13 +393,14 @@ def test_where_all_machines_have_another_mujoco_nothing_is_kept(tmp_path: Path) 
 
 
 def test_kept_files_are_those_of_the_study_whatever_becomes_of_its_model(tmp_path: Path) -> None:
-    edited_study(tmp_path / "before", keep=["trace", "recording"]).run()
-    kept = edited_study(tmp_path / "edited", keep=["trace", "recording"])
+    options: dict[str, object] = {"vary": {"geom/bob.size": "0.1,0.2"}, "keep": ["trace", "recording"]}
+    edited_study(tmp_path / "before", **options).run()
+    kept = edited_study(tmp_path / "edited", **options)
     kept.run(_Editor(lambda: edit(tmp_path / "edited")))
     points = [tmp_path / folder / "study" / "points" for folder in ("before", "edited")]
     before, after = (pd.read_parquet(folder / "000000" / "trace.parquet") for folder in points)
     pd.testing.assert_frame_equal(before, after, check_exact=True)
-    first, second = (np.load(folder / "000002" / "recording.npz") for folder in points)
+    first, second = (np.load(folder / "000001" / "recording.npz") for folder in points)
     np.testing.assert_array_equal(first["states"], second["states"])
     facts = json.loads(str(second["facts"]))
     assert str(tmp_path / "edited" / "model.xml") in json.dumps(facts)

@@ -18,9 +18,9 @@ from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecuti
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.evaluation.evaluation import Evaluation
-    from mjrun.evaluation.result import Comparison, EpisodeSummary, EvaluationResult, PairedDifference, PointSummary
+    from mjrun.evaluation.evaluation import Evaluation, EvaluationResult
     from mjrun.evaluation.statistics import Interval, NumberSummary, Share
+    from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference, PointSummary, PolicyComparison
 
     Located = Callable[[], AbstractContextManager[None]]
 
@@ -39,7 +39,7 @@ ARGUMENTS = (
     arguments=ARGUMENTS,
     without=["repeats"],
     python="Evaluation",
-    reports={"eval": "mjrun.evaluation.result:EvaluationResult"},
+    reports={"eval": "mjrun.evaluation.evaluation:EvaluationResult"},
 )
 def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - the command's name
     """Evaluate a policy on seeded episodes of TASK: returns, success rates, videos, comparisons.
@@ -190,14 +190,14 @@ def _point_columns(points: "Sequence[PointSummary]", names: Sequence[str], level
     return columns
 
 
-def _comparison(comparison: "Comparison", level: str) -> list[tuple[str, str]]:
+def _comparison(comparison: "PolicyComparison", level: str) -> list[tuple[str, str]]:
     lines = [("return", _difference(comparison, comparison.returns, level, share=False))]
     if comparison.success:
         lines.append(("success", _difference(comparison, comparison.success, level, share=True)))
     return lines
 
 
-def _difference(comparison: "Comparison", found: "PairedDifference", level: str, *, share: bool) -> str:
+def _difference(comparison: "PolicyComparison", found: "PairedDifference", level: str, *, share: bool) -> str:
     size = f"{100 * found.difference:+.3g} %" if share else _signed(found.difference)
     interval = _percents(found.interval) if share else _interval(found.interval)
     method = "Newcombe's paired interval" if share else "paired t interval"

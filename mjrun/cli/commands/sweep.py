@@ -119,7 +119,7 @@ def _start_early(command_line: CommandLine) -> None:
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
     """Returns the study of a command line or of its file, and the context that locates its errors."""
-    from mjrun.physics.parameter_grid import scan_values
+    from mjrun.experiment.design import value_list
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
@@ -145,7 +145,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_study")
     varied = [text for path, text in command_line.make(VariationOptions).vary if path == "controller"]
-    code = {name: load_controller(name) for text in varied for name in scan_values("controller", text, "vary")}
+    code = {name: load_controller(name) for text in varied for name in value_list("controller", text, "vary")}
     facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
     return command_line.make(Study, **facts), nullcontext
 

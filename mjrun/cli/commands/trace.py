@@ -23,7 +23,7 @@ from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
 
 if TYPE_CHECKING:
-    from mjrun.simulation.verification import FieldDifference, VerificationResult
+    from mjrun.simulation.verification import StateDifference, VerificationResult
 
 WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
 
@@ -100,7 +100,7 @@ def verification_lines(result: "VerificationResult") -> Iterator[str]:
     yield from (f"  {text}" for text in result.origins)
 
 
-def _difference(field: "FieldDifference") -> str:
+def _difference(field: "StateDifference") -> str:
     others = f" (and {field.count - 1} more of {field.field})" if field.count > 1 else ""
     if field.stepped is None:
         values = f"recorded {field.recorded!r}, stepped to what is not finite"

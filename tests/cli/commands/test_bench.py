@@ -168,10 +168,10 @@ def test_a_slower_build_fails_only_with_a_limit_and_an_incomparable_one_is_refus
         (["--noise-std", "2"], 2, "'2' is not a number from 0 to 1"),
         (["--key", "none"], 2, "no keyframe 'none'"),
         (["--save", "/dev/null/base.json"], 7, "is not a folder"),
-        (["--accuracy", "--reference", "1"], 2, "--reference: '1' is not finer than every timestep"),
-        (["--worlds", "2"], 2, "--worlds is for --engine warp"),
-        (["--device", "cpu"], 2, "--device is for --engine warp"),
-        (["--engine", "warp"], 2, "--threads is for --engine c"),
+        (["--accuracy", "--reference", "1"], 2, "--reference: '1' is not finer than every measured timestep"),
+        (["--worlds", "2"], 2, "--worlds requires --engine warp"),
+        (["--device", "cpu"], 2, "--device requires --engine warp"),
+        (["--engine", "warp"], 2, "--threads requires --engine c"),
     ],
 )
 def test_what_cannot_be_meant_ends_with_its_code_and_no_output(

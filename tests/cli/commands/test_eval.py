@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 from mjrun.cli.commands.eval import evaluation_report
-from mjrun.evaluation.result import EpisodeVideo, EvaluationResult, PointSummary
-from mjrun.evaluation.summaries import compared, summary_of
+from mjrun.evaluation.evaluation import EvaluationResult
+from mjrun.evaluation.summaries import PointSummary, compared, summary_of
+from mjrun.evaluation.videos import EpisodeVideo
 from tests.evaluation.episodes import episodes, played
 from tests.evaluation.tasks import XML, play_here, write_policies
 
@@ -128,7 +129,7 @@ def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str)
     [
         (["cart.yaml"], 2, "--policy"),
         (["cart.xml", "--policy", "zero"], 2, "does not specify its control period"),
-        (["cart.xml", "duration=1", "--policy", "zero"], 2, "no document"),
+        (["cart.xml", "duration=1", "--policy", "zero"], 2, "is not a document"),
         (["missing.yaml", "--policy", "zero"], 7, "missing.yaml"),
         (["cart.yaml", "--policy", "missing.onnx"], 7, "missing.onnx"),
         (["cart.yaml", "--policy", "zero", "--episodes", "0"], 2, "episodes"),
@@ -138,8 +139,8 @@ def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str)
         (["cart.yaml", "--policy", "zero", "--fail-below", "0.9"], 2, "success=90%"),
         (["cart.yaml", "--policy", "zero", "--fail-below", "speed=1"], 2, "success_low"),
         (["cart.yaml", "--policy", "zero", "--vary", "colour=1,2"], 2, "colour"),
-        (["cart.yaml", "--policy", "zero", "-o", "."], 7, "holds other things than an evaluation"),
-        (["cart.yaml", "--policy", "zero", "-o", "cart.xml"], 7, "is no folder"),
+        (["cart.yaml", "--policy", "zero", "-o", "."], 7, "holds other files than an evaluation"),
+        (["cart.yaml", "--policy", "zero", "-o", "cart.xml"], 7, "is not a folder"),
     ],
 )
 def test_what_cannot_be_is_told_and_leaves_nothing(

@@ -245,7 +245,7 @@ def test_a_log_is_replayed_by_a_map_from_every_front_end_to_the_same_numbers(mjr
         (
             ("--map", HINGE),
             2,
-            b"log.csv has no column 'time'\n  --map says which column it is, as in time=t,",
+            b"log.csv has no column 'time'\n  --map specifies the time, as in time=t,",
         ),
         (("--map", "time=t", "--map", HINGE, "--steps", "31"), 2, b"the table ends at step 30, time 0.06 s"),
         (("--map", "time=1-t", "--map", HINGE), 2, b"log.csv, row 1: time 0.98 follows 1; times must ascend"),

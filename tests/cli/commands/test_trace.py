@@ -14,7 +14,7 @@ import mujoco
 import pytest
 
 from mjrun.cli.commands.trace import verification_lines
-from mjrun.simulation.verification import FieldDifference, VerificationResult
+from mjrun.simulation.verification import StateDifference, VerificationResult
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -195,7 +195,7 @@ def test_a_recording_is_verified_and_the_exit_code_is_the_verdict(mjrun_here: Co
     without = mjrun_here("trace", PENDULUM, "--verify")
     assert (without.returncode, without.stderr.decode()) == (
         2,
-        "mjrun: error: --verify compares a recording with its physics: name it by --replay\n",
+        "mjrun: error: --verify requires a recording: name it with --replay\n",
     )
     written = mjrun_here("trace", PENDULUM, "--replay", "r.npz", "--verify", "-o", "a.csv")
     assert written.returncode == 2
@@ -244,9 +244,9 @@ def test_the_same_again_is_one_line_that_says_how_much_was_compared() -> None:
 
 def test_a_difference_has_its_step_its_places_and_what_is_not_as_it_was() -> None:
     differences = [
-        FieldDifference("qpos", "qpos/knee", 1.0, 1.25, 1),
-        FieldDifference("qvel", "qvel/root/vz", 0.0, -0.0, 6),
-        FieldDifference("act", "act/a\x1b", 2.0, None, 1),
+        StateDifference("qpos", "qpos/knee", 1.0, 1.25, 1),
+        StateDifference("qvel", "qvel/root/vz", 0.0, -0.0, 6),
+        StateDifference("act", "act/a\x1b", 2.0, None, 1),
     ]
     result = VerificationResult("r.npz", False, 3, 2, 0.004, differences, ["the physics differs"])
     assert list(verification_lines(result)) == [
