@@ -1,17 +1,175 @@
-"""Writes tables: rows arrive in blocks, and one file is published at the end."""
+"""Writers of tables: `TableWriter`, and the interface and bases of the writers of each format.
 
+Rows arrive in blocks. For formats that hold a table by column, they are transposed in groups of bounded size. Parquet
+and Feather write one group after another; npz, mat and hdf5 need whole columns, so their groups wait in an unnamed file
+beside the table.
+"""
+
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from mjrun.formats import tables
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
-from mjrun.formats.row_writer import RowWriter
 from mjrun.model.column import Column
+
+GROUP = 2**21  # values in a group: 16 MiB
+FIRST_ROWS = 2**9  # rows that fit at first: a short table needs little memory
+
+
+class RowWriter:
+    """Writes rows in one format, given the open file, the columns, and the manifest as JSON.
+
+    Its methods raise OSError when the file cannot be written.
+    """
+
+    def write(self, block: np.ndarray) -> None:
+        """Adds the rows of `block`, float64 `(n, columns)`, n ≥ 1."""
+        raise NotImplementedError
+
+    def finish(self, manifest: str) -> None:
+        """Completes the file; `manifest` is JSON, for a format that writes it last."""
+
+    def close(self) -> None:
+        """Frees resources, after `finish` or instead of it."""
+
+
+class RowGroups:
+    """Collects rows and yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
+
+    def __init__(self, columns: int) -> None:
+        self._rows = max(1, GROUP // columns)  # in a full group
+        self._group = np.empty((columns, min(self._rows, FIRST_ROWS)))
+        self._filled = 0
+
+    def add(self, block: np.ndarray) -> Iterator[np.ndarray]:
+        """Adds the rows of `block` `(n, columns)` and yields every group that they fill."""
+        while len(block):
+            part, block = block[: self._rows - self._filled], block[self._rows - self._filled :]
+            end = self._filled + len(part)
+            if end > self._group.shape[1]:  # as more rows are to come, room for twice as many
+                before = self._group
+                self._group = np.empty((len(before), min(self._rows, max(end, 2 * before.shape[1]))))
+                self._group[:, : self._filled] = before[:, : self._filled]
+            self._group[:, self._filled : end] = part.T
+            self._filled = end
+            if self._filled == self._rows:
+                self._filled = 0
+                yield self._group
+
+    def rest(self) -> Iterator[np.ndarray]:
+        """Yields the rows that fill no group, if any."""
+        if self._filled:
+            yield self._group[:, : self._filled]
+            self._filled = 0
+
+    def close(self) -> None:
+        """Frees the memory, which would otherwise last as long as anything refers to the writer of the table."""
+        self._group = self._group[:0, :0].copy()
+
+
+class GroupWriter(RowWriter):
+    """Base of the writers that write one group after another.
+
+    Attributes:
+      writer: writer of the library, which `close` closes after any failure too.
+    """
+
+    writer: Any
+
+    def __init__(self, columns: Sequence[Column]) -> None:
+        self.columns = columns
+        self._groups = RowGroups(len(columns))
+
+    def write(self, block: np.ndarray) -> None:
+        for group in self._groups.add(block):
+            self.write_group(group)
+
+    def finish(self, manifest: str) -> None:
+        for group in self._groups.rest():
+            self.write_group(group)
+        self.end(manifest)
+        self.writer.close()
+
+    def close(self) -> None:
+        self._groups.close()
+        with contextlib.suppress(Exception):  # it may have stopped anywhere
+            self.writer.close()
+
+    def write_group(self, group: np.ndarray) -> None:
+        """Writes the rows of `group` `(columns, rows)`."""
+        raise NotImplementedError
+
+    def end(self, manifest: str) -> None:
+        """Writes what follows the last group."""
+
+
+class ColumnWriter(RowWriter):
+    """Base of the writers that need whole columns.
+
+    Rows wait in a file without a name, which no failure leaves behind. It is in the folder of the table, whose disk
+    needs the space.
+
+    Attributes:
+      rows: number of rows so far.
+    """
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        self.file = file
+        self.columns = columns
+        self.rows = 0
+        self._groups = RowGroups(len(columns))
+        self._sizes: list[int] = []  # rows in each group
+        self._stored = tempfile.TemporaryFile(dir=Path(file.name).parent)  # noqa: SIM115  (closed by close)
+
+    def write(self, block: np.ndarray) -> None:
+        self.rows += len(block)
+        for group in self._groups.add(block):
+            self._store(group)
+
+    def finish(self, manifest: str) -> None:
+        for group in self._groups.rest():
+            self._store(group)
+        self.save(manifest)
+
+    def close(self) -> None:
+        self._groups.close()
+        with contextlib.suppress(OSError):
+            self._stored.close()
+
+    def save(self, manifest: str) -> None:
+        """Writes the table, once all rows are stored."""
+        raise NotImplementedError
+
+    def cells(self, index: int) -> tuple[np.dtype, Iterator[np.ndarray]]:
+        """Returns the type of a column, and its cells in pieces.
+
+        Texts are of a unicode type, `''` for −1; integers are int64 unless one is missing; the rest is float64.
+        """
+        column = self.columns[index]
+        if column.labels:
+            texts = np.array([*column.labels, ""])  # the last is for −1
+            return texts.dtype, (texts[piece.astype(int)] for piece in self._values(index))
+        is_whole = column.integer and not any(np.isnan(piece).any() for piece in self._values(index))
+        kind = np.dtype("<i8" if is_whole else "<f8")
+        return kind, (piece.astype(kind) for piece in self._values(index))
+
+    def _values(self, index: int) -> Iterator[np.ndarray]:
+        before = 0
+        for size in self._sizes:
+            self._stored.seek(8 * (len(self.columns) * before + index * size))
+            yield np.frombuffer(self._stored.read(8 * size))
+            before += size
+
+    def _store(self, group: np.ndarray) -> None:
+        self._stored.write(np.ascontiguousarray(group).data)
+        self._sizes.append(group.shape[1])
 
 
 class TableWriter(OutputWriter):

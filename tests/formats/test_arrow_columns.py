@@ -13,28 +13,7 @@ import pytest
 
 from mjrun.errors import FileError
 from mjrun.formats.arrow_columns import read_whole_parquet
-from mjrun.formats.table_reader import read_table
-from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
-
-COLUMNS = [
-    Column("time", "s", "simulated time"),
-    Column("qpos/knee", "rad", "joint angle", "joint", 3),
-    Column("qpos/torso/x", "m", "position", "joint", 0),
-]
-
-
-MANIFEST = {"mjrun": "0.1.0", "seed": 7}
-
-
-def write(path: Path, blocks: list[np.ndarray], of: list[Column] = COLUMNS) -> Path:
-    """A published table, in the format that the path's suffix means."""
-    with TableWriter(str(path), output_format(str(path)).name, of, MANIFEST) as out:
-        for block in blocks:
-            out.write(block)
-        out.publish()
-    return path
+from tests.formats.table_files import bits, lists, write
 
 
 @pytest.mark.parametrize("read", [pq.read_schema, lambda path: pyarrow.feather.read_table(path).schema])
@@ -47,19 +26,6 @@ def test_arrow_fields_say_unit_meaning_and_object(tmp_path: Path, read: Callable
         b"kind": b"joint",
         b"id": b"3",
     }
-
-
-def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
-    """The wanted columns, or else all of them."""
-    found = read_table(path, lambda name: not wanted or name in wanted).columns
-    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
-    return {name: column.tolist() for name, column in found.items()}
-
-
-def bits(values: object) -> list[int]:
-    """The float64 patterns of `values`, every NaN as one: text knows only one."""
-    array = np.asarray(values, np.float64)
-    return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
 
 
 ARROW = {

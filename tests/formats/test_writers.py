@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import FileError
-from mjrun.formats import row_writer
+from mjrun.formats import table_writer
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.calibration_writer import FORMATS as CALIBRATIONS
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
@@ -132,7 +132,7 @@ LARGE = [(name, amount) for name, case in CASES.items() for amount in case.large
 @pytest.fixture
 def small_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No file can grow beyond `DISK`: the operating system refuses as it does on a full disk."""
-    monkeypatch.setattr(row_writer, "GROUP", 12_000)
+    monkeypatch.setattr(table_writer, "GROUP", 12_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (DISK, hard))
     yield

@@ -25,8 +25,8 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import text_columns
-from mjrun.formats.row_writer import RowWriter
 from mjrun.formats.table_contents import EXACT, Cells, ColumnFilter, TableContents, select, shown
+from mjrun.formats.table_writer import RowWriter
 from mjrun.formats.text_columns import LinePieces
 from mjrun.model.column import Column
 

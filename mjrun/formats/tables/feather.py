@@ -17,7 +17,7 @@ from mjrun.expansion import require_expandable
 from mjrun.formats import arrow_columns as arrow
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
-from mjrun.formats.row_writer import GroupWriter
+from mjrun.formats.table_writer import GroupWriter
 from mjrun.model.column import Column
 
 MAGIC = b"ARROW1"

@@ -30,7 +30,7 @@ from mjrun.expansion import require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_header import NUMERIC, content_name
-from mjrun.formats.row_writer import ColumnWriter
+from mjrun.formats.table_writer import ColumnWriter
 
 LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 holds 64 KiB
 DEEPEST = 32  # groups within each other that are searched

@@ -28,7 +28,7 @@ import numpy as np
 from mjrun.expansion import largest_expansion, require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
-from mjrun.formats.row_writer import ColumnWriter
+from mjrun.formats.table_writer import ColumnWriter
 from mjrun.model.column import Column
 
 LIMIT = 2**31  # bytes in one variable

@@ -19,7 +19,7 @@ from mjrun.expansion import require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_header import NUMERIC, content_name, read_header
-from mjrun.formats.row_writer import ColumnWriter
+from mjrun.formats.table_writer import ColumnWriter
 
 UNITS, MANIFEST = "__units__", "__manifest__"
 TEXT_SIZE = 2**24  # bytes of units, and of a manifest, that are read, at most

@@ -3,7 +3,6 @@
 import codecs
 import csv
 import io
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,27 +10,12 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.feather
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import clean
-from mjrun.formats.table_reader import read_table
 from mjrun.model.column import Column
-from tests.formats.table_files import BROKEN, bits, columns, read_csv, write
-
-ODD = [
-    0.0,
-    -0.0,
-    5e-324,
-    -2.2250738585072014e-308,
-    0.1,
-    1 / 3,
-    1e22,
-    1e23,
-    123456789012345680.0,
-    -1.7976931348623157e308,
-]
-
+from tests.formats.table_files import BROKEN, ODD, bits, columns, hypothesis, lists, put, stored, write
 
 HOSTILE = [
     "time",
@@ -49,44 +33,26 @@ HOSTILE = [
 
 def test_names_in_csv_are_cleaned_and_quoted_where_they_must_be(tmp_path: Path) -> None:
     path = write(tmp_path / "t.csv", [np.zeros((1, 10))], columns(*HOSTILE))
-    assert list(read_csv(path)) == [clean(name) for name in HOSTILE]
+    assert list(stored(path).columns) == [clean(name) for name in HOSTILE]
     head = path.read_text("utf-8").splitlines()[0]
     assert head.startswith(
         r'time,"qpos/""a""","qpos/b,c",qpos/d\ne\r,qpos/\x1b[31mred,qpos/é 日本 🚗,"=1+1","@x","-x",'
     )
 
 
-def test_labels_are_quoted_in_csv_only_where_they_must_be(tmp_path: Path) -> None:
-    labels = ("floor", 'a "b"', "c,d", "=1+1", "a;b", "")
-    path = write(tmp_path / "t.csv", [np.array([[*range(6), -1.0]])], [Column(str(i), labels=labels) for i in range(7)])
-    assert path.read_text().splitlines()[1] == 'floor,"a ""b""","c,d",\'=1+1,"a;b","",'
+def test_labels_are_quoted_and_marked_in_csv_only_where_they_must_be(tmp_path: Path) -> None:
+    labels = ("floor", 'a "b"', "c,d", "=1+1", "a;b", "", " =x", "＝x", "a;=x;b", "a=b", "'x", "e\n", "nan")
+    count = len(labels)
+    made = [Column(str(index), labels=labels) for index in range(count + 1)]
+    path = write(tmp_path / "t.csv", [np.array([[*range(count), -1.0]])], made)
+    line = path.read_text().splitlines()[1]
+    assert line == r'''floor,"a ""b""","c,d",'=1+1,"a;b","",' =x,'＝x,"a;'=x;b",a=b,'x,e\n,nan,'''
 
 
 def test_csv_reads_as_numpy_reads_it(tmp_path: Path) -> None:
     data = np.array([[0.0, *BROKEN[:2]], [1.0, BROKEN[2], ODD[3]]])
     text = write(tmp_path / "t.csv", [data]).read_text()
     assert bits(np.genfromtxt(io.StringIO(text), delimiter=",", skip_header=1)) == bits(data)
-
-
-ODD = [0.0, -0.0, 5e-324, -2.2250738585072014e-308, 0.1, 1e23, 123456789012345680.0, -1.7976931348623157e308]
-
-
-def put(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
-    """The wanted columns, or else all of them."""
-    found = read_table(path, lambda name: not wanted or name in wanted).columns
-    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
-    return {name: column.tolist() for name, column in found.items()}
-
-
-floats = st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])
-
-
-hypothesis = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @pytest.mark.parametrize(
@@ -117,14 +83,14 @@ def test_csv_of_pyarrow_and_of_numpy_is_read(tmp_path: Path) -> None:
     assert bits(list(lists(tmp_path / "numpy.csv").values())) == bits(data.T)
 
 
-@given(st.lists(st.tuples(st.text(max_size=6), floats), min_size=1, max_size=20))
+@given(
+    st.lists(
+        st.tuples(st.text(max_size=6), st.floats(width=64) | st.sampled_from([*ODD, *BROKEN])), min_size=1, max_size=20
+    )
+)
 @hypothesis
 def test_csv_is_read_as_the_csv_module_and_float_read_it(tmp_path: Path, rows: list[tuple[str, float]]) -> None:
     text = io.StringIO(newline="")
     csv.writer(text, quoting=csv.QUOTE_NONNUMERIC).writerows([("note", "time"), *rows])
     path = put(tmp_path / "t.csv", text.getvalue().encode("utf-8", "replace"))
     assert bits(lists(path, "time")["time"]) == bits([value for _, value in rows])
-
-
-def text(content: str | bytes) -> Callable[[], bytes]:
-    return lambda: content.encode() if isinstance(content, str) else content

@@ -2,25 +2,9 @@
 
 import codecs
 import json
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
-from mjrun.formats.table_reader import read_table
-from tests.formats.table_files import bits
-
-
-def put(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
-    """The wanted columns, or else all of them."""
-    found = read_table(path, lambda name: not wanted or name in wanted).columns
-    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
-    return {name: column.tolist() for name, column in found.items()}
+from tests.formats.table_files import bits, lists, put
 
 
 def test_jsonl_of_others_is_read(tmp_path: Path) -> None:
@@ -39,7 +23,3 @@ def test_jsonl_of_others_is_read(tmp_path: Path) -> None:
 def test_what_is_nested_deeply_and_not_wanted_does_no_harm(tmp_path: Path) -> None:
     path = put(tmp_path / "t.jsonl", '{"time":1,"note":' + "[" * 1000 + "]" * 1000 + "}")
     assert lists(path, "time") == {"time": [1]}
-
-
-def text(content: str | bytes) -> Callable[[], bytes]:
-    return lambda: content.encode() if isinstance(content, str) else content

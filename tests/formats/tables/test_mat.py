@@ -18,7 +18,7 @@ from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import mat
 from mjrun.model.column import Column
-from tests.formats.table_files import COLUMNS, names, write
+from tests.formats.table_files import COLUMNS, everything, lists, names, put, write
 
 
 def test_a_mat_cell_of_texts_too_large_for_the_format_is_refused_as_its_rows_come(
@@ -78,22 +78,6 @@ MATLAB = Path(scipy.io.__file__).parent / "matlab/tests/data"  # files that MATL
 
 
 VECTORS = [path for kind in ("bool", "double", "minus", "multi") for path in MATLAB.glob(f"test{kind}_[5-8]*.mat")]
-
-
-def put(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def everything(name: str) -> bool:
-    return True
-
-
-def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
-    """The wanted columns, or else all of them."""
-    found = read_table(path, lambda name: not wanted or name in wanted).columns
-    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
-    return {name: column.tolist() for name, column in found.items()}
 
 
 @pytest.mark.parametrize("packed", [False, True])

@@ -13,41 +13,13 @@ import pytest
 from mjrun.errors import FileError
 from mjrun.formats import table_contents
 from mjrun.formats.table_reader import read_table
-from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
-
-NAMES = ["time", "qpos/knee", "ctrl/motor"]
-
-
-def write(path: Path, data: np.ndarray, names: list[str] = NAMES) -> Path:
-    """A published table, in the format that the path's suffix means."""
-    with TableWriter(str(path), output_format(str(path)).name, [Column(name) for name in names], {"seed": 7}) as out:
-        out.write(data)
-        out.publish()
-    return path
+from tests.formats.table_files import everything, lists, put, write
 
 
 def test_npz_is_an_archive_that_any_unzip_takes(tmp_path: Path) -> None:
-    with zipfile.ZipFile(write(tmp_path / "t.npz", np.zeros((4, 3)))) as archive:
+    with zipfile.ZipFile(write(tmp_path / "t.npz", [np.zeros((4, 3))])) as archive:
         assert archive.testzip() is None
         assert archive.namelist()[:2] == ["time.npy", "qpos/knee.npy"]
-
-
-def put(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def everything(name: str) -> bool:
-    return True
-
-
-def lists(path: Path, *wanted: str) -> dict[str, list[float]]:
-    """The wanted columns, or else all of them."""
-    found = read_table(path, lambda name: not wanted or name in wanted).columns
-    assert all(column.dtype == np.float64 and column.ndim == 1 for column in found.values())
-    return {name: column.tolist() for name, column in found.items()}
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
