@@ -43,9 +43,14 @@ class ImageData:
     tags: Mapping[str, str]
 
 
-def rgb_png(image: ImageData) -> bytes:
-    """Returns a PNG of colours."""
-    return _png(image.pixels, image.tags)
+def png(image: ImageData) -> bytes:
+    """Returns a PNG of colours, of depth in millimetres, or of segment numbers, both uint16."""
+    pixels = image.pixels
+    if pixels.dtype == np.float32:
+        pixels = depth_millimetres(pixels)
+    elif pixels.dtype == np.int32:
+        pixels = segment_numbers(pixels, image.segments)
+    return _png(pixels, image.tags)
 
 
 def jpeg(image: ImageData) -> bytes:
@@ -62,16 +67,6 @@ def tiff(image: ImageData) -> bytes:
     """Returns a TIFF of colours, or of metres as float32."""
     description = image.tags.get("description", "")
     return _saved(image.pixels, "TIFF", compression="tiff_adobe_deflate", description=description)
-
-
-def millimetre_png(image: ImageData) -> bytes:
-    """Returns a PNG of depth in millimetres, uint16."""
-    return _png(depth_millimetres(image.pixels), image.tags)
-
-
-def id_png(image: ImageData) -> bytes:
-    """Returns a PNG of segment numbers, uint16."""
-    return _png(segment_numbers(image.pixels, image.segments), image.tags)
 
 
 def palette_png(image: ImageData) -> bytes:

@@ -62,19 +62,19 @@ class ImageFormat:
 
 FORMATS = {
     "rgb": {
-        "png": ImageFormat((".png",), "rgb_png"),
+        "png": ImageFormat((".png",), "png"),
         "jpeg": ImageFormat((".jpg", ".jpeg"), "jpeg", largest=65500),
         "webp": ImageFormat((".webp",), "webp", largest=16383),
         "tiff": ImageFormat((".tiff", ".tif"), "tiff"),
     },
     "depth": {
-        "png": ImageFormat((".png",), "millimetre_png", is_clipped=True),
+        "png": ImageFormat((".png",), "png", is_clipped=True),
         "npy": ImageFormat((".npy",), "npy"),
         "exr": ImageFormat((".exr",), "exr"),
         "tiff": ImageFormat((".tiff", ".tif"), "tiff"),
     },
     "seg": {
-        "png": ImageFormat((".png",), "id_png", segments=2**16 - 1, nothing=0),
+        "png": ImageFormat((".png",), "png", segments=2**16 - 1, nothing=0),
         "palette": ImageFormat((".png",), "palette_png", segments=255, nothing=0),
         "npy": ImageFormat((".npy",), "npy", nothing=-1),
         "coco": ImageFormat((".json",)),
@@ -86,11 +86,6 @@ FIGURES = {**FORMATS["rgb"], **{name: ImageFormat((f".{name}",)) for name in DRA
 def suffixes(view: str) -> list[str]:
     """Returns the suffixes of images that can hold `view`."""
     return _suffixes(FORMATS[view])
-
-
-def figure_suffixes() -> list[str]:
-    """Returns the suffixes of figures."""
-    return _suffixes(FIGURES)
 
 
 def image_format(output: str | None, view: str, format: str | None = None, hint: str = "") -> str:  # noqa: A002

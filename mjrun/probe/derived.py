@@ -40,7 +40,7 @@ def energy(model: mujoco.MjModel) -> FieldProbe:
     return FieldProbe(columns, ("energy",), compute, needs_initial=True)
 
 
-def counts(model: mujoco.MjModel) -> FieldProbe:
+def contact(model: mujoco.MjModel) -> FieldProbe:
     """Measures the number of contacts."""
     column = Column("contact/ncon", "", "number of detected contacts")
     return FieldProbe([column], ("ncon",), lambda fields, initial: fields["ncon"][..., None].astype(float))
@@ -152,15 +152,8 @@ def warning(model: mujoco.MjModel) -> InstantProbe:
 
 
 DERIVED: dict[str, Callable[[mujoco.MjModel], Probe]] = {
-    "energy": energy,
-    "contact": counts,
-    "solver": solver,
-    "speed": speed,
-    "com": com,
-    "momentum": momentum,
-    "contact_force": contact_force,
-    "penetration": penetration,
-    "warning": warning,
+    probe.__name__: probe
+    for probe in (energy, contact, solver, speed, com, momentum, contact_force, penetration, warning)
 }
 
 

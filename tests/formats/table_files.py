@@ -19,6 +19,7 @@ from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
+from tests.formats.outputs import names as names
 
 COLUMNS = [
     Column("time", "s", "simulated time"),
@@ -54,11 +55,6 @@ def bits(values: object) -> list[int]:
     """The float64 patterns of `values`, every NaN as one: text has only one."""
     array = np.asarray(values, np.float64)
     return np.where(np.isnan(array), np.nan, array).view(np.uint64).tolist()
-
-
-def names(folder: Path) -> list[str]:
-    """The files in a folder, hidden ones included."""
-    return sorted(path.name for path in folder.iterdir())
 
 
 def everything(name: str) -> bool:

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.formats.image_format import FORMATS, figure_format, figure_suffixes, image_format, suffixes
+from mjrun.formats.image_format import FIGURES, FORMATS, figure_format, image_format, suffixes
 
 
 @pytest.mark.parametrize(
@@ -112,5 +112,6 @@ def test_what_holds_no_figure_is_refused(output: str | None, named: str | None, 
 
 
 def test_every_suffix_has_a_format() -> None:
-    assert {".png", ".svg", ".pdf"} <= set(figure_suffixes())
-    assert all(figure_format(f"a{suffix}") for suffix in figure_suffixes())
+    assert {"png", "svg", "pdf"} <= FIGURES.keys()
+    for name, form in FIGURES.items():
+        assert [figure_format(f"a{suffix}") for suffix in form.suffixes] == [name] * len(form.suffixes)

@@ -1,4 +1,4 @@
-"""Still pictures, read back by Pillow, by ffmpeg, and by a PNG reader of our own that knows only the specification."""
+"""Images, read back by Pillow, by ffmpeg, and by a PNG reader written from the specification."""
 
 import contextlib
 import json
@@ -24,6 +24,7 @@ from mjrun.errors import BadValueError, FileError, UsageError
 from mjrun.formats.image_format import FORMATS, image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.model.rendered_view import Segment
+from tests.formats.outputs import names
 
 ROOT = Path(__file__).parents[2]
 LEGEND = [Segment("geom", 7, "box", "torso"), Segment("geom", 8, "geom:8", "torso"), Segment("site", 0, "tip", "hand")]
@@ -143,11 +144,6 @@ def ffmpeg(path: Path, pixels: str, dtype: str) -> np.ndarray:
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "rawvideo", "-pix_fmt", pixels]
     done = subprocess.run([*command, "-"], capture_output=True, check=True)
     return np.frombuffer(done.stdout, dtype)
-
-
-def names(folder: Path) -> list[str]:
-    """What is in a folder, hidden files too."""
-    return sorted(path.name for path in folder.iterdir())
 
 
 # --- colours ---------------------------------------------------------------------------------------
@@ -425,16 +421,19 @@ def piped(folder: Path, view: str, form: str, side: int, stdout: Any = subproces
 
 
 @pytest.mark.parametrize(("view", "form"), EVERY)
-def test_standard_output_gets_the_picture_and_no_file_is_made(tmp_path: Path, view: str, form: str) -> None:
-    out, errors = piped(tmp_path, view, form, 8).communicate()
-    assert errors == b""
+def test_standard_output_gets_the_image_and_no_file_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes], view: str, form: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    pixels, legend = VIEWS[view](), {"legend": LEGEND, "colours": COLOURS} if view == "seg" else {}
+    with ImageWriter(None, view, form, (WIDTH, HEIGHT)) as out:
+        out.write(pixels, **legend)
+        assert out.publish() == []
+    printed = capfdbinary.readouterr().out
     assert names(tmp_path) == []
-    noise = np.random.default_rng(1).integers(0, 3, (8, 8, 3))
-    pixels = {"rgb": noise.astype(np.uint8), "depth": noise[..., 0].astype(np.float32)}
-    with ImageWriter(str(tmp_path / "image"), view, form, (8, 8)) as file:
-        legend = [Segment("geom", k, str(k)) for k in range(3)]
-        file.write(pixels.get(view, noise[..., 0].astype(np.int32)), legend, np.zeros((3, 3), np.uint8))
-        assert file.publish()[0].read_bytes() == out
+    with ImageWriter("image", view, form, (WIDTH, HEIGHT)) as file:
+        file.write(pixels, **legend)
+        assert file.publish()[0].read_bytes() == printed
 
 
 def test_a_reader_that_goes_away_ends_the_writing_without_a_word(tmp_path: Path) -> None:

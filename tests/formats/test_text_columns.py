@@ -15,15 +15,7 @@ from mjrun.errors import FileError
 from mjrun.formats import table_contents, text_columns
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.text_columns import LinePieces
-
-
-def put(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-def everything(name: str) -> bool:
-    return True
+from tests.formats.table_files import everything, put
 
 
 @pytest.fixture
