@@ -171,7 +171,7 @@ class Encoding:
         """Returns the arguments of ffmpeg between its input and its output."""
         codec, kind = CODECS[self.codec], CONTAINERS[self.format]
         filters = [_pad(width, height, *self.padding(width, height)), codec.filters]
-        graph = ",".join(f for f in filters if f)
+        graph = ",".join(filter(None, filters))
         quality = ["-crf", str(self.crf)] if self.crf is not None else []
         effort = [codec.preset_flag, self.preset] if self.preset is not None else []
         # Apple's players recognize HEVC by this tag only.

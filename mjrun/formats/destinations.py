@@ -97,7 +97,7 @@ class StagedFile(_Staged):
     """One file.
 
     Raises:
-      FileError: the folder cannot be made, or it or the target cannot be written.
+      FileError: the folder cannot be created, or it or the target cannot be written.
     """
 
     def __init__(self, target: Path) -> None:
@@ -147,7 +147,7 @@ class StagedFolder(_Staged):
     video of ten thousand would wait for the disk ten thousand times.
 
     Raises:
-      FileError: the folder cannot be made, or holds files that are not frames.
+      FileError: the folder cannot be created, or holds files that are not frames.
     """
 
     def __init__(self, target: Path) -> None:
@@ -185,7 +185,7 @@ class StagedFrames(_Staged):
       others: names of matching files with numbers after the last frame, known once the frames are published.
 
     Raises:
-      FileError: the folder cannot be made or written.
+      FileError: the folder cannot be created or written.
     """
 
     def __init__(self, pattern: Path) -> None:
@@ -312,7 +312,7 @@ def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: boo
 def _check_only_frames(shown: Path, folder: Path) -> None:
     if not folder.is_dir():
         raise FileError(shown, "exists and is not a folder")
-    others = [p.name for p in folder.iterdir() if not re.fullmatch(r"\d{6,}\.png", p.name)]
+    others = [path.name for path in folder.iterdir() if not re.fullmatch(r"\d{6,}\.png", path.name)]
     if others:
         raise FileError(
             shown,

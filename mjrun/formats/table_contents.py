@@ -154,12 +154,12 @@ def select_parts(
     return {column: columns[at][1:] for column, at in select(path, [name for name, _, _ in columns], wanted).items()}
 
 
-def require_vector(path: Path, name: str, shape: Sequence[int], *, lying: bool = False) -> None:
-    """Raises FileError if an array with this shape is neither a column nor several; `lying` accepts `(1, n)` too."""
+def require_vector(path: Path, name: str, shape: Sequence[int], *, row_vectors: bool = False) -> None:
+    """Raises FileError if an array with this shape is neither a column nor several; `row_vectors` are `(1, n)`."""
     if not shape or not (
-        _is_wide(shape) or tuple(shape[1:]) in ((), (1,)) or (lying and len(shape) == 2 and 1 in shape)
+        _is_wide(shape) or tuple(shape[1:]) in ((), (1,)) or (row_vectors and len(shape) == 2 and 1 in shape)
     ):
-        expected = "(n, 1), (1, n) or (n, k)" if lying else "(n,) or (n, k)"
+        expected = "(n, 1), (1, n) or (n, k)" if row_vectors else "(n,) or (n, k)"
         raise FileError(path, f"column {shown(name)} has the shape {tuple(shape)}, not {expected}")
 
 

@@ -156,7 +156,7 @@ class Scanner:
         start = self._after_space(position)
         if opening := self._opening(start):
             return self._accessor(opening)
-        tokens = [t for t in (self._number(start), self._column(start), self._word(start)) if t]
+        tokens = list(filter(None, (self._number(start), self._column(start), self._word(start))))
         if tokens:
             return max(tokens, key=lambda token: token.end)  # the first of the longest
         if start == len(self.text):

@@ -36,7 +36,7 @@ def test_an_array_with_two_dimensions_is_several_columns_unless_it_is_no_table()
     assert parts == {**{f"a0/{i}": (0, i) for i in range(3)}, **{f"a{i}": (i, 0) for i in range(1, 7)}}
     for shape in ((9, 3), (9,), (9, 1)):
         require_vector(PATH, "a", shape)
-    require_vector(PATH, "a", (1, 10**6), lying=True)
+    require_vector(PATH, "a", (1, 10**6), row_vectors=True)
     for shape in ((), (9, 0), (1, 10**6), (9, 2, 2)):
         with pytest.raises(FileError, match=rf"column 'a' has the shape {re.escape(str(shape))}, not \(n,\)"):
             require_vector(PATH, "a", shape)

@@ -473,7 +473,8 @@ def test_a_small_file_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_table_that_is_read_whole_needs_the_memory_of_its_columns_and_of_one_more(tmp_path: Path) -> None:
-    np.savez(tmp_path / "t.npz", **{str(i): np.zeros(200_000) for i in range(20)})
+    arrays: dict[str, Any] = {str(i): np.zeros(200_000) for i in range(20)}
+    np.savez(tmp_path / "t.npz", **arrays)
     tracemalloc.start()
     try:
         read_table(tmp_path / "t.npz", "1")

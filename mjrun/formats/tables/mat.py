@@ -111,7 +111,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
 
 
 def _shape(matrix: "Matrix") -> tuple[int, ...]:
-    """Returns the shape of a matrix of numbers; empty for a vector, lying or standing, and for anything else."""
+    """Returns the shape of a matrix of numbers; empty for a row or column vector, and for anything else."""
     return matrix.shape if matrix.kind in NUMERIC_KINDS and 1 not in matrix.shape else ()
 
 
@@ -136,7 +136,7 @@ def _numbers(path: Path, name: str, matrix: "Matrix") -> np.ndarray:
     if matrix.kind not in NUMERIC_KINDS or matrix.imaginary:
         content = "complex values" if matrix.imaginary else KINDS.get(matrix.kind, "objects")
         raise tables.not_numbers(path, name, content)
-    tables.require_vector(path, name, matrix.shape, lying=True)
+    tables.require_vector(path, name, matrix.shape, row_vectors=True)
     _, values = next(matrix.parts)
     if values.size != math.prod(matrix.shape):
         raise ValueError("the size of a matrix is not that of its shape")
