@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def written(
 @given(states=STATES, strides=st.lists(st.integers(1, 2**40), min_size=8, max_size=8), facts=FACTS)
 @hypothesis
 def test_what_was_written_comes_back_bit_for_bit_in_any_order_and_by_numpy(
-    tmp_path: Path, states: np.ndarray, strides: list[int], facts: dict[str, object]
+    tmp_path: Path, states: np.ndarray, strides: list[int], facts: dict[str, Any]
 ) -> None:
     steps = [0, *np.cumsum(strides).tolist()][: len(states)]
     path = written(tmp_path / "run.npz", states, steps, **facts)
