@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
-from xml.parsers import expat
 
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
@@ -19,6 +18,7 @@ from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources import names_task, source_of
 from mjrun.model.sources.bundled_scene import bundled_task
+from mjrun.model.xml_source import scan
 from mjrun.options.check import CheckOptions
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
@@ -250,10 +250,7 @@ def _below(folder: Path) -> Iterator[Path]:
 def root_tag(path: Path) -> str:
     """Returns the tag of the root element of an XML file; empty without one, or if the file is not a regular one."""
     tags: list[str] = []
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = lambda tag, attributes: tags.append(tag)
-    if not is_file(path):
-        return ""
-    with suppress(OSError, ValueError, LookupError, expat.ExpatError), path.open("rb") as file:
-        parser.Parse(file.read(HEAD))
+    if is_file(path):
+        with suppress(OSError), path.open("rb") as file:
+            scan(file.read(HEAD), lambda tag, attributes, line: tags.append(tag))
     return tags[0] if tags else ""

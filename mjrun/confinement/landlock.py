@@ -65,7 +65,7 @@ def restrict(rules: Iterable[tuple[str, int]], *, network: bool = True, serves: 
     try:
         for path, access in rules:
             _add(ruleset, path, access & handled)
-        _give_up_privileges()
+        give_up_privileges()
         _call(RESTRICT_SELF, ruleset, 0)
     finally:
         os.close(ruleset)
@@ -84,7 +84,7 @@ def _add(ruleset: int, path: str, access: int) -> None:
         os.close(place)
 
 
-def _give_up_privileges() -> None:
+def give_up_privileges() -> None:
     """Promises never to gain privileges, as by a setuid program, which the kernel requires for restrictions."""
     if ctypes.CDLL(None, use_errno=True).prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0):
         raise OSError(ctypes.get_errno(), "no_new_privs is refused")

@@ -16,12 +16,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from typing import NamedTuple
 
+from mjrun.confinement.landlock import give_up_privileges
+
 LOAD, JUMP_IF_EQUAL, JUMP_IF_AT_LEAST, AND, RETURN = 0x20, 0x15, 0x35, 0x54, 0x06
 NUMBER, ARCHITECTURE, ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
 ALLOW, ASK, KILL = 0x7FFF0000, 0x7FC00000, 0x80000000
 REFUSE, UNKNOWN = 0x00050000 | errno.EACCES, 0x00050000 | errno.ENOSYS
 NEWEST = 462  # the last known call, mseal; the numbers of x32 begin far beyond
-SET_SECCOMP, FILTER, NO_NEW_PRIVILEGES = 22, 2, 38  # of prctl
+SET_SECCOMP, FILTER = 22, 2  # of prctl
 SECCOMP, SET_FILTER, NEW_LISTENER = (317, 277), 1, 1 << 3  # the call that makes a filter which asks
 WHOLE = 0xFFFFFFFF  # the lower half of an argument; the kernel ignores the upper half of those below
 SOCKET_TYPE = 0xF  # the bits of a socket's type without its flags
@@ -253,8 +255,7 @@ def restrict(*, serves: bool = False) -> int | None:
     """
     library = ctypes.CDLL(None, use_errno=True)
     machine = platform.machine()
-    if library.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0):
-        raise OSError(ctypes.get_errno(), "no_new_privs is refused")
+    give_up_privileges()
     if serves:
         asking = _assembled(program(machine, serves=True))
         listener = library.syscall(SECCOMP[MACHINES[machine][1]], SET_FILTER, NEW_LISTENER, ctypes.byref(asking))

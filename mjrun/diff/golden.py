@@ -3,7 +3,6 @@
 import queue
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -110,19 +109,12 @@ class GoldenComparison:
             raise self._failure
 
 
-@dataclass(frozen=True)
-class _End:
-    """The end of the rows, or of the interest in them."""
-
-    completely: bool
-
-
 class _GivenUpError(Exception):
     """The comparison was cancelled: no more rows come, and the result is unused."""
 
 
 class _ComingRows:
-    """Rows that one thread adds and another reads."""
+    """Rows that one thread adds and another reads; the last item of the queue is whether the rows are complete."""
 
     path = Path("the simulation")
 
@@ -130,7 +122,7 @@ class _ComingRows:
         # .csv contains cleaned names.
         self.names = [c.name if c.name in golden_names else clean(c.name) for c in columns]
         self.units: Mapping[str, str] = {n: c.unit for n, c in zip(self.names, columns, strict=True)}
-        self._queue: queue.Queue[np.ndarray | _End] = queue.Queue(QUEUED_BLOCKS)
+        self._queue: queue.Queue[np.ndarray | bool] = queue.Queue(QUEUED_BLOCKS)
         self._is_ended = False
 
     def add(self, block: np.ndarray) -> None:
@@ -138,19 +130,19 @@ class _ComingRows:
             self._queue.put(block)
 
     def end(self, *, completely: bool) -> None:
-        self._queue.put(_End(completely))
+        self._queue.put(completely)
 
     def blocks(self) -> Iterator[np.ndarray]:
-        while not isinstance(block := self._queue.get(), _End):
+        while not isinstance(block := self._queue.get(), bool):
             yield block
         self._is_ended = True
-        if not block.completely:
+        if not block:
             raise _GivenUpError
 
     def drain(self) -> None:
         """Discards the remaining rows, so that adding never blocks."""
         while not self._is_ended:
-            self._is_ended = isinstance(self._queue.get(), _End)
+            self._is_ended = isinstance(self._queue.get(), bool)
 
 
 def _nothing_in_common(path: str, golden: Sequence[str], measured: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from mjrun.diff.result import SSIM_WINDOW, FrameDifference, PictureDifference
-from mjrun.diff.tolerances import Tolerance
+from mjrun.diff.tolerances import Tolerance, finite_or_none
 from mjrun.errors import FileError, option
 from mjrun.formats.image_reader import read_image, read_palette
 from mjrun.formats.input_file import is_folder
@@ -250,8 +250,8 @@ class PictureSummary:
             frames=self._frames,
             differing=self._differing,
             changed=self._changed / frames,
-            psnr=_finite(decibels(self._squares / frames)) if kinds == "colours" else None,
-            ssim=_finite(self._similarity / frames) if kinds == "colours" and self._frames else None,
+            psnr=finite_or_none(decibels(self._squares / frames)) if kinds == "colours" else None,
+            ssim=finite_or_none(self._similarity / frames) if kinds == "colours" and self._frames else None,
             first=self._first,
             worst=self._worst,
             least_similar=self._least_similar,
@@ -263,8 +263,8 @@ class PictureSummary:
             frame=self._frames,
             time=self._frames / self._fps if self._fps else None,
             changed=comparison.changed,
-            maximum=_finite(comparison.maximum),
-            psnr=_finite(comparison.psnr) if colours else None,
+            maximum=finite_or_none(comparison.maximum),
+            psnr=finite_or_none(comparison.psnr) if colours else None,
             ssim=comparison.ssim if colours else None,
         )
 
@@ -280,7 +280,3 @@ def _frames(path: str) -> Frames:
 
 def _size(frame: np.ndarray) -> tuple[int, int]:
     return frame.shape[1], frame.shape[0]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

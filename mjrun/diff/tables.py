@@ -1,7 +1,7 @@
 """The comparison of tables, and of recordings as tables of states, in memory that does not grow with their length."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from mjrun.diff.row_alignment import (
     pairs_by_key,
     pairs_by_row,
 )
-from mjrun.diff.tolerances import Tolerance, Tolerances, as_numbers, cell_text, compare_cells
+from mjrun.diff.tolerances import Tolerance, Tolerances, as_numbers, cell_text, compare_cells, finite_or_none
 from mjrun.errors import FileError
 
 
@@ -105,9 +105,9 @@ class ColumnComparison:
                 atol=self._tolerances[i].atol,
                 rtol=self._tolerances[i].rtol,
                 differing=int(self._differing[i]),
-                maximum=_finite(float(self._maximum[i])),
-                rms=_finite(float(rms[i])),
-                last=_finite(float(self._last[i])),
+                maximum=finite_or_none(float(self._maximum[i])),
+                rms=finite_or_none(float(rms[i])),
+                last=finite_or_none(float(self._last[i])),
                 first=self._first[i],
                 worst=self._worst[i],
                 text=bool(self._text[i]),
@@ -140,7 +140,10 @@ def compare_rows(
     """
     if key is None or isinstance(key, str):
         stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)
-        all_pairs = _pairs(stream_a, stream_b, key, tolerances, skip)
+        if key is None:
+            all_pairs = pairs_by_row(stream_a, stream_b, skip)
+        else:
+            all_pairs = pairs_by_key(stream_a, stream_b, tolerances.of_key(key), skip)
     else:
         stream_a, stream_b = KeyedRows(a, columns, key), KeyedRows(b, columns, key)
         all_pairs = pairs_by_columns(stream_a, stream_b)
@@ -175,12 +178,6 @@ def compare_rows(
     )
 
 
-def _pairs(
-    a: RowStream, b: RowStream, key: str | None, tolerances: Tolerances, skip: Skip
-) -> Iterator[Pairs | EqualRows]:
-    return pairs_by_row(a, b, skip) if key is None else pairs_by_key(a, b, tolerances.of_key(key), skip)
-
-
 def _badness(column: ColumnDifference) -> tuple[bool, float, int]:
     return column.differing > 0, math.inf if column.maximum is None else column.maximum, column.differing
 
@@ -200,7 +197,3 @@ def _cell(pairs: Pairs, column: int, index: int) -> CellDifference:
         b=cell_text(pairs.b.item(index, column)),
         key=key if isinstance(key, str) else "",
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

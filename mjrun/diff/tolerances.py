@@ -138,3 +138,8 @@ def _float(value: Fraction) -> float:
         return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf
+
+
+def finite_or_none(value: float) -> float | None:
+    """Returns a number for JSON; None if it is not finite."""
+    return value if math.isfinite(value) else None

@@ -39,7 +39,8 @@ class Info:
                 raise UnknownNameError("section", name, SECTIONS)
         sections = tuple(dict.fromkeys(self.sections)) or SECTIONS
         with doing("simulating"), collected_warnings() as warnings:
-            description = self._description()
+            source = source_of(self.model)
+            description = ModelDescription(source.load(), source.main_file)
             for name in sections:
                 description.section(name)  # computed here, so that warnings are collected
         bugs = known_bugs.bugs_of_model(description.model)
@@ -47,10 +48,6 @@ class Info:
             reporter.warn(text)
         pass_on(warnings, reporter)
         return InfoResult(description, sections, (*bugs, *warnings))
-
-    def _description(self) -> ModelDescription:
-        source = source_of(self.model)
-        return ModelDescription(source.load(), source.main_file)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_files import file_content, file_size
-from mjrun.model.xml_source import MAX_FILES, with_slashes
+from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"
 # Patterns that begin with a word are ten times as fast as others. URDF writes the file of a mesh as filename.
@@ -91,8 +91,7 @@ def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Pat
     """
     named = _collect(path, text or b"", member)
     places = (place for file in named.files for place in _places(file, path, named.folders, working=False))
-    existing = (place for place in dict.fromkeys(places) if is_readable(place) and _is_regular(place))
-    files = dict.fromkeys(map(Path, existing))
+    files = dict.fromkeys(filter(is_regular, map(Path, dict.fromkeys(places))))
     files.pop(path, None)
     return [*files]
 
@@ -147,13 +146,6 @@ def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, in
         value = (found[1] or found[2] or b"").decode(errors="surrogateescape")
         if value:
             yield with_slashes(html.unescape(value)), line
-
-
-def _is_regular(place: str) -> bool:
-    try:
-        return stat.S_ISREG(os.stat(place).st_mode)  # noqa: PTH116
-    except (OSError, ValueError):  # it does not exist, or no file can have this name
-        return False
 
 
 def _places(file: _NamedFile, main: Path, folders: Iterable[str], *, working: bool = True) -> Iterator[str]:

@@ -6,14 +6,12 @@ the cube of its length.
 
 import os.path
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
-from xml.parsers import expat
 
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_files import file_content, file_size, main_mjcf
-from mjrun.model.xml_source import with_slashes
+from mjrun.model.xml_source import scan, with_slashes
 from mjrun.suffixes import ARCHIVES
 
 # A stack of 8 MiB overflows at about 2,500 includes, and below 2,000 models; a hundred models take a second.
@@ -106,7 +104,7 @@ def _check_links(path: Path, text: bytes) -> None:
     """Checks the length of the chains of links in a URDF."""
     parents, ends = dict[str, str](), dict[str, str]()
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: dict[str, str], line: int) -> None:
         if tag == "joint":
             ends.clear()
         elif tag in ("parent", "child"):
@@ -114,10 +112,7 @@ def _check_links(path: Path, text: bytes) -> None:
             if len(ends) == 2:
                 parents[ends["child"]] = ends["parent"]
 
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = start
-    with suppress(expat.ExpatError, ValueError, LookupError):
-        parser.Parse(text, True)
+    scan(text, start)
     for link in parents.keys() - set(parents.values()):  # the last of each chain
         length, above = 1, link
         while (above := parents.get(above, "")) and length <= MOST_LINKS:
@@ -150,25 +145,22 @@ def _whole(text: str) -> int:
         return 0
 
 
-def _tags(path: str, content: bytes) -> Iterator[_Tag]:
-    """Yields the elements of interest in a file; those before the fault if it is not well-formed."""
-    found, copies = list[_Tag](), [1]
-    parser = expat.ParserCreate()
+def _tags(path: str, content: bytes) -> list[_Tag]:
+    """Returns the elements of interest in a file; those before the fault if it is not well-formed."""
+    tags, copies = list[_Tag](), [1]
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: dict[str, str], line: int) -> None:
         if tag == "replicate":
             copies.append(copies[-1] * max(1, _whole(attributes.get("count", ""))))
         if (tag in ("include", "model") and attributes.get("file")) or tag in ("size", "flexcomp", "replicate"):
-            found.append(_Tag(tag, attributes, path, parser.CurrentLineNumber, copies[-1]))
+            tags.append(_Tag(tag, attributes, path, line, copies[-1]))
 
     def end(tag: str) -> None:
         if tag == "replicate":
             copies.pop()
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    with suppress(expat.ExpatError, ValueError, LookupError):
-        parser.Parse(content, True)
-    yield from found
+    scan(content, start, end)
+    return tags
 
 
 def _attached_file(tag: _Tag, model: str) -> str | None:

@@ -35,6 +35,7 @@ CHOSEN = {
 }
 FIELDS = {"rangefinder": mujoco.mjtRayDataField, "contact": mujoco.mjtConDataField}
 OF_JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
+ORTHOGRAPHIC = int(mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)
 
 
 def joint_unit(model: mujoco.MjModel, joint: int) -> str:
@@ -132,10 +133,6 @@ def _output_unit(model: mujoco.MjModel, output: int) -> str:
     return actuator_unit(model, int((model.actuator_outadr <= output).nonzero()[0][-1]))
 
 
-def _field_of_view_unit(model: mujoco.MjModel, camera: int) -> str:
-    return "m" if model.cam_projection[camera] == int(mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC) else "deg"
-
-
 Unit = Callable[[mujoco.MjModel, int], str]  # by the row of a field
 
 
@@ -155,7 +152,7 @@ UNITS: dict[str, str | Unit] = {
     "geom_size": "m", "geom_pos": "m", "geom_margin": "m", "geom_gap": "m", "geom_aabb": "m", "geom_rbound": "m",
     "site_size": "m", "site_pos": "m",
     "cam_pos": "m", "cam_pos0": "m", "cam_poscom0": "m", "cam_ipd": "m", "cam_resolution": "px", "cam_sensorsize": "m",
-    "cam_fovy": _field_of_view_unit,
+    "cam_fovy": lambda model, camera: "m" if model.cam_projection[camera] == ORTHOGRAPHIC else "deg",
     "light_pos": "m", "light_pos0": "m", "light_poscom0": "m", "light_cutoff": "deg", "light_bulbradius": "m",
     "light_range": "m", "light_intensity": "cd",
     "flex_radius": "m", "flex_margin": "m", "flex_gap": "m", "flex_vert": "m", "flex_node": "m",

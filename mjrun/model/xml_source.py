@@ -5,7 +5,8 @@ MuJoCo's parser stops at the first mistake, forgets the lines of included files,
 
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -191,6 +192,20 @@ def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
     except (ValueError, LookupError) as error:  # an encoding unknown to Python
         errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
     return parser.root
+
+
+def scan(
+    text: bytes, start: Callable[[str, dict[str, str], int], object], end: Callable[[str], object] | None = None
+) -> None:
+    """Calls `start` with the tag, the attributes and the line of each element, and `end` with its tag.
+
+    Text that is not well-formed, or in an unknown encoding, is scanned up to the fault.
+    """
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda tag, attributes: start(tag, attributes, parser.CurrentLineNumber)
+    parser.EndElementHandler = end
+    with suppress(expat.ExpatError, ValueError, LookupError):
+        parser.Parse(text, True)
 
 
 class XmlParser:

@@ -1,6 +1,7 @@
 """Objects are matched by name, and unnamed ones by their place."""
 
 import mujoco
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -23,23 +24,20 @@ def pairs(a: mujoco.MjModel, b: mujoco.MjModel) -> list[tuple[int, int]]:
     return [*zip(match.a.tolist(), match.b.tolist(), strict=True)]
 
 
-def test_names_come_first() -> None:
-    assert pairs(model("a/1", "b/2"), model("b/1", "a/2")) == [(0, 1), (1, 0)]
-
-
-def test_unnamed_objects_that_are_equal_come_next() -> None:
-    assert pairs(model("-/1", "-/2"), model("-/3", "-/1", "-/2")) == [(0, 1), (1, 2)]
-    assert pairs(model("-/1", "-/2", "-/3"), model("-/1", "-/3")) == [(0, 0), (2, 1)]
-
-
-def test_the_rest_is_matched_in_order() -> None:
-    assert pairs(model("-/1", "-/2", "-/3"), model("-/1", "-/5", "-/3")) == [(0, 0), (1, 1), (2, 2)]
-    assert pairs(model("-/1", "-/2"), model("-/2", "-/2")) == [(0, 0), (1, 1)]
-
-
-def test_a_named_object_that_is_replaced_by_another_is_not_the_same() -> None:
-    assert pairs(model("a/1"), model("b/2")) == []
-    assert pairs(model("a/1"), model("b/1")) == [(0, 0)]
+@pytest.mark.parametrize(
+    ("a", "b", "matched"),
+    [
+        ("a/1 b/2", "b/1 a/2", [(0, 1), (1, 0)]),  # by name
+        ("-/1 -/2", "-/3 -/1 -/2", [(0, 1), (1, 2)]),  # equal ones
+        ("-/1 -/2 -/3", "-/1 -/3", [(0, 0), (2, 1)]),
+        ("-/1 -/2 -/3", "-/1 -/5 -/3", [(0, 0), (1, 1), (2, 2)]),  # the rest in order
+        ("-/1 -/2", "-/2 -/2", [(0, 0), (1, 1)]),
+        ("a/1", "b/2", []),  # a named object that another one replaces
+        ("a/1", "b/1", [(0, 0)]),
+    ],
+)
+def test_objects_are_matched_by_name_then_equality_then_order(a: str, b: str, matched: list[tuple[int, int]]) -> None:
+    assert pairs(model(*a.split()), model(*b.split())) == matched
 
 
 @settings(max_examples=30, deadline=None)

@@ -28,45 +28,35 @@ def told(folder: Path, a: str, b: str) -> list[tuple[str, str, str | None, str |
     ]
 
 
-def test_the_same_file_has_no_changes(tmp_path: Path) -> None:
-    assert told(tmp_path, BASE, BASE) == []
+OPTION, TWO = '  <option timestep="0.002"/>\n', '      <geom size=".2"/>\n'
+COMMENTED = BASE.replace("<worldbody>", "<!-- a\nb -->\n<worldbody>")
+BODY = '<body name="a">'
 
 
-def test_attributes_with_their_lines(tmp_path: Path) -> None:
-    edited = BASE.replace("<worldbody>", "<!-- a\nb -->\n<worldbody>").replace(
-        'pos="-1 0 0"', 'pos="-2 0 0" mocap="true"'
-    )
-    assert told(tmp_path, BASE, edited) == [
-        ('<body name="a">', "pos", "-1 0 0", "-2 0 0", 5, 7),
-        ('<body name="a">', "mocap", None, "true", 5, 7),
-    ]
-
-
-def test_numbers_that_are_written_in_another_way_are_the_same(tmp_path: Path) -> None:
-    assert told(tmp_path, BASE, BASE.replace("0.002", "2e-3").replace("1 1 .1", "1.0 1   0.1")) == []
-
-
-def test_elements_that_come_and_go(tmp_path: Path) -> None:
-    edited = BASE.replace('<geom size=".1"/>', '<site name="s"/>\n<geom size=".1"/>').replace(
-        '      <geom size=".2"/>\n', ""
-    )
-    assert told(tmp_path, BASE, edited) == [
-        ('<geom size=".2">', "", None, None, 7, None),
-        ('<site name="s">', "", None, None, None, 6),
-    ]
-
-
-def test_unnamed_elements_are_matched_around_those_that_are_equal(tmp_path: Path) -> None:
-    edited = BASE.replace('<geom size=".1"/>', '<geom size=".1" rgba="1 0 0 1"/>')
-    assert told(tmp_path, BASE, edited) == [('<geom size=".1">', "rgba", None, "1 0 0 1", 6, 6)]
-
-
-def test_sections_may_be_opened_twice_and_moved(tmp_path: Path) -> None:
-    twice = BASE.replace('type="plane"/>', 'type="plane"/></worldbody>\n<worldbody>')
-    assert told(tmp_path, BASE, twice) == []
-    option = '  <option timestep="0.002"/>\n'
-    moved = BASE.replace(option, "").replace("</mujoco>", f"{option}</mujoco>")
-    assert told(tmp_path, BASE, moved) == []
+@pytest.mark.parametrize(
+    ("edited", "changes"),
+    [
+        (BASE, []),
+        (
+            COMMENTED.replace('pos="-1 0 0"', 'pos="-2 0 0" mocap="true"'),
+            [(BODY, "pos", "-1 0 0", "-2 0 0", 5, 7), (BODY, "mocap", None, "true", 5, 7)],
+        ),
+        (BASE.replace("0.002", "2e-3").replace("1 1 .1", "1.0 1   0.1"), []),
+        (
+            BASE.replace('<geom size=".1"/>', '<site name="s"/>\n<geom size=".1"/>').replace(TWO, ""),
+            [('<geom size=".2">', "", None, None, 7, None), ('<site name="s">', "", None, None, None, 6)],
+        ),
+        (
+            BASE.replace('<geom size=".1"/>', '<geom size=".1" rgba="1 0 0 1"/>'),
+            [('<geom size=".1">', "rgba", None, "1 0 0 1", 6, 6)],
+        ),
+        (BASE.replace('type="plane"/>', 'type="plane"/></worldbody>\n<worldbody>'), []),
+        (BASE.replace(OPTION, "").replace("</mujoco>", f"{OPTION}</mujoco>"), []),
+    ],
+    ids=["same", "attributes", "numbers", "elements", "around equal ones", "section opened twice", "section moved"],
+)
+def test_changes_are_found_with_their_lines(tmp_path: Path, edited: str, changes: list[object]) -> None:
+    assert told(tmp_path, BASE, edited) == changes
 
 
 def test_lines_are_those_of_included_files(tmp_path: Path) -> None:

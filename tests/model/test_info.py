@@ -9,6 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
+from mjrun.model.column import Column
 from mjrun.model.description.model_description import SECTIONS
 from mjrun.model.info import Info
 from mjrun.model.override import Override
@@ -16,6 +17,7 @@ from mjrun.model.sources.file import FileSource
 from mjrun.outputs.trace import columns
 from mjrun.simulation.simulation import Simulation
 
+SCHEMA = json.loads((Path(__file__).parent / "info_schema.json").read_text("utf-8"))
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
 
 # One of everything that a section can list.
@@ -29,61 +31,6 @@ WHOLE = """<mujoco><option timestep=".001"/><visual><map znear=".3"/></visual>
 <extension><plugin plugin="mujoco.pid"><instance name="p"><config key="kp" value="4"/></instance></plugin></extension>
 <actuator><plugin joint="j" plugin="mujoco.pid" instance="p"/></actuator><sensor><clock/></sensor>
 <keyframe><key/></keyframe></mujoco>"""
-
-NAMED = ["id", "name"]
-OBJECT = [*NAMED, "body"]
-RESISTS = ["stiffness", "stiffness_polynomial", "damping", "damping_polynomial", "armature", "frictionloss"]
-SCHEMA = {
-    "summary": [
-        *("name", "file", "mujoco", "mass", "centre_of_mass", "extent", "center", "timestep", "gravity", "integrator"),
-        *("solver", "cone", "jacobian", "memory", "sizes"),
-    ],
-    "bodies": [
-        *(*NAMED, "parent", "depth", "joints", "joint_types", "geoms", "geom_types", "sites", "mass", "subtree_mass"),
-        *("position", "centre_of_mass", "inertia", "gravity_compensation", "mocap"),
-    ],
-    "joints": [
-        *(*OBJECT, "type", "unit", "axis", "anchor", "range", "qpos", "qpos_size", "dof", "dof_size", "qpos0"),
-        *("spring_reference", *RESISTS, "actuator_force_range"),
-    ],
-    "geoms": [
-        *(*OBJECT, "type", "asset", "size", "position", "contype", "conaffinity", "condim", "friction", "margin"),
-        *("gap", "group", "material"),
-    ],
-    "sites": [*OBJECT, "type", "size", "position", "group"],
-    "actuators": [
-        *(*NAMED, "kind", "transmission", "target_kind", "target", "reference", "gear", "unit", "force_unit"),
-        *("dynamics", "dynamics_parameters", "gain", "gain_parameters", "bias", "bias_parameters", "ctrl"),
-        *("ctrl_size", "ctrl_range", "act", "act_size", "act_range", "force_range", "delay", "damping", "armature"),
-        *("group", "plugin"),
-    ],
-    "sensors": [
-        *(*NAMED, "type", "object_kind", "object", "reference_kind", "reference", "dim", "address", "unit"),
-        *("data_type", "needs", "cutoff", "noise", "delay", "period", "plugin"),
-    ],
-    "cameras": [
-        *(*OBJECT, "mode", "target", "projection", "fovy", "height", "sensor_size", "focal_length"),
-        *("principal_point", "resolution", "outputs", "position"),
-    ],
-    "lights": [*OBJECT, "type", "mode", "target", "position", "active", "shadow"],
-    "keyframes": [*NAMED, "time", "finite", "outside"],
-    "tendons": [
-        *(*NAMED, "type", "unit", "path", "length0", "range", "spring_length", *RESISTS, "actuator_force_range"),
-    ],
-    "equalities": [*NAMED, "type", "object_kind", "object1", "object2", "active", "data", "solref", "solimp"],
-    "pairs": [*NAMED, "geom1", "geom2", "condim", "friction", "margin", "gap", "solref", "solimp"],
-    "excludes": [*NAMED, "body1", "body2"],
-    "flexes": [
-        *(*NAMED, "elements_are", "vertices", "edges", "elements", "nodes", "radius", "half_size", "rigid"),
-        *("interpolated", "edge_equality", "edge_stiffness", "edge_damping", "damping", "self_collision", "condim"),
-        *("friction", "group"),
-    ],
-    "plugins": [*NAMED, "plugin", "settings", "state", "users"],
-    "options": ["path", "value", "default", "unit"],
-    "visual": ["path", "value", "default", "unit"],
-    "statistics": ["center", "extent", "meansize", "meanmass", "meaninertia"],
-    "assets": ["kind", "name", "path", "bytes", "content"],
-}
 
 
 def strict(value: Any) -> Any:
@@ -165,6 +112,7 @@ def test_what_mujoco_warns_of_is_kept_and_told(tmp_path: Path) -> None:
 def test_sensors_and_joints_have_the_units_of_their_columns(path: Path) -> None:
     found = Info(path, ["joints", "sensors"]).run().description
     for column in columns(Simulation(path)):
+        assert isinstance(column, Column)
         group = column.name.partition("/")[0]
         if group == "qpos" and column.kind == "joint" and found.joints[column.id].type in ("hinge", "slide"):
             assert column.unit == found.joints[column.id].unit

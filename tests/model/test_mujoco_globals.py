@@ -1,6 +1,7 @@
 """Theorems about MuJoCo's own voice: heard once, shown nowhere else, and left as it was."""
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -35,26 +36,27 @@ def warn() -> None:
     mujoco.MjSpec.from_string(SUSPECT)
 
 
-def test_the_engines_and_the_parsers_warnings_are_heard_in_order() -> None:
-    with collected_warnings() as heard:
-        warn()
-        diverge()
-    assert heard[0] == NAN
-    assert "QVEL at DOF 0" in heard[1]
-    assert len(heard) == 2
+def say(text: str) -> None:
+    warnings.warn(text, UserWarning, stacklevel=1)
 
 
-def test_a_warning_given_twice_is_heard_once() -> None:
-    with collected_warnings() as heard:
-        warn()
-        warn()
-    assert heard == [NAN]
-
-
-def test_silence_is_an_empty_list() -> None:
-    with collected_warnings() as heard:
-        mujoco.MjSpec.from_string("<mujoco/>")
-    assert heard == []
+@pytest.mark.parametrize(
+    ("causes", "heard"),
+    [
+        ([warn, diverge], [NAN, "QVEL at DOF 0"]),
+        ([warn, warn], [NAN]),
+        ([lambda: mujoco.MjSpec.from_string("<mujoco/>")], []),
+        ([lambda: say("huge value at DOF 12"), lambda: say("huge value at DOF 1")], ["at DOF 12", "at DOF 1"]),
+    ],
+)
+def test_warnings_of_engine_and_parser_are_collected_once_and_in_order(
+    causes: list[Callable[[], object]], heard: list[str]
+) -> None:
+    with collected_warnings() as texts:
+        for cause in causes:
+            cause()
+    assert len(texts) == len(heard)
+    assert all(expected in text for expected, text in zip(heard, texts, strict=True))
 
 
 def test_a_conflict_that_the_bindings_report_two_ways_is_heard_once_and_whole(workplace: Path) -> None:
@@ -142,13 +144,6 @@ def test_a_warning_of_mjruns_own_goes_on() -> None:
 
     with pytest.warns(MjrunWarning, match="slow"):
         assert own() == []
-
-
-def test_a_warning_is_not_taken_for_the_beginning_of_another() -> None:
-    with collected_warnings() as heard:
-        warnings.warn("huge value at DOF 12", UserWarning, stacklevel=1)
-        warnings.warn("huge value at DOF 1", UserWarning, stacklevel=1)
-    assert heard == ["huge value at DOF 12", "huge value at DOF 1"]
 
 
 def test_timers_are_off_inside_and_as_they_were_after() -> None:

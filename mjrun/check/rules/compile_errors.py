@@ -116,10 +116,6 @@ def _syntax(error: CompileError, match: re.Match[str]) -> Findings:
         yield NOT_WELL_FORMED.finding(f"not well-formed XML: {error.message}", remedy, error.place)
 
 
-def _schema(error: CompileError, match: re.Match[str]) -> Findings:
-    yield from _invalid_xml(error.source)
-
-
 def _invalid_xml(source: XmlSource) -> Findings:
     """Yields findings for all elements, attributes and keywords in the XML that MuJoCo does not know."""
     findings = [*mjcf_schema.violations(source), *keywords.invalid_keywords(source)]
@@ -127,8 +123,12 @@ def _invalid_xml(source: XmlSource) -> Findings:
     yield from sorted(findings, key=lambda finding: (finding.file != own, finding.file, finding.line or 0))
 
 
+def _schema(error: CompileError, match: re.Match[str]) -> Findings:
+    return _invalid_xml(error.source)
+
+
 def _files(error: CompileError, match: re.Match[str]) -> Findings:
-    yield from asset_files.missing_files(error.source)
+    return asset_files.missing_files(error.source)
 
 
 def _special_file(error: CompileError, match: re.Match[str]) -> Findings:
@@ -283,7 +283,10 @@ def _name(element: Element, kind: str) -> str:
 # Patterns in MuJoCo's messages, and the functions that explain them; the first one with findings wins.
 EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]] = [
     (r"XML_|XML parse error|empty file|not UTF-8", _syntax),
-    (r"Schema violation|unrecognized model element|World body cannot have attr|Unrecognized XML model type", _schema),
+    (
+        r"Schema violation|unrecognized model element|World body cannot have attr|Unrecognized XML model type",
+        lambda error, match: _invalid_xml(error.source),
+    ),
     (r"plugin .* not found|coordinates no longer supported", _schema),
     (r"out of memory|[Cc]ould not allocate", _memory),
     (r"repeated name '(.*)' in (\w+)", _duplicate_name),
@@ -292,7 +295,10 @@ EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]
     (r"(?:unknown|unrecognized)(?P<kind>[\w ]*) '(?P<name>.*?)'", _unknown_name),
     (r"could not find (?P<kind>\w+) '(?P<name>.*?)'", _unknown_name),
     (r"(?P<kind>\w+) '(?P<name>.*?)' not found in", _unknown_name),
-    (r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not", _files),
+    (
+        r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not",
+        lambda error, match: asset_files.missing_files(error.source),
+    ),
     (r"'(.*)' is .*; a model is read from regular files", _special_file),
     (r"or attaches this model again", _circle),
     (r"invalid keyword: '(.*?)'", _keyword),

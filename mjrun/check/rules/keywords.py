@@ -131,5 +131,5 @@ def _invalid(element: Element, attribute: str, word: str, choices: tuple[str, ..
 def _likely(word: str, choices: tuple[str, ...]) -> str:
     """Returns the keyword that was probably meant by `word`; empty if none is similar."""
     word = word.strip()
-    synonyms = [keyword for keyword in SYNONYMS.get(word.casefold(), ()) if keyword in choices]
+    synonyms = [keyword for keyword, words in SYNONYMS.items() if keyword in choices and word.casefold() in words]
     return next(iter(synonyms or near(word, choices)), "")

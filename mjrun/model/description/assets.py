@@ -5,16 +5,15 @@ A compiled model does not record its includes, attached models and cube faces; t
 
 import os.path
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from xml.parsers import expat
 
 import mujoco
 import numpy as np
 
 from mjrun.model.archive_files import file_content, file_size, main_mjcf
 from mjrun.model.names import PREFIXES, names
+from mjrun.model.xml_source import scan
 
 KINDS = {"include": "include", "model": "attached model", "texture": "texture", "flexcomp": "flexcomp"}
 # The fields that hold the size of an asset.
@@ -25,6 +24,7 @@ CONTENT = {
     "skin": {"vertices": "skin_vertnum", "faces": "skin_facenum"},
 }
 NAMING = ("include", "model", "texture", "flexcomp")  # elements that refer to such files
+FOLDERS = ("assetdir", "texturedir", "meshdir")
 FACES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 
 
@@ -94,14 +94,6 @@ class ReferencedFile:
     path: str
 
 
-@dataclass
-class _SourceFile:
-    """One file of MJCF: its elements that refer to files, and the folders that its compiler element sets."""
-
-    elements: list[tuple[str, dict[str, str]]]
-    folders: dict[str, str]
-
-
 def referenced_files(main: str) -> list[ReferencedFile]:
     """Returns the existing files that the MJCF at `main`, its includes and its attached models refer to, each once.
 
@@ -111,7 +103,7 @@ def referenced_files(main: str) -> list[ReferencedFile]:
     queue, visited = [(main, main)], {main}
     while queue:
         path, root = queue.pop(0)
-        for file in _references(_parse(path), path, root):
+        for file in _references(path, root):
             files.setdefault(file.path, file)
             if file.kind in ("include", "model") and file.path not in visited:
                 visited.add(file.path)
@@ -119,29 +111,21 @@ def referenced_files(main: str) -> list[ReferencedFile]:
     return list(files.values())
 
 
-def _parse(path: str) -> _SourceFile:
-    source = _SourceFile([], {})
-    parser = expat.ParserCreate()
+def _references(path: str, root: str) -> Iterator[ReferencedFile]:
+    """Yields the files that the MJCF at `path` refers to, which `root` includes."""
+    elements: list[tuple[str, dict[str, str]]] = []
+    folders: dict[str, str] = {}  # set by the compiler element, which may come last
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: dict[str, str], line: int) -> None:
         if tag in NAMING:
-            source.elements.append((tag, attributes))
+            elements.append((tag, attributes))
         elif tag == "compiler":
-            source.folders |= {
-                key: attributes[key] for key in ("assetdir", "texturedir", "meshdir") if key in attributes
-            }
+            folders.update({key: attributes[key] for key in FOLDERS if key in attributes})
 
-    parser.StartElementHandler = start
-    with suppress(expat.ExpatError, ValueError, LookupError):  # what precedes the fault counts; no such encoding
-        parser.Parse(file_content(path) or b"", True)
-    return source
-
-
-def _references(source: _SourceFile, path: str, root: str) -> Iterator[ReferencedFile]:
-    for tag, attributes in source.elements:
-        keys = FACES if tag == "texture" else ("file",)
-        for key in keys:
-            if place := _resolve(attributes.get(key, ""), path, root, source.folders):
+    scan(file_content(path) or b"", start)
+    for tag, attributes in elements:
+        for key in FACES if tag == "texture" else ("file",):
+            if place := _resolve(attributes.get(key, ""), path, root, folders):
                 yield ReferencedFile(tag, attributes.get("name", ""), place)
 
 

@@ -16,12 +16,11 @@ from mjrun.model.description.declaration import (
 )
 from mjrun.model.fields import floats
 from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, enum_members, enum_name, object_names
-from mjrun.model.units import joint_unit
+from mjrun.model.units import ORTHOGRAPHIC, joint_unit
 
 # The number of sizes that a type of geom has, if not three.
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2}
 AXES = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
-ORTHOGRAPHIC = int(mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC)
 
 
 def _depth(model: mujoco.MjModel, body: int) -> int:
@@ -31,16 +30,24 @@ def _depth(model: mujoco.MjModel, body: int) -> int:
     return depth
 
 
-def _joints(model: mujoco.MjModel, body: int) -> range:
-    return range(start := int(model.body_jntadr[body]), start + int(model.body_jntnum[body]))
+def _held(kind: str, prefix: str) -> Any:
+    """Returns an attribute with the names of the joints or geoms of a body."""
+    return computed(lambda model, body: tuple(object_names(model, kind, _ids(model, body, prefix))))
 
 
-def _geoms(model: mujoco.MjModel, body: int) -> range:
-    return range(start := int(model.body_geomadr[body]), start + int(model.body_geomnum[body]))
+def _held_types(enum: Any, prefix: str) -> Any:
+    """Returns an attribute with the types of the joints or geoms of a body."""
+
+    def types(model: mujoco.MjModel, body: int) -> tuple[str, ...]:
+        values = getattr(model, f"{prefix}_type")
+        return tuple(enum_name(enum, values[i]) for i in _ids(model, body, prefix))
+
+    return computed(types)
 
 
-def _types(enum: Any, values: np.ndarray) -> tuple[str, ...]:
-    return tuple(enum_name(enum, value) for value in values)
+def _ids(model: mujoco.MjModel, body: int, prefix: str) -> range:
+    start = int(getattr(model, f"body_{prefix}adr")[body])
+    return range(start, start + int(getattr(model, f"body_{prefix}num")[body]))
 
 
 @dataclass(frozen=True)
@@ -64,14 +71,10 @@ class Body(ModelObject):
 
     parent: int = computed(lambda model, i: int(model.body_parentid[i]) if i else -1)
     depth: int = computed(_depth)
-    joints: tuple[str, ...] = computed(lambda model, i: tuple(object_names(model, "joint", _joints(model, i))))
-    joint_types: tuple[str, ...] = computed(
-        lambda model, i: _types(mujoco.mjtJoint, model.jnt_type[list(_joints(model, i))])
-    )
-    geoms: tuple[str, ...] = computed(lambda model, i: tuple(object_names(model, "geom", _geoms(model, i))))
-    geom_types: tuple[str, ...] = computed(
-        lambda model, i: _types(mujoco.mjtGeom, model.geom_type[list(_geoms(model, i))])
-    )
+    joints: tuple[str, ...] = _held("joint", "jnt")
+    joint_types: tuple[str, ...] = _held_types(mujoco.mjtJoint, "jnt")
+    geoms: tuple[str, ...] = _held("geom", "geom")
+    geom_types: tuple[str, ...] = _held_types(mujoco.mjtGeom, "geom")
     sites: tuple[str, ...] = computed(
         lambda model, i: tuple(object_names(model, "site", np.flatnonzero(model.site_bodyid == i)))
     )

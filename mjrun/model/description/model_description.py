@@ -14,7 +14,7 @@ from mjrun.model.description.assets import Asset, assets
 from mjrun.model.description.bodies import Body, Camera, Geom, Joint, Light, Site
 from mjrun.model.description.constraints import ContactPair, Equality, Exclude, Flex, Tendon
 from mjrun.model.description.declaration import ModelObject, computed, objects, of_field
-from mjrun.model.description.non_default_settings import NonDefaultSetting, options, visual
+from mjrun.model.description.non_default_settings import NonDefaultSetting, option_differences, visual_differences
 from mjrun.model.description.plugins import Plugin
 from mjrun.model.fields import floats
 from mjrun.model.names import BALL, enum_name, names
@@ -238,11 +238,11 @@ class ModelDescription:
 
     @cached_property
     def options(self) -> tuple[NonDefaultSetting, ...]:
-        return options(self.model)
+        return option_differences(self.model)
 
     @cached_property
     def visual(self) -> tuple[NonDefaultSetting, ...]:
-        return visual(self.model)
+        return visual_differences(self.model)
 
     @cached_property
     def statistics(self) -> Statistics:

@@ -40,18 +40,9 @@ class NonDefaultSetting:
     unit: str = ""
 
 
-def options(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Returns the options and flags that differ from MuJoCo's defaults."""
-    return option_differences(model, _default_model())
-
-
-def visual(model: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Returns the visual settings that differ from MuJoCo's defaults."""
-    return visual_differences(model, _default_model())
-
-
-def option_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Returns the options and flags of `model` that differ from those of `other`, which represent the defaults."""
+def option_differences(model: mujoco.MjModel, base: mujoco.MjModel | None = None) -> tuple[NonDefaultSetting, ...]:
+    """Returns the options and flags of `model` that differ from those of `base`, by default an empty model."""
+    other = _default_model() if base is None else base
     settings = [
         NonDefaultSetting(f"opt.{name}", mine, theirs, UNITS.get(name, ""))
         for name, mine, theirs in _differences(model.opt, other.opt)
@@ -61,8 +52,9 @@ def option_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[No
     return (*settings, *flags)
 
 
-def visual_differences(model: mujoco.MjModel, other: mujoco.MjModel) -> tuple[NonDefaultSetting, ...]:
-    """Returns the visual settings of `model` that differ from those of `other`, which represent the defaults."""
+def visual_differences(model: mujoco.MjModel, base: mujoco.MjModel | None = None) -> tuple[NonDefaultSetting, ...]:
+    """Returns the visual settings of `model` that differ from those of `base`, by default an empty model."""
+    other = _default_model() if base is None else base
     return tuple(
         NonDefaultSetting(f"vis.{section}.{name}", mine, theirs)
         for section, field in VISUAL.items()

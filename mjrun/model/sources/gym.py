@@ -75,7 +75,7 @@ class GymSource(CollectionSource):
     @classmethod
     def descriptions(cls) -> Mapping[str, str]:
         descriptions = {}
-        _require_gymnasium(f"{cls.PREFIX}:")
+        require(f"{cls.PREFIX}:", EXTRA, LIBRARY)
         for name in _own_names():
             try:
                 descriptions[name] = environment_model(name).description
@@ -232,7 +232,7 @@ def _versions(environment: "gymnasium.Env[Any, Any]") -> str:
 
 def _registered(name: str) -> "EnvSpec":
     """Returns the registration of an environment that may run on MuJoCo; imports the module of `module:NAME`."""
-    _require_gymnasium(f"gym:{clean(name)}")
+    require(f"gym:{clean(name)}", EXTRA, LIBRARY)
     import gymnasium
 
     module, _, registered = name.rpartition(":")
@@ -287,10 +287,6 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
-
-
-def _require_gymnasium(text: str) -> None:
-    require(text, EXTRA, LIBRARY)
 
 
 def _import_installed(module: str, name: str) -> None:

@@ -52,4 +52,4 @@ def test_elements_of_other_formats_are_not_children_of_mujoco_or_of_bodies() -> 
 
 
 def test_synonyms_stand_for_keywords_of_mjcf() -> None:
-    assert {keyword for keywords in SYNONYMS.values() for keyword in keywords} <= KEYWORDS
+    assert set(SYNONYMS) <= KEYWORDS

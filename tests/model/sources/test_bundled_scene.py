@@ -9,8 +9,9 @@ import pytest
 
 from mjrun.errors import ModelNotFoundError, UnknownNameError
 from mjrun.model.override import Override
+from mjrun.model.scene_folder import scene_folder
 from mjrun.model.sources import parse_source
-from mjrun.model.sources.bundled_scene import BundledScene, bundled_task, scene_folder
+from mjrun.model.sources.bundled_scene import BundledScene, bundled_task
 
 SCENES = Path(__file__).parents[3] / "scenes"
 TASKS = ["car_drive", "humanoid_stand", "pendulum_swing_up"]
