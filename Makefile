@@ -68,7 +68,7 @@ score: setup ## measure faults, hostile input and determinism, and write SCORE.m
 docs: setup ## build the site of the documentation: out/site/index.html
 	.venv/bin/python scripts/make_docs.py
 
-release-check: setup ## build the release in dist, and try it in a fresh environment
+release-check: docs ## build the release in dist, and try it in a fresh environment
 	.venv/bin/python scripts/release_check.py
 
 clean: ## remove outputs, packages and caches; .venv stays

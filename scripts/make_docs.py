@@ -1,4 +1,4 @@
-"""Builds the site of the documentation: out/site. `make docs` runs it.
+"""Builds the site of the documentation, out/site, and the manual pages, out/man: `make docs`.
 
 The source of the site is a copy of docs/ whose links to other files of the repository lead to pages of the site, and
 pages that follow from the code: one per command, kind of document and rule of `mjrun check`, the columns of traces, the
@@ -18,7 +18,7 @@ from typing import Any
 import click
 
 ROOT = Path(__file__).parents[1]
-DOCS, SOURCE, SITE = ROOT / "docs", ROOT / "out/site-source", ROOT / "out/site"
+DOCS, SOURCE, SITE, MANUAL = ROOT / "docs", ROOT / "out/site-source", ROOT / "out/site", ROOT / "out/man"
 
 # Pages outside of docs/, by their place on the site. The empty ones follow from the code.
 PAGES = {
@@ -73,9 +73,10 @@ def main() -> None:
     shutil.rmtree(SOURCE, ignore_errors=True)
     write_source(SOURCE)
     build(SOURCE, SITE)
+    build(SOURCE, MANUAL, "man")
     for path in (SOURCE / "llms.txt", *SOURCE.rglob("*.md")):
         shutil.copy(path, SITE / path.relative_to(SOURCE))
-    print(f"The site is {SITE / 'index.html'}")
+    print(f"The site is {SITE / 'index.html'}, and the manual pages are in {MANUAL}")
 
 
 def write_source(source: Path) -> None:

@@ -88,7 +88,7 @@ def check_contents(wheel: Path, sdist: Path) -> None:
     """
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
-    missing = [name for name in NEEDED if name not in names]
+    missing = [name for name in NEEDED if name.format(version=version()) not in names]
     unwanted = [name for name in names if name.startswith(UNWANTED)]
     if missing or unwanted or wheel.stat().st_size > LIMIT:
         sys.exit(f"{wheel.name}: missing {missing}, unwanted {unwanted}, {wheel.stat().st_size:,} bytes")
