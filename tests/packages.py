@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 METADATA = "Metadata-Version: 2.1\nName: {}\nVersion: {}\n{}\n\nRequires-Dist: in a description\n"
@@ -20,13 +21,19 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = Hiding
 
 
 def hidden(folder: Path, *modules: str) -> Path:
-    """The folder; where it is on the path, these modules are as if they were not installed."""
+    """Makes these modules appear not installed where the folder is on the path; returns the folder."""
     (folder / "sitecustomize.py").write_text(HIDING.replace("{}", repr(set(modules))))
     return folder
 
 
+def run_without(arguments: list[str]) -> int:
+    """Runs mjrun in a forked process without the modules that are hidden in the folder PYTHONPATH."""
+    exec(Path(os.environ["PYTHONPATH"], "sitecustomize.py").read_text(), {})
+    return import_module("mjrun.cli.main").run(arguments)
+
+
 def planted(folder: Path, name: str, version: str, requires: str = "", code: str | None = None) -> Path:
-    """The folder, with a package that comes before the installed ones."""
+    """Puts a package into the folder that precedes the installed ones; returns the folder."""
     headers = f"Requires-Dist: {requires}" if requires else "Summary: nothing"
     (folder / f"{name}-{version}.dist-info").mkdir(parents=True)
     (folder / f"{name}-{version}.dist-info" / "METADATA").write_text(METADATA.format(name, version, headers))
@@ -36,6 +43,6 @@ def planted(folder: Path, name: str, version: str, requires: str = "", code: str
 
 
 def run_with(packages: Path, *arguments: str, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
-    """Runs Python where the packages in a folder come first."""
+    """Runs Python with the packages of a folder before all others."""
     environment = {**os.environ, "PYTHONPATH": str(packages)}
     return subprocess.run([sys.executable, *arguments], env=environment, cwd=cwd, capture_output=True, text=True)

@@ -1,4 +1,4 @@
-"""The architecture document of mjrun: who may import whom, checked on every import that is written."""
+"""The architecture of mjrun: which module may import which, checked on every import."""
 
 import ast
 import re
@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -33,11 +34,11 @@ HOUSE = (
     ("timeline", "errors", "palette", "closable", "interruption", "shared_status", "version", "platform", "suffixes"),
 )
 
-# Where each library may be imported. What is not listed may be imported nowhere.
+# Modules in which each library may be imported; libraries that are not listed may not be imported.
 LIBRARIES = {
     "click": ("cli",),
     "rich": ("cli",),
-    "yaml": ("document", "policy.leapp_package"),  # the latter of files that others write
+    "yaml": ("document", "policy.leapp_package"),  # the latter reads files of other programs
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
     "PIL": (
@@ -86,8 +87,14 @@ PACKAGE = Path(mjrun.__file__).parent
 LEVEL = {room: level for level, rooms in enumerate(HOUSE) for room in rooms}
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Returns the syntax tree of a module."""
+    return ast.parse(path.read_text("utf-8"))
+
+
 def imported(tree: ast.Module, home: str) -> Iterator[tuple[int, str]]:
-    """Line and dotted name of everything that the module `home` imports, wherever in it, or names in a string."""
+    """Yields line and dotted name of each module that `home` imports anywhere, or names in a string."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
@@ -103,14 +110,19 @@ def imported(tree: ast.Module, home: str) -> Iterator[tuple[int, str]]:
             yield node.lineno, str(node.value)
 
 
-def imported_names(tree: ast.Module) -> set[str]:
-    """Everything that a test imports, as modules: `from mjrun.probe import parser` is `mjrun.probe.parser`."""
-    names = {name for _, name in imported(tree, "tests")}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "mjrun":
-            names.add(mjrun._HOMES.get(node.attr, ""))
+IMPORT = re.compile(r"^[ \t]*(from mjrun[\w.]* import (?:\([^)]*\)|.*)|import mjrun.*)", re.MULTILINE)
+
+
+def imported_names(source: str) -> set[str]:
+    """Returns all modules that a test imports or names: `from mjrun.probe import parser` is `mjrun.probe.parser`."""
+    names = set(re.findall(r"\bmjrun(?:\.\w+)+", source))
+    names |= {mjrun._HOMES.get(name, "") for name in re.findall(r"\bmjrun\.(\w+)", source)}
+    for statement in IMPORT.findall(source):
+        tree = ast.parse(statement)
+        names |= {name for _, name in imported(tree, "tests")}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names |= {f"{node.module}.{alias.name}" for alias in node.names}
     return names
 
 
@@ -119,7 +131,7 @@ def lives_in(module: str, homes: tuple[str, ...]) -> bool:
 
 
 def fault(module: str, target: str) -> str | None:
-    """Why `module` (without `mjrun.`) must not import `target`, if it must not."""
+    """Returns the reason why `module` (without `mjrun.`) must not import `target`; None if it may."""
     top, _, inner = target.partition(".")
     if top in sys.stdlib_module_names:
         return None
@@ -140,14 +152,14 @@ def fault(module: str, target: str) -> str | None:
 
 
 def violations(package: Path) -> list[str]:
-    """Every import in `package` that the tables do not allow."""
+    """Returns all imports in `package` that the tables do not allow."""
     found = []
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package).with_suffix("").parts
         module = ".".join(part for part in parts if part != "__init__")
         if not module:
             continue  # mjrun/__init__.py, whose lazy table names every room
-        for line, target in imported(ast.parse(path.read_text("utf-8")), ".".join(("mjrun", *parts))):
+        for line, target in imported(parsed(path), ".".join(("mjrun", *parts))):
             if reason := fault(module, target):
                 found.append(f"{path.relative_to(package)}:{line} imports {target}, which {reason}")
     return found
@@ -158,7 +170,7 @@ def test_imports_run_one_way_and_every_library_has_one_home() -> None:
 
 
 def plant(folder: Path, module: str, source: str) -> Path:
-    """A package that is one module."""
+    """Writes a package of one module; returns its folder."""
     path = folder / "mjrun" / module
     path.parent.mkdir(parents=True)
     path.write_text(source)
@@ -225,8 +237,7 @@ def test_a_test_of_its_room_imports_every_module_or_has_its_name() -> None:
     missing: list[str] = []
     for room in sorted({path.relative_to(PACKAGE).parts[0] for path in PACKAGE.rglob("[!_]*.py")}):
         folder, pattern = (tests, "*.py") if room.endswith(".py") else (tests / room, "**/*.py")
-        trees = (ast.parse(path.read_text("utf-8")) for path in folder.glob(pattern))
-        names = {name for tree in trees for name in imported_names(tree)}
+        names = {name for path in folder.glob(pattern) for name in imported_names(path.read_text("utf-8"))}
         modules = [PACKAGE / room] if room.endswith(".py") else (PACKAGE / room).rglob("[!_]*.py")
         for module in modules:
             within = module.relative_to(PACKAGE)
@@ -237,11 +248,11 @@ def test_a_test_of_its_room_imports_every_module_or_has_its_name() -> None:
 
 
 def test_every_constant_is_used() -> None:
-    sources = {path: path.read_text("utf-8") for path in PACKAGE.rglob("*.py")}
-    words = Counter(word for text in sources.values() for word in re.findall(r"\w+", text))
+    paths = sorted(PACKAGE.rglob("*.py"))
+    words = Counter(word for path in paths for word in re.findall(r"\w+", path.read_text("utf-8")))
     unused: list[str] = []
-    for path, text in sources.items():
-        for node in ast.parse(text).body:
+    for path in paths:
+        for node in parsed(path).body:
             if isinstance(node, ast.Assign | ast.AnnAssign):
                 targets = node.targets if isinstance(node, ast.Assign) else [node.target]
                 names = {each.id for target in targets for each in ast.walk(target) if isinstance(each, ast.Name)}
@@ -254,7 +265,7 @@ def test_no_function_has_two_docstrings() -> None:
     doubled = [
         f"{path.relative_to(PACKAGE)}:{node.lineno} {node.name}"
         for path in PACKAGE.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.FunctionDef)
         and sum(isinstance(each, ast.Expr) and isinstance(getattr(each.value, "value", 0), str) for each in node.body)
         > 1
@@ -274,14 +285,14 @@ def test_a_name_that_is_not_public_is_missing_as_from_any_module() -> None:
 
 
 def loaded_by(code: str) -> set[str]:
-    """The modules that a new interpreter has loaded after `code`."""
+    """Returns the modules that a new interpreter has loaded after `code`."""
     code = f"import sys\ntry:\n    {code}\nexcept SystemExit as end:\n    assert not end.code\n"
     command = [sys.executable, "-c", code + "print(*sys.modules, file=sys.stderr)"]
     return set(subprocess.run(command, capture_output=True, text=True, check=True).stderr.split())
 
 
-def command_line(option: str) -> str:
-    return f"sys.argv = ['mjrun', {option!r}]; import runpy; runpy.run_module('mjrun', run_name='__main__')"
+def command_line(*arguments: str) -> str:
+    return f"sys.argv = {['mjrun', *arguments]!r}; import runpy; runpy.run_module('mjrun', run_name='__main__')"
 
 
 @pytest.mark.parametrize("code", ["import mjrun", command_line("--help"), command_line("--version")])
@@ -294,15 +305,13 @@ def test_import_help_and_version_load_neither_mujoco_nor_numpy(code: str) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:
-    code = f"sys.argv = ['mjrun', {name!r}, '--help']; import runpy; runpy.run_module('mjrun', run_name='__main__')"
-    loaded = loaded_by(code)
+    loaded = loaded_by(command_line(name, "--help"))
     assert f"mjrun.cli.commands.{name}" in loaded
     assert loaded.isdisjoint(set(LIBRARIES) - {"click"})
 
 
 def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
-    arguments = ["mjrun", "trace", "scene:pendulum", "--steps", "1", "-o", str(tmp_path / "t.csv")]
-    loaded = loaded_by(f"sys.argv = {arguments!r}; import runpy; runpy.run_module('mjrun', run_name='__main__')")
+    loaded = loaded_by(command_line("trace", "scene:pendulum", "--steps", "1", "-o", str(tmp_path / "t.csv")))
     assert {"mujoco", "mjrun.outputs.trace"} <= loaded
     rooms = {module.split(".")[1] for module in loaded if module.startswith("mjrun.")}
     assert rooms.isdisjoint({"rendering", "camera", "document", "plotting", "diff", "check", "bench"})

@@ -1,13 +1,16 @@
-"""Each extra's libraries hidden, one at a time: every command that needs one says so, and no other notices."""
+"""Tests of each extra with its libraries hidden: every command that needs one reports it, and the others work."""
 
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import mjrun
 from tests.packages import hidden, run_with
+from tests.processes import PATIENCE
+from tests.scoreboard.command import QUICK_IMPORTS, CommandServer, Ended
 
 pytestmark = pytest.mark.slow
 
@@ -16,25 +19,17 @@ SCENES = ROOT / "scenes"
 FRICTION = ["--vary", "geom/wood.friction[0]=0.1,0.2", "--metric", "x=last(xpos/wood/x)", "--jobs", "1"]
 SWEEP = ["sweep", str(SCENES / "friction_ramp.xml"), "--duration", "0.02", *FRICTION]
 EVAL = ["eval", str(SCENES / "car_drive.yaml"), "--policy", "zero", "--episodes", "1", "-o", "played"]
-FIT = [
-    "fit",
-    str(SCENES / "pendulum.xml"),
-    "t.csv",
-    "--free",
-    "joint/hinge.damping=0..1",
-    "--starts",
-    "1",
-    "-o",
-    "f.xml",
-]
-EXCITE = ["fit", str(SCENES / "pendulum.xml"), "--free", "joint/hinge.damping=0..1", "--excite", "chirp.csv"]
+FREE = ["--free", "joint/hinge.damping=0..1"]
+FIT = ["fit", str(SCENES / "pendulum.xml"), "t.csv", *FREE, "--starts", "1", "-o", "f.xml"]
+EXCITE = ["fit", str(SCENES / "pendulum.xml"), *FREE, "--excite", "chirp.csv"]
+SWING = str(SCENES / "swing.xml")
 TRACE = ["trace", str(SCENES / "pendulum.xml"), "--steps", "3"]
 ONNX = ["--policy", str(SCENES / "policies/car_drive.onnx")]
 DRIVE = str(SCENES / "car_drive.yaml")
 PLOTTED = "{model: scene:pendulum, steps: 3, plots: [{probe: energy, output: p.png}]}"
 TRACED = "{model: scene:pendulum, steps: 3, traces: [{output: t2.csv}]}"
 
-# What is hidden, the command, and what it says it needs, with the extra.
+# The hidden library, the command, the library that it asks for, and the extra.
 NEEDING = [
     ("pyarrow", [*TRACE, "-o", "new.parquet"], "writing .parquet needs pyarrow", "parquet"),
     ("pyarrow", [*TRACE, "-o", "new.feather"], "writing .feather needs pyarrow", "parquet"),
@@ -89,18 +84,31 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def server() -> Iterator[CommandServer]:
+    """A process that has imported mjrun, and no library of an extra; each command runs in a fork of it."""
+    with CommandServer(limit=PATIENCE, imports=QUICK_IMPORTS) as started:
+        yield started
+
+
+def run_hidden(server: CommandServer, folder: Path, libraries: list[str], command: list[str]) -> Ended:
+    """Runs a command in a folder without some libraries."""
+    environment = {"PYTHONPATH": str(hidden(folder.parent, *libraries))}
+    return server.run(*command, folder=folder, environment=environment, call="tests.packages:run_without")
+
+
 @pytest.mark.parametrize(
     ("library", "command", "sentence", "extra"),
     NEEDING,
 )
 def test_a_command_without_its_library_names_the_extra_that_installs_it(
-    made: Path, tmp_path: Path, library: str, command: list[str], sentence: str, extra: str
+    server: CommandServer, made: Path, tmp_path: Path, library: str, command: list[str], sentence: str, extra: str
 ) -> None:
     shutil.copytree(made, tmp_path / "here")
-    done = run_with(hidden(tmp_path, library), "-m", "mjrun", *command, cwd=tmp_path / "here")
-    assert done.returncode == 2, done.stderr
-    assert sentence in done.stderr
-    assert re.search(rf", which is not installed(;|\n ) pip install 'mjrun\[{extra}", done.stderr)
+    done = run_hidden(server, tmp_path / "here", [library], command)
+    assert done.code == 2, done
+    assert sentence in done.message
+    assert re.search(rf", which is not installed(;|\n ) pip install 'mjrun\[{extra}", done.message)
     assert not [*(tmp_path / "here").glob("new.*"), *(tmp_path / "here").glob("new/results.*")]
 
 
@@ -112,19 +120,8 @@ def test_a_command_without_its_library_names_the_extra_that_installs_it(
         ["diff", "a.png", "a.png"],
         ["info", "scene:car_drive", "observations"],
         ["check", str(SCENES / "pendulum.xml")],
-        ["image", str(SCENES / "swing.xml"), "--size", "32x32", "-o", "new.png"],
-        [
-            "video",
-            str(SCENES / "swing.xml"),
-            "--duration",
-            ".1",
-            "--size",
-            "160x120",
-            "--plot",
-            "energy",
-            "-o",
-            "new.gif",
-        ],
+        ["image", SWING, "--size", "32x32", "-o", "new.png"],
+        ["video", SWING, "--duration", ".1", "--size", "160x120", "--plot", "energy", "-o", "new.gif"],
         ["trace", DRIVE, "--policy", "zero", "--steps", "20", "--csv"],
         ["schema", "run"],
         ["run", "traced.yaml", "-o", "new"],
@@ -132,17 +129,21 @@ def test_a_command_without_its_library_names_the_extra_that_installs_it(
     ],
     ids=lambda command: command[0],
 )
-def test_without_any_extra_the_rest_works(made: Path, tmp_path: Path, command: list[str]) -> None:
+def test_without_any_extra_the_rest_works(
+    server: CommandServer, made: Path, tmp_path: Path, command: list[str]
+) -> None:
     shutil.copytree(made, tmp_path / "here")
-    done = run_with(hidden(tmp_path, *LIBRARIES), "-m", "mjrun", *command, cwd=tmp_path / "here")
-    assert done.returncode == 0, done.stderr
+    done = run_hidden(server, tmp_path / "here", LIBRARIES, command)
+    assert done.code == 0, done.message
 
 
-# Modules that import a library of an extra as they are imported themselves. Others import it within functions.
+# Modules that import a library of an extra at their top, and are themselves imported within functions.
 DRAWING = ("axis_ticks", "canvas", "figure_painter")
 STUDIES = ("figure_painter", "graph", "heat_map")
 EAGER = {
     "mjrun.gym",
+    "mjrun.formats.arrow_columns",
+    *(f"mjrun.formats.tables.{name}" for name in ("feather", "hdf5", "parquet")),
     *(f"mjrun.plotting.{name}" for name in DRAWING),
     *(f"mjrun.plotting.study.{name}" for name in STUDIES),
 }
