@@ -1,6 +1,6 @@
 # Targets that need .venv or a renderer set them up first, where missing: see scripts/setup.sh.
 #   make PYTHON=python3.12 setup      choose the Python that .venv is made from
-#   make ARGS='-x -k video' test      more arguments for pytest
+#   make ARGS='-x -k video' test      more arguments for pytest, or for the command of make demo
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
@@ -17,7 +17,7 @@ setup-python:
 
 demo: setup ## render a video: out/dominos.mp4
 	@mkdir -p out
-	.venv/bin/mjrun video scenes/dominos.xml --camera top --duration 3 --size 640x360 --fps 30 -o out/dominos.mp4
+	.venv/bin/mjrun video scenes/dominos.xml --camera top --duration 3 --size 640x360 --fps 30 -o out/dominos.mp4 $(ARGS)
 	@echo "The video is $(CURDIR)/out/dominos.mp4"
 
 gallery: setup ## make the videos, images, tables and plots of all scenes at full size: out/

@@ -128,19 +128,19 @@ def test_the_page_shows_every_study() -> None:
 
 
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.stem)
-def test_a_study_measures_every_point(mjrun: Command, path: Path) -> None:
+def test_a_study_measures_every_point(mjrun_here: Command, path: Path) -> None:
     few = [f"vary.{name}=-3..3:3" for name in ("qpos/hinge", "qvel/hinge")] if path.stem == "pendulum_grid" else []
-    done = mjrun("sweep", path, "duration=0.2", "samples=4", *few, "-o", "out", "--json")
+    done = mjrun_here("sweep", path, "duration=0.2", "samples=4", *few, "--jobs", "1", "-o", "out", "--json")
     report = json.loads(done.stdout)
     assert done.returncode in ((0, 8) if path.stem == "divergence_by_timestep" else (0,))
     assert report["statuses"]["ok"] >= report["points"] / 2
     assert all(metric["count"] for name, metric in report["metrics"].items() if name != "fell")
 
 
-def test_the_grid_of_pendulums_goes_over_the_top_with_more_energy_than_that_takes(mjrun: Command) -> None:
+def test_the_grid_of_pendulums_goes_over_the_top_with_more_energy_than_that_takes(mjrun_here: Command) -> None:
     study = SCENES / "studies/pendulum_grid.yaml"
     few = ("vary.qpos/hinge=-3.1..3.1:7", "vary.qvel/hinge=-8..8:9")
-    table = mjrun("sweep", study, *few, "-o", "out", "--csv").stdout.decode()
+    table = mjrun_here("sweep", study, *few, "--jobs", "1", "-o", "out", "--csv").stdout.decode()
     rows = list(csv.DictReader(table.splitlines()))
     assert len(rows) == 63
     for row in rows:
@@ -150,14 +150,14 @@ def test_the_grid_of_pendulums_goes_over_the_top_with_more_energy_than_that_take
         assert (float(row["over"]) >= 0) == (spare > 0), row
 
 
-def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun: Command) -> None:
+def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun_here: Command) -> None:
     """By a pendulum of damping 0.08, armature 0.03 and friction 0.05, whose motor is 12 ms late."""
     page = (SCENES / "README.md").read_text("utf-8").replace("\\\n", " ")
     (fit,) = (line for line in page.splitlines() if line.startswith("mjrun fit scenes/pendulum_fit.yaml"))
-    (mjrun.folder / "out").mkdir()
+    (mjrun_here.folder / "out").mkdir()
     fit = re.sub(r" --(video|comparison) \S+", "", fit)  # of which other tests are
     arguments = fit.replace("scenes/", f"{SCENES}/").split()[2:]
-    done = mjrun("fit", *arguments, "starts=1", "--json")
+    done = mjrun_here("fit", *arguments, "starts=1", "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert sorted(report["files"]) == sorted(re.findall(r" (out/\S+)", fit))
@@ -165,5 +165,5 @@ def test_the_fit_of_the_gallery_finds_what_its_measurements_were_made_with(mjrun
     truth = {"joint/hinge.damping": 0.08, "joint/hinge.armature": 0.03, "joint/hinge.frictionloss": 0.05}
     for path, value in {**truth, "delay:ctrl/motor": 0.012}.items():
         assert found[path]["low"] <= value <= found[path]["high"]
-    varied = (mjrun.folder / "out/pendulum_ranges.yaml").read_text()
+    varied = (mjrun_here.folder / "out/pendulum_ranges.yaml").read_text()
     assert all(path in varied for path in truth)

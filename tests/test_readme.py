@@ -34,7 +34,7 @@ COMMANDS = commands("".join(text for path, text in PAGES.items() if path.name !=
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
 PLOTS = [line for line in COMMANDS if "mjrun plot" in line and not re.search(r"plot (slides|fit)", line)]
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
-TABLES = [line for line in TABLES if " chirp.csv" not in line]  # which a fit makes first
+TABLES = [line for line in TABLES if " chirp.csv" not in line]  # a fit makes it first
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
 SMALLER = {
     "video": f"{IMAGE} {SHORT} --fps 20",
@@ -45,6 +45,7 @@ SMALLER = {
     "eval": f"--episodes 3 --jobs 1 --fps 5 {IMAGE}",
     "sweep": "--jobs 1",
     "bench": "--budget 0.2",
+    "check": "--steps 50",
 }
 SMALLER_STUDIES = {
     r"(--duration |duration=)[\d.]+": r"\g<1>0.1",
@@ -54,7 +55,7 @@ SMALLER_STUDIES = {
 }
 # Tests run side by side: how fast anything is must not decide one.
 PATIENT = "--fail-above 100000%"
-ELSEWHERE = r"[|<$]|--untrusted|dm:|menagerie:"  # what takes a process of its own
+ELSEWHERE = r"[|<$]|--untrusted|dm:|menagerie:"  # these take a separate process
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
 PLOTTED = {
     "flip.csv": ("tippe_top", "qvel[top],xpos[stem]"),
@@ -77,7 +78,7 @@ DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed 
 
 @pytest.fixture
 def shell(tmp_path: Path) -> dict[str, str]:
-    """A shell whose `mjrun` makes every video small, in a folder that has the scenes."""
+    """A shell whose `mjrun` makes every video small, in a folder with the scenes."""
     (tmp_path / "bin").mkdir()
     (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     program = tmp_path / "bin/mjrun"
@@ -91,7 +92,7 @@ def shell(tmp_path: Path) -> dict[str, str]:
 
 
 def models_of_others(folder: Path) -> Path:
-    """A folder of packages with dm_control's layout, which is not installed for tests, beside a small menagerie."""
+    """Makes packages in dm_control's layout, which is not installed for tests, and a small menagerie; returns the folder."""
     suite, robot = folder / "dm_control/suite", folder / "menagerie/unitree_go2"
     for each in (suite, robot):
         each.mkdir(parents=True)
@@ -104,7 +105,7 @@ def models_of_others(folder: Path) -> Path:
 
 @dataclass(frozen=True)
 class Done:
-    """What has come of a command."""
+    """The result of a command."""
 
     returncode: int
     stdout: str
@@ -116,7 +117,7 @@ def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypa
     """Runs command lines in that folder: `mjrun` in this process, all else in a shell."""
 
     def run_here(command: str) -> Done:
-        """Runs one `mjrun`, with the patterns and the redirection that the shell would see to."""
+        """Runs one `mjrun`, with the patterns and the redirection that the shell would resolve."""
         words, target = [], ""
         lexer = shlex.shlex(command, posix=True, punctuation_chars=">")
         lexer.whitespace_split, lexer.commenters = True, ""
@@ -184,7 +185,7 @@ def test_a_table_of_the_readme_is_made(command: str, execute: Execute, tmp_path:
 
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with short tables of the names, the models and the probes that the README has."""
+    """A folder with short tables that have the names, models and probes of the README."""
     folder = tmp_path_factory.mktemp("tables")
     for name, (scene, probe) in PLOTTED.items():
         simulation = Simulation(ROOT / f"scenes/{scene}.xml", duration=0.1)
@@ -318,10 +319,11 @@ def test_the_targets_of_the_readme_exist(command: str) -> None:
 def test_the_demo_makes_its_video_and_says_where_it_is() -> None:
     video = ROOT / "out/dominos.mp4"
     video.unlink(missing_ok=True)
-    done = subprocess.run(["make", "demo"], cwd=ROOT, capture_output=True, text=True)
+    small = "ARGS=--duration 0.1 --size 320x180"
+    done = subprocess.run(["make", "demo", small], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert f"The video is {video}" in done.stdout.splitlines()
-    assert video.stat().st_size > 10_000
+    assert video.stat().st_size > 3000
 
 
 def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> None:
@@ -337,32 +339,8 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    known = (
-        "mjrun video ",
-        "mjrun image ",
-        "mjrun trace ",
-        "mjrun plot ",
-        "for ",
-        "mjrun doctor",
-        "make ",
-        "pip install .",
-    )
-    known += (
-        "cat ",
-        "mjrun run ",
-        "mjrun schema ",
-        "mjrun info ",
-        "mjrun check ",
-        "mjrun bench ",
-        "mjrun diff ",
-        "mjrun view ",
-        "mjrun sweep ",
-        "mjrun eval ",
-        "mjrun fit ",
-        "seq ",
-        "sed ",
-        "eval ",
-    )
+    names = "video image trace plot doctor run schema info check bench diff view sweep eval fit".split()
+    known = (*(f"mjrun {name}" for name in names), "for ", "make ", "pip install .", "cat ", "seq ", "sed ", "eval ")
     assert all(command.startswith(known) for command in COMMANDS)
 
 
