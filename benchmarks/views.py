@@ -17,8 +17,7 @@ import mujoco
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
-from mjrun.rendering.backend import Backend
-from mjrun.rendering.backend_detection import BackendDetection
+from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual

@@ -320,7 +320,7 @@ class Image(_Image):
     ) -> None: ...
 
 class Keyframe(_Keyframe):
-    """A keyframe of an instant of a simulation, in the model's XML: its options are keywords."""
+    """A keyframe with an instant of a simulation, saved in the model's XML: its options are keywords."""
     def __init__(
         self,
         simulation: _Simulation,
@@ -380,7 +380,7 @@ class Plot(_Plot):
     ) -> None: ...
 
 class Recording(_Recording):
-    """A recording of a simulation, the states of all steps: its options are keywords."""
+    """A recording of the states of all steps of a simulation: its options are keywords."""
     def __init__(
         self,
         simulation: _Simulation,

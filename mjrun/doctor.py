@@ -36,8 +36,18 @@ from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
 from mjrun.platform.cores import available_cores
 from mjrun.plotting import figure_writer
-from mjrun.rendering.backend import DEVICE, GL, Backend, candidates, requested_backends
-from mjrun.rendering.backend_detection import VULKAN, BackendTrialProcess, alternative, install_advice, repair_advice
+from mjrun.rendering.backend import (
+    DEVICE,
+    GL,
+    VULKAN,
+    Backend,
+    BackendTrialProcess,
+    alternative,
+    candidates,
+    install_advice,
+    repair_advice,
+    requested_backends,
+)
 from mjrun.version import __version__
 
 OK, WARNING, MISSING = "ok", "warning", "missing"

@@ -23,8 +23,7 @@ from hypothesis import HealthCheck, settings
 import mjrun.cli.main as cli
 from mjrun.errors import NoRendererError
 from mjrun.platform import cores
-from mjrun.rendering.backend import Backend
-from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
 from tests.processes import PATIENCE, without_progress
 
 ROOT = Path(__file__).parents[1]

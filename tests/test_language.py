@@ -27,21 +27,16 @@ LONGEST_SENTENCE = 40  # words of a sentence in help
 # Upper bounds by room: openings of docstrings, openings of functions' docstrings, words.
 TOLERATED: dict[str, tuple[int, int, int]] = {
     ".": (34, 50, 22),
-    "camera": (25, 46, 28),
     "cli": (40, 122, 41),
     "document": (27, 78, 41),
     "evaluation": (0, 0, 1),  # the name of an attribute, which is a key of reports
     "fit": (55, 76, 43),
     "gym": (3, 13, 8),
     "options": (58, 32, 41),
-    "outputs": (37, 58, 26),
     "physics": (21, 62, 31),
     "platform": (1, 0, 0),
-    "plotting": (50, 87, 28),
     "policy": (20, 45, 29),
-    "rendering": (24, 92, 16),
     "task": (68, 59, 30),
-    "viewer": (18, 11, 31),
 }
 
 HEADLESS = re.compile(r"(What|Whether|How|Where|Which|Who|Whose|Whoever|Why)\b")

@@ -201,7 +201,7 @@ def test_a_plot_of_the_readme_is_made(command: str, execute: Execute, tables: Pa
     assert done.returncode == 0, done.stderr
     assert (tmp_path / output).stat().st_size > 1000
     notes = done.stderr.splitlines()
-    short = ("are not on a logarithmic axis", "no value can be drawn", "0.288")  # there is no contact yet
+    short = ("are not on a logarithmic axis", "no values to draw", "0.288")  # there is no contact yet
     assert all(any(each in note for each in short) for note in notes), notes
 
 

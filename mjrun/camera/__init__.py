@@ -1,1 +1,1 @@
-"""Cameras: rigs, scripts, motion and calibration. Mathematics; nothing is drawn here."""
+"""Cameras: rigs, scripts, motion and calibration. Mathematics only; nothing is rendered here."""

@@ -1,4 +1,4 @@
-"""What a camera is to do, in one word of a command line.
+"""The camera argument of the command line, in one word.
 
 `top`, a camera of the model; or a rig with its settings: `free`, `orbit:lookat=box,distance=2,azimuth=140..240`,
 `track:hand,distance=.3,heading`, `look:from=0/-2/1,at=box`.
@@ -12,8 +12,8 @@ import mujoco
 
 from mjrun.camera.easing import EASINGS, Ramp
 from mjrun.camera.kinds import ObjectName, RampKind
+from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.rigs.registry import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.targets import Vector
@@ -28,14 +28,14 @@ SHOT_SETTINGS = ("roll", "fovy")
 
 
 def parse_camera(text: str, model: mujoco.MjModel) -> CameraScript:
-    """The script of one shot that `text` asks for. A camera of `model` wins over a rig of the same name.
+    """Parses a camera argument into a script of one shot. A camera of `model` takes precedence over a rig of that name.
 
-    Objects that it names are looked up later, by a CameraMotion.
+    Objects that it names are resolved later, by a CameraMotion.
 
     Raises:
-      UnknownNameError: there is no such camera or setting; the message lists those there are.
-      BadValueError: a setting's value does not fit.
-      UsageError: something is missing, or given twice.
+      UnknownNameError: the camera or setting is unknown; the message lists the valid ones.
+      BadValueError: the value of a setting is invalid.
+      UsageError: a setting is missing or repeated.
     """
     return CameraScript(text.partition(",")[0], (_shot(text, model),))
 
@@ -59,7 +59,7 @@ def _model_camera(text: str, model: mujoco.MjModel, cameras: list[str]) -> Model
 
 
 class _RigArgument:
-    """The argument of one rig: its settings by key, as its options declare them, and those of the shot."""
+    """The argument of one rig: the settings that its options declare, by key, and those of the shot."""
 
     def __init__(self, rig: type[Rig]) -> None:
         self._rig, self._where = rig, f"{option('camera')} {rig.kind}"
@@ -75,11 +75,11 @@ class _RigArgument:
         return [*(key for key in self._kinds if key != "ease"), *(["ease"] if self._rig.eased else [])]
 
     def shot(self, parts: list[str]) -> Shot:
-        """The shot that the comma-separated parts of an argument describe."""
+        """Returns the shot that the comma-separated parts of an argument describe."""
         values: dict[str, object] = {}
         if self._object:
             if not parts or "=" in parts[0]:
-                raise UsageError(f"{self._where}: which object? write {self._usage()}")
+                raise UsageError(f"{self._where}: no object given: write {self._usage()}")
             values[self._object.attribute] = parts.pop(0)
         texts = self._texts(parts)
         ease = texts.get("ease", "linear")
@@ -87,7 +87,7 @@ class _RigArgument:
             raise UnknownNameError("ease", ease, list(EASINGS), where=self._where)
         conflicts = dict(self._rig.conflicts(texts))
         for path, message in conflicts.items():
-            if path != ("ease",):  # that of the ramps, then
+            if path != ("ease",):  # which then belongs to the ramps
                 raise UsageError(f"{self._where}: {message}")
         for key, each in self._settings.items():
             if key in texts and (key,) not in conflicts:
@@ -106,7 +106,7 @@ class _RigArgument:
         return kind.each if isinstance(kind, Optional) else kind
 
     def _texts(self, parts: Sequence[str]) -> Mapping[str, str]:
-        """The texts of the values by key."""
+        """Returns the texts of the values by key."""
         texts: dict[str, str] = {}
         for part in parts:
             key, equals, value = part.partition("=")
@@ -114,9 +114,9 @@ class _RigArgument:
                 raise UnknownNameError("setting", key, self.keys, where=self._where)
             if key != "ease" and isinstance(self._kind(key), Flag):
                 if equals or key in texts:
-                    raise UsageError(f"{self._where}: write {key}, once")
+                    raise UsageError(f"{self._where}: write {key} once")
             elif not equals or not value or key in texts:
-                raise UsageError(f"{self._where}: write {clean(key)}=VALUE, once")
+                raise UsageError(f"{self._where}: write {clean(key)}=VALUE once")
             texts[key] = value
         return texts
 
@@ -133,10 +133,10 @@ class _RigArgument:
 
 
 def parse_point(what: str, text: str, expected: str = "a point x/y/z [m]") -> Vector:
-    """The three numbers in `x/y/z`.
+    """Parses the three numbers in `x/y/z`.
 
     Raises:
-      BadValueError: `what` is not `expected`.
+      BadValueError: the text is not a point; the message names `what` and the `expected` form.
     """
     try:
         return Point().parse(text)

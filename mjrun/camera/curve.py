@@ -5,23 +5,23 @@ from itertools import pairwise
 
 import numpy as np
 
-SAMPLES = 512  # of a curve between two waypoints, along which its length is measured
-SAME_POINT = 1e-9  # of a curve's length: what is nearer than that is the same point
-_NUDGE = 1e-3  # of a segment: how far from a halt it is plain where a curve leads
+SAMPLES = 512  # samples of a curve between two waypoints, for measuring its length
+SAME_POINT = 1e-9  # share of a curve's length below which two points count as the same
+_NUDGE = 1e-3  # share of a segment after which the direction of a curve is clear beyond a halt
 
 
 class Curve:
     """A curve through points, each at its knot: straight, or a cubic spline with a continuous velocity.
 
-    The velocity at a point is that of the parabola through it and its neighbours. Where knots are the
-    `centripetal` ones this is the Catmull-Rom spline of P. Barry and R. Goldman, "A Recursive Evaluation
-    Algorithm for a Class of Catmull-Rom Splines", 1988. Between two equal points the curve stands still.
+    The velocity at a point is that of the parabola through it and its neighbours. With `centripetal` knots
+    this is the Catmull-Rom spline of P. Barry and R. Goldman, "A Recursive Evaluation
+    Algorithm for a Class of Catmull-Rom Splines", 1988. Between two equal points the curve pauses.
 
     Args:
       knots: `(n,)`, ascending, at least two.
       points: `(n, d)`.
-      straight: go straight from point to point.
-      bounded: columns that are not to leave the range of the two points they are between.
+      straight: whether to connect points by straight lines.
+      bounded: columns that must not leave the range of the two adjacent points.
     """
 
     def __init__(self, knots: np.ndarray, points: np.ndarray, straight: bool, bounded: tuple[int, ...] = ()) -> None:
@@ -43,12 +43,12 @@ class Curve:
         return slopes
 
     def _segment(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of each of `x`: the segment it is in, and how far, from 0 to 1."""
+        """Returns the segment of each of `x`, and the position in it from 0 to 1."""
         i = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 0, len(self.knots) - 2)
         return i, np.clip((x - self.knots[i]) / (self.knots[i + 1] - self.knots[i]), 0.0, 1.0)
 
     def at(self, x: np.ndarray) -> np.ndarray:
-        """Points `(m, d)` at `x` `(m,)`; beyond the ends, the ends."""
+        """Returns points `(m, d)` at `x` `(m,)`; beyond the ends, the ends."""
         i, u = self._segment(x)
         span, u = (self.knots[i + 1] - self.knots[i])[:, None], u[:, None]
         start, end = self._points[i], self._points[i + 1]
@@ -59,7 +59,7 @@ class Curve:
         return start + rise * (end - start) + u * (1 - u) * ((1 - u) * leaving - u * arriving)
 
     def velocity(self, segment: int, u: float) -> np.ndarray:
-        """The derivative `(d,)` of the curve by its knots, `u` of the way through a segment."""
+        """Returns the derivative `(d,)` of the curve by its knots, `u` of the way through a segment."""
         slope = self._slopes[segment]
         if self._velocities is None:
             return slope
@@ -67,9 +67,9 @@ class Curve:
         return 6 * u * (1 - u) * slope + (1 - u) * (1 - 3 * u) * leaving + u * (3 * u - 2) * arriving
 
     def direction(self, x: float) -> np.ndarray:
-        """Where the curve leads `(d,)`, of length 1; where it stands still, where it goes next, or came from at last.
+        """Returns the unit direction of the curve `(d,)`; at a halt, its next direction, or its last.
 
-        The curve must not stand still throughout.
+        The curve must not be at rest throughout.
         """
         segments, shares = self._segment(np.array([x]))
         i, u = int(segments[0]), float(shares[0])
@@ -85,18 +85,18 @@ class Curve:
 
 
 def centripetal(lengths: np.ndarray) -> np.ndarray:
-    """Knots `(n + 1,)` whose steps are the roots of `lengths` `(n,)` from point to point.
+    """Returns knots `(n + 1,)` whose steps are the roots of `lengths` `(n,)` from point to point.
 
-    Between such knots a spline makes no cusps and no loops: C. Yuksel, S. Schaefer and J. Keyser,
+    With such knots a spline has no cusps and no loops: C. Yuksel, S. Schaefer and J. Keyser,
     "Parameterization and applications of Catmull-Rom curves", 2011.
     """
     return np.concatenate([[0.0], np.cumsum(np.sqrt(lengths))])
 
 
 def orbital_position(points: np.ndarray) -> np.ndarray:
-    """Positions `(m, 3)` [m] relative to the point that is looked at, of distances [m], azimuths and elevations [deg].
+    """Converts distances [m], azimuths and elevations [deg] to positions `(m, 3)` [m] relative to the target.
 
-    Angles are those of MuJoCo's free camera: the direction it looks in. `points` is `(m, 3)`.
+    Angles are those of MuJoCo's free camera: its direction of view. `points` is `(m, 3)`.
     """
     distance, azimuth, elevation = points[:, 0], *np.radians(points[:, 1:]).T
     across = np.cos(elevation)
@@ -106,7 +106,7 @@ def orbital_position(points: np.ndarray) -> np.ndarray:
 
 
 def orbital_lengths(points: np.ndarray) -> np.ndarray:
-    """The approximate lengths `(n - 1,)` [m] of the way from each of `points` `(n, 3)` to the next; angles as given."""
+    """Returns approximate path lengths `(n - 1,)` [m] between successive `points` `(n, 3)`, without wrapping angles."""
     distance, _, elevation = ((points[1:] + points[:-1]) / 2).T
     radial, *turns = np.diff(points, axis=0).T
     azimuth, tilt = np.radians(turns)
@@ -114,11 +114,11 @@ def orbital_lengths(points: np.ndarray) -> np.ndarray:
 
 
 class ArcLength:
-    """Finds points of a curve by the length along it, to a thousandth.
+    """The relation between a curve's knots and its length, accurate to a thousandth.
 
     Args:
-      knots: of the curve.
-      position: gives points `(m, 3)` [m] of the curve at `(m,)`.
+      knots: knots of the curve.
+      position: returns points `(m, 3)` [m] of the curve at `(m,)`.
     """
 
     def __init__(self, knots: np.ndarray, position: Callable[[np.ndarray], np.ndarray]) -> None:
@@ -129,9 +129,9 @@ class ArcLength:
 
     @property
     def length(self) -> float:
-        """Of the whole curve [m]."""
+        """The length of the whole curve [m]."""
         return float(self._lengths[-1])
 
     def at(self, share: float) -> float:
-        """The knot value up to which the curve has `share` of its length, from 0 to 1."""
+        """Returns the knot value up to which the curve has `share` of its length, from 0 to 1."""
         return float(np.interp(share * self.length, self._lengths, self._x))

@@ -1,4 +1,4 @@
-"""How numbers change over time: ramps with their easings, and blends from one shot to the next."""
+"""Numbers that change over time: ramps with their easings, and blends from one shot to the next."""
 
 import math
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from mjrun.options.kinds import Choice
 from mjrun.options.number_kinds import Real
 from mjrun.options.option import Options, option, options
 
-# From 0 to 1 as u does, never back.
+# Rise monotonically from 0 to 1 as u does.
 EASINGS: dict[str, Callable[[float], float]] = {
     "linear": lambda u: u,
     "cosine": lambda u: 0.5 - math.cos(math.pi * u) / 2,
@@ -17,7 +17,7 @@ EASINGS: dict[str, Callable[[float], float]] = {
     "in": lambda u: u * u,
     "out": lambda u: u * (2 - u),
 }
-# From 0 to 1 around 0, in widths of the blend: all but the sigmoid from -1/2 to 1/2.
+# Rise from 0 to 1 around 0, in widths of the blend: all but the sigmoid from -1/2 to 1/2.
 BLENDS: dict[str, Callable[[float], float]] = {
     "cosine": lambda x: EASINGS["cosine"](min(max(x + 0.5, 0.0), 1.0)),
     "linear": lambda x: min(max(x + 0.5, 0.0), 1.0),
@@ -25,13 +25,13 @@ BLENDS: dict[str, Callable[[float], float]] = {
     "sigmoid": lambda x: 1 / (1 + math.exp(-min(max(x, -60.0), 60.0))),
 }
 
-NEGLIGIBLE = 1e-12  # a weight that makes no difference
-SAME_TIME = 1e-9  # [s], times that differ by a rounding
+NEGLIGIBLE = 1e-12  # a weight without visible effect
+SAME_TIME = 1e-9  # [s], difference of times caused by rounding
 
 
 @dataclass(frozen=True)
 class Ramp:
-    """A number that goes from `start` to `end` over a shot, by one of `EASINGS`."""
+    """A number that changes from `start` to `end` over a shot, by one of `EASINGS`."""
 
     start: float
     end: float
@@ -39,17 +39,17 @@ class Ramp:
 
     @classmethod
     def still(cls, value: float) -> "Ramp":
-        """One that does not change."""
+        """Returns a ramp that does not change."""
         return cls(value, value)
 
     def at(self, phase: float) -> float:
-        """The value at `phase` of the shot, from 0 to 1."""
+        """Returns the value at `phase` of the shot, from 0 to 1."""
         return self.start + (self.end - self.start) * EASINGS[self.ease](phase)
 
 
 @options
 class Blend(Options):
-    """How one shot becomes the next."""
+    """The transition from one shot to the next."""
 
     shape: str = option(
         converter=Choice((*BLENDS,)), default="cosine", kw_only=False, help="The shape of the transition."
@@ -58,12 +58,12 @@ class Blend(Options):
         converter=Real(above=0),
         default=0.5,
         kw_only=False,
-        help="How long it takes [s]; of a sigmoid, the time in which it goes from 1/2 to 1/(1+e).",
+        help="Duration of the transition [s]; for a sigmoid, the time from 1/2 to 1/(1+e).",
     )
 
 
 def blend_weight(blend: Blend | None, since: float) -> float:
-    """The share of a shot in the view, `since` it began [s], from 0 to 1; a step for a cut, which is None."""
+    """Returns the weight of a shot, `since` it began [s], from 0 to 1; without a blend, a step."""
     if blend is None:
         return float(since >= -SAME_TIME)
     value = BLENDS[blend.shape](since / blend.width)

@@ -13,7 +13,7 @@ from mjrun.options.schema import TEXT, ExpectedError, Schema
 
 
 class ObjectName(Text):
-    """The name of an object, as in `box`, `geom:edge`, `site:tip` or `subtree:torso`; looked up in a model later."""
+    """The name of an object, as in `box`, `geom:edge`, `site:tip` or `subtree:torso`; resolved in a model later."""
 
     metavar = "OBJECT"
 
@@ -47,7 +47,7 @@ class RampMapping(Options):
 
     start: float = required(converter=Real(least=None), key="from", help="At the beginning of the shot.")
     end: float = required(converter=Real(least=None), key="to", help="At the end of the shot.")
-    ease: str = option(converter=Choice((*EASINGS,)), default="linear", help="How it goes from one to the other.")
+    ease: str = option(converter=Choice((*EASINGS,)), default="linear", help="Easing from one number to the other.")
 
 
 @options
@@ -62,7 +62,7 @@ class RampKind(OneOf["Ramp | float", Ramp]):
     """A number, or one that changes over the shot: `140..240`.
 
     Args:
-      unit: how an error counts numbers that must be positive, as in `metres`; empty where they need not be.
+      unit: the plural noun in errors about numbers that must be positive, as in `metres`; empty if any sign is valid.
     """
 
     metavar = "X..Y"

@@ -20,15 +20,15 @@ Span = tuple[float, float]
 
 
 class CameraMotion:
-    """A camera script with every name found in a model.
+    """A camera script with every name resolved in a model.
 
     Args:
-      size: width and height of the images [pixels], for what is to fit into them.
+      size: width and height of the images [pixels], for shots that fit objects.
 
     Raises:
-      UnknownNameError: a name is not there; the message lists those that are.
+      UnknownNameError: a name is unknown; the message lists the valid ones.
       BadValueError: a number is out of its range.
-      UsageError: settings do not go together.
+      UsageError: settings contradict each other.
     """
 
     def __init__(self, script: CameraScript, model: mujoco.MjModel, size: tuple[int, int]) -> None:
@@ -42,7 +42,7 @@ class CameraMotion:
 
     @property
     def perspective(self) -> bool:
-        """Whether all shots have perspective, which some calibration files require."""
+        """True if all shots have perspective, which some calibration files require."""
         return not any(shot.rig.frustum.orthographic for shot in self._shots)
 
     def poses(
@@ -52,16 +52,16 @@ class CameraMotion:
         video_times: Sequence[float],
         spans: Sequence[Span],
     ) -> Iterator[Pose]:
-        """The pose of each frame, in order. The frames of a blend are read before its first pose is yielded.
+        """Yields the pose of each frame, in order. The frames of a blend are read before its first pose is yielded.
 
         Args:
           states: integration states, read once.
-          times: of the frames, ascending [s], simulated.
-          video_times: of the frames [s], in the video.
-          spans: start and end of each shot [s], simulated, one after the other.
+          times: ascending simulated times of the frames [s].
+          video_times: times of the frames in the video [s].
+          spans: simulated start and end of each shot [s], one after the other.
 
         Raises:
-          UsageError: at some time the camera is at the point that it looks at.
+          UsageError: at some time the camera coincides with the point that it looks at.
         """
         assert len(spans) == len(self._shots)
         weights = (self._weights(time, spans) for time in times)
@@ -76,12 +76,12 @@ class CameraMotion:
                 yield self._shaken(pose, view)
 
     def pose(self, state: np.ndarray) -> Pose:
-        """The pose for one state, at the beginning of the first shot."""
+        """Returns the pose for one state, at the beginning of the first shot."""
         later = [(np.inf, np.inf)] * (len(self._shots) - 1)
         return next(self.poses([state], [0.0], [0.0], [(0.0, 0.0), *later]))
 
     def _weights(self, time: float, spans: Sequence[Span]) -> list[float]:
-        """The weight of each shot over all those before it."""
+        """Returns the weight of each shot over all those before it."""
         later = zip(self.script.shots[1:], spans[1:], strict=True)
         return [1.0, *(blend_weight(shot.blend, time - start) for shot, (start, _) in later)]
 
@@ -94,7 +94,7 @@ class CameraMotion:
         return _FrameView(time, video_time, weights, poses)
 
     def _blended(self, views: Sequence["_FrameView"], spans: Sequence[Span]) -> list[Pose]:
-        """The poses of frames that several shots contribute to: each shot is blended into those before it."""
+        """Blends the poses of frames that several shots contribute to: each shot into those before it."""
         poses = [view.poses.get(0) for view in views]
         for i in range(1, len(spans)):
             poses = [p if v.weights[i] < 1 else v.poses.get(i) for p, v in zip(poses, views, strict=True)]
@@ -125,7 +125,7 @@ class CameraMotion:
             raise
 
     def _where(self, i: int) -> str:
-        """What errors call a shot."""
+        """Returns the name of a shot in errors."""
         return f"camera {clean(self.script.name)}" + (f": shot {i + 1}" if len(self.script.shots) > 1 else "")
 
     def _check_blend(self, i: int, shot: Shot) -> None:
@@ -138,7 +138,7 @@ class CameraMotion:
 
 @dataclass(frozen=True)
 class _BoundShot:
-    """A shot with its names found in a model."""
+    """A shot with its names resolved in a model."""
 
     shot: Shot
     rig: BoundRig
@@ -157,7 +157,7 @@ class _BoundShot:
 
 @dataclass(frozen=True)
 class _FrameView:
-    """A frame as its shots see it: the poses of those that contribute to it, by index."""
+    """A frame as seen by its shots: the poses of those that contribute to it, by index."""
 
     time: float
     video_time: float
@@ -173,7 +173,7 @@ def _bound_shot(shot: Shot, cameras: ModelCameras, where: str) -> _BoundShot:
             if angle >= 180:
                 raise BadValueError(f"{where}: fovy", f"{angle:g}", "an angle between 0 and 180 degrees")
     elif not shot.fovy and rig.frustum.is_empty:
-        raise ModelError(f"{where} sees nothing: {EMPTY_FRUSTUM}")
+        raise ModelError(f"{where} has an empty view: {EMPTY_FRUSTUM}")
     with concerning("fit", "target"):
         return _BoundShot(shot, rig, object_bounds(shot.fit.target, cameras.model) if shot.fit else None)
 
@@ -185,7 +185,7 @@ def _shot_time(time: float, span: Span) -> ShotTime:
 
 
 def _visible(weights: Sequence[float]) -> list[int]:
-    """The shots that contribute to a frame: from the last one that hides all before it."""
+    """Returns the shots that contribute to a frame: from the last one that covers all before it."""
     first = max(i for i, share in enumerate(weights) if share == 1)
     return [first, *(i for i in range(first + 1, len(weights)) if weights[i] > 0)]
 
@@ -193,10 +193,10 @@ def _visible(weights: Sequence[float]) -> list[int]:
 def _crossfade(
     before: Sequence[Pose], after: Sequence[Pose], weights: np.ndarray, join: int, size: tuple[int, int]
 ) -> list[Pose]:
-    """From poses to others by `weights`, linear in what is looked at, distance, angles and tangents of the frustum.
+    """Blends poses into others by `weights`, linear in target, distance, angles and tangents of the frustum.
 
-    Angles go the short way at the frame `join`. From there they are followed without jumps, so that a camera
-    that goes on turning while it is blended out does not change its mind.
+    Angles take the short way at the frame `join`. From there they continue without jumps, so that a camera that is
+    still turning while it is blended out does not reverse.
     """
     starts, ends = (_continued(np.array([p.angles for p in poses]), join) for poses in (before, after))
     ends -= 360 * np.round((ends[join] - starts[join]) / 360)
@@ -212,7 +212,7 @@ def _crossfade(
 
 
 def _continued(angles: np.ndarray, middle: int) -> np.ndarray:
-    """Azimuths, elevations and rolls `(n, 3)` [deg] without jumps, followed from `middle` both ways."""
+    """Returns azimuths, elevations and rolls `(n, 3)` [deg] without jumps, continued from `middle` both ways."""
     continued = angles.copy()
     for k in range(middle + 1, len(continued)):
         continued[k] = _nearest(continued[k], continued[k - 1])
@@ -222,17 +222,17 @@ def _continued(angles: np.ndarray, middle: int) -> np.ndarray:
 
 
 def _nearest(angles: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The angles of the same direction nearest to `other`: whole turns away, or over the pole."""
+    """Returns the angles of the same direction nearest to `other`: whole turns away, or over the pole."""
     over = np.array([angles[0] + 180, 180 - angles[1], angles[2] + 180])
     plain, over = (other + (a - other + 180) % 360 - 180 for a in (angles, over))
     return over if 2 * np.abs(over - other).sum() < np.abs(plain - other).sum() else plain
 
 
 def _between(a: Frustum, b: Frustum, share: float, size: tuple[int, int]) -> Frustum:
-    """Linear in distances of the clipping planes, and in tangents of what is seen; in metres if orthographic."""
+    """Interpolates distances of the clipping planes and tangents of the view linearly; lengths [m] if orthographic."""
     if a is b or a == b:
         return a
-    if a.orthographic != b.orthographic:  # of two shots beyond the one that is blended
+    if a.orthographic != b.orthographic:  # two shots other than the blended one
         return b if share > 0.5 else a
 
     def mixed(first: float, second: float) -> float:

@@ -1,27 +1,31 @@
-"""The position, rotation and frustum of a camera, as a plain value."""
+"""The poses of cameras: position, rotation and frustum as plain values, and compact arrays of them."""
 
 import math
-from dataclasses import dataclass, replace
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, dataclass, replace
+from typing import overload
 
 import mujoco
 import numpy as np
 
 EMPTY_FRUSTUM = (
-    "its field of view or near plane is 0 or no number\n"
+    "its field of view or near plane is 0 or not a number\n"
     "set camera/NAME.fovy, vis.global.fovy [degrees] or vis.map.znear to a positive number"
 )
-LEVEL = 1e-6  # of a direction of length 1: what float32 may leave of nothing
+LEVEL = 1e-6  # length of the horizontal part of a unit vector below which float32 makes it meaningless
+NUMBERS = 3 + 9 + 1 + 7  # of a pose: position, rotation, distance, frustum
 
 
 @dataclass(frozen=True)
 class Frustum:
-    """What a camera sees, as MuJoCo's MjvGLCamera has it.
+    """The view of a camera, in the terms of MuJoCo's MjvGLCamera.
 
     Attributes:
-      center, bottom, top: of what is seen on the near plane, from the axis [m]; of all planes if orthographic.
-      width: half of what is seen there [m]; 0 means as wide as the image makes it.
+      center, bottom, top: position of the view on the near plane, from the axis [m]; on all planes if orthographic.
+      width: half of its width there [m]; 0 means that the image's aspect determines it.
       near, far: distances of the clipping planes [m].
-      orthographic: without perspective.
+      orthographic: whether the camera has no perspective.
     """
 
     center: float
@@ -34,35 +38,35 @@ class Frustum:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is seen, as where the model says 0 or no number."""
+        """True if the view is empty, as with a field of view of 0 or NaN in the model."""
         return not self.top > self.bottom
 
     @property
     def fovy(self) -> float:
-        """The vertical field of view [deg]; the height that is seen [m] if orthographic."""
+        """The vertical field of view [deg]; its height [m] if orthographic."""
         if self.orthographic:
             return self.top - self.bottom
         return math.degrees(math.atan2(self.top, self.near) - math.atan2(self.bottom, self.near))
 
     def opened(self, fovy: float) -> "Frustum":
-        """The same with another vertical field of view [deg], around the axis and as wide as the image."""
+        """Returns the frustum with another vertical field of view [deg], centred and with the image's aspect."""
         half = fovy / 2 if self.orthographic else self.near * math.tan(math.radians(fovy) / 2)
         return replace(self, center=0.0, width=0.0, bottom=-half, top=half)
 
     def halfwidth(self, size: tuple[int, int]) -> float:
-        """Half of what an image of `size` shows of the near plane from left to right [m]."""
+        """Returns half the width of an image of `size` on the near plane [m]."""
         return self.width or (self.top - self.bottom) * size[0] / size[1] / 2
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a camera is, and what it sees.
+    """The position and view of a camera.
 
     Attributes:
       position: `(3,)` [m], in the world.
-      rotation: `(3, 3)`, world from camera, whose axes are MuJoCo's: right, up, and back to the viewer.
-      frustum: what is seen.
-      distance: how far along its axis the camera looks [m], for cameras that move from one pose to another.
+      rotation: `(3, 3)`, world from camera, with MuJoCo's axes: right, up, and back towards the viewer.
+      frustum: the view.
+      distance: distance along the axis to the target [m], for cameras that move from one pose to another.
     """
 
     position: np.ndarray
@@ -77,12 +81,12 @@ class Pose:
 
     @property
     def up(self) -> np.ndarray:
-        """What is up in the image `(3,)`."""
+        """The upward direction in the image `(3,)`."""
         return self.rotation[:, 1]
 
     @property
     def lookat(self) -> np.ndarray:
-        """The point that is looked at `(3,)` [m]."""
+        """The point that the camera looks at `(3,)` [m]."""
         return self.position + self.distance * self.forward
 
     @property
@@ -90,7 +94,7 @@ class Pose:
         """Azimuth, elevation and roll [deg], as MuJoCo's free camera counts them; roll turns clockwise."""
         x, y, z = self.forward
         elevation = math.atan2(z, math.hypot(x, y))
-        if math.hypot(x, y) < LEVEL:  # straight up or down: up alone tells the azimuth, and roll is none
+        if math.hypot(x, y) < LEVEL:  # straight up or down: the azimuth follows from up alone, and there is no roll
             x, y = -math.copysign(1.0, z) * self.up[:2]
         azimuth = math.atan2(y, x)
         level = rotation(math.degrees(azimuth), math.degrees(elevation))
@@ -98,19 +102,19 @@ class Pose:
         return math.degrees(azimuth), math.degrees(elevation), math.degrees(roll)
 
     def opened(self, fovy: float) -> "Pose":
-        """The same with another vertical field of view [deg]; [m] if orthographic."""
+        """Returns the pose with another vertical field of view [deg]; [m] if orthographic."""
         return replace(self, frustum=self.frustum.opened(fovy))
 
     def rolled(self, roll: float) -> "Pose":
-        """The same turned clockwise around the axis of view [deg]."""
+        """Returns the pose turned clockwise around the axis of view [deg]."""
         return replace(self, rotation=self.rotation @ turn(2, -roll))
 
     def panned(self, pan: float, tilt: float) -> "Pose":
-        """The same turned to the left by `pan` and then up by `tilt` [deg], about its own axes."""
+        """Returns the pose turned to the left by `pan` and then up by `tilt` [deg], about the camera's axes."""
         return replace(self, rotation=self.rotation @ turn(1, pan) @ turn(0, tilt))
 
     def place(self, scene: mujoco.MjvScene) -> None:
-        """Lets `scene` be seen from here, when it is updated with `user_camera`."""
+        """Makes this the camera of `scene`, which then must be updated with `user_camera`."""
         seen = self.frustum
         for camera in (scene.camera[0], scene.camera[1]):
             camera.pos, camera.forward, camera.up = self.position, self.forward, self.up
@@ -121,7 +125,7 @@ class Pose:
 
 
 def rotation(azimuth: float, elevation: float, roll: float = 0.0) -> np.ndarray:
-    """World from camera `(3, 3)` of MuJoCo's free camera at these angles [deg], turned clockwise by `roll`."""
+    """Returns the rotation `(3, 3)`, world from camera, of MuJoCo's free camera at angles [deg]; roll is clockwise."""
     a, e, r = map(math.radians, (azimuth, elevation, roll))
     forward = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     level = np.array([math.sin(a), -math.cos(a), 0.0])
@@ -131,9 +135,9 @@ def rotation(azimuth: float, elevation: float, roll: float = 0.0) -> np.ndarray:
 
 
 def heading(direction: np.ndarray) -> tuple[float, float]:
-    """Azimuth and elevation [deg] of a direction `(3,)` of any length but 0.
+    """Returns azimuth and elevation [deg] of a direction `(3,)` of any length but 0.
 
-    Straight up and down the azimuth is 90: looking down, x is to the right and y is up, as on a map.
+    Straight up and down the azimuth is 90: looking down, x points right and y up, as on a map.
     """
     x, y, z = direction / np.linalg.norm(direction)
     across = math.hypot(x, y)
@@ -141,19 +145,17 @@ def heading(direction: np.ndarray) -> tuple[float, float]:
     return azimuth, math.degrees(math.atan2(z, across))
 
 
-def around(
-    lookat: np.ndarray, distance: float, azimuth: float, elevation: float, frustum: Frustum, roll: float = 0.0
-) -> Pose:
-    """MuJoCo's free camera, as mjv_updateCamera places it, in float64 (lengths [m], angles [deg])."""
-    turn = rotation(azimuth, elevation, roll)
+def around(lookat: np.ndarray, distance: float, azimuth: float, elevation: float, frustum: Frustum) -> Pose:
+    """Returns the pose of MuJoCo's free camera, as in mjv_updateCamera, in float64 (lengths [m], angles [deg])."""
+    turn = rotation(azimuth, elevation)
     return Pose(lookat + distance * turn[:, 2], turn, frustum, distance)
 
 
 def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float) -> Pose:
-    """`pose` moved until `points` `(n, 3)` [m] just fit into an image of `size`, seen in the same direction.
+    """Moves `pose` until `points` `(n, 3)` [m] just fit into an image of `size`, in the same direction of view.
 
     The middle of the box around them is in the middle of the image, which is `margin` times as large as they
-    need. Without perspective distance changes nothing: then the frustum does.
+    need. Without perspective, distance has no effect: the frustum is changed instead.
     """
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     local = (points - center) @ pose.rotation
@@ -174,7 +176,7 @@ def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float)
 
 
 def pose_of(scene: mujoco.MjvScene) -> Pose:
-    """The pose that `scene` is seen from without stereo: midway between its two eyes."""
+    """Returns the pose of the camera in `scene` without stereo: midway between its two eyes."""
     camera = mujoco.mjv_averageCamera(scene.camera[0], scene.camera[1])
     forward = np.array(camera.forward, np.float64)
     forward /= np.linalg.norm(forward)
@@ -193,7 +195,7 @@ def pose_of(scene: mujoco.MjvScene) -> Pose:
 
 
 def turn(axis: int, angle: float) -> np.ndarray:
-    """The rotation `(3, 3)` about a coordinate axis, 0 to 2, by an angle [deg]."""
+    """Returns the rotation `(3, 3)` about a coordinate axis, 0 to 2, by an angle [deg]."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     matrix, cosine, sine = np.eye(3), math.cos(math.radians(angle)), math.sin(math.radians(angle))
     matrix[i, i], matrix[j, j], matrix[i, j], matrix[j, i] = cosine, cosine, -sine, sine
@@ -201,7 +203,56 @@ def turn(axis: int, angle: float) -> np.ndarray:
 
 
 def user_camera() -> mujoco.MjvCamera:
-    """What scenes are updated with whose camera is already in its place."""
+    """Returns the camera for updating scenes whose camera is already placed."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_USER.value
     return camera
+
+
+class PoseArray(Sequence[tuple[Pose, ...]]):
+    """The pose of each camera for each frame, stored as numbers: the objects of a long video would fill the memory.
+
+    Args:
+      cameras: the poses of each camera, in the order of frames; equally many of each.
+    """
+
+    def __init__(self, cameras: Iterable[Iterable[Pose]]) -> None:
+        self._tracks = [_Track(poses) for poses in cameras]
+
+    def __len__(self) -> int:
+        return min(map(len, self._tracks))
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[Pose, ...]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[tuple[Pose, ...]]: ...
+
+    def __getitem__(self, index: int | slice) -> tuple[Pose, ...] | list[tuple[Pose, ...]]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return tuple(track[index] for track in self._tracks)
+
+
+class _Track:
+    """The poses of one camera; repeated poses are stored once."""
+
+    def __init__(self, poses: Iterable[Pose]) -> None:
+        self._numbers, self._rows = array("d"), array("l")
+        last = b""
+        for pose in poses:
+            numbers = np.concatenate([pose.position, pose.rotation.ravel(), [pose.distance], astuple(pose.frustum)])
+            if (content := numbers.tobytes()) != last:
+                self._numbers.frombytes(content)
+                last = content
+            self._rows.append(len(self._numbers) // NUMBERS - 1)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index: int) -> Pose:
+        start = NUMBERS * self._rows[index]
+        numbers = np.array(self._numbers[start : start + NUMBERS])
+        distance, *frustum, orthographic = numbers[12:].tolist()
+        seen = Frustum(*frustum, orthographic=bool(orthographic))
+        return Pose(numbers[:3], numbers[3:12].reshape(3, 3), seen, distance)

@@ -1,4 +1,4 @@
-"""Camera scripts as plain values: shots in time, each with a rig. Names are not looked up in a model yet."""
+"""Camera scripts as plain values: shots in time, each with a rig. Names are not yet resolved in a model."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import cast
 
 from mjrun.camera.easing import BLENDS, Blend, Ramp
 from mjrun.camera.kinds import ObjectName, RampKind
-from mjrun.camera.rigs.registry import RIGS
+from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.shake import Shake
 from mjrun.errors import UsageError, clean, concerning, near
@@ -23,11 +23,11 @@ END = "end"  # of the simulation
 
 @options
 class Fit(Options):
-    """Keeps an object, with all that hangs on it, whole in the image, by the distance."""
+    """An object to keep whole in the image, with everything attached to it, by adjusting the distance."""
 
     target: str = required(converter=ObjectName(), kw_only=False, help="A body, geom or site.")
     margin: float = option(
-        converter=Real(least=1), default=1.2, kw_only=False, help="How much larger than the object the image is."
+        converter=Real(least=1), default=1.2, kw_only=False, help="Size of the image relative to the object."
     )
 
 
@@ -51,28 +51,28 @@ class Fallback(ExactNumber):
 
 @options
 class Event(Options):
-    """Something that happens in the simulation: the instant when a condition begins to hold."""
+    """An event in the simulation: the instant when a condition becomes true."""
 
     when: str = required(
         converter=Text(),
         kw_only=False,
-        help="The condition, as in speed(box) > 0.02; with ': ' or ' #' in it, it goes in quotes.",
+        help="The condition, as in speed(box) > 0.02; quote it if it contains ': ' or ' #'.",
     )
     nth: int = option(
-        converter=Integer(1), default=1, kw_only=False, help="Which time that it begins to hold, from 1 on."
+        converter=Integer(1), default=1, kw_only=False, help="Number of the occurrence to use, from 1 on."
     )
     offset: Fraction = option(
         converter=ExactNumber(signed=True),
         default=0,
         kw_only=False,
-        help="How much later the shot ends [s], or earlier if negative.",
+        help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
         converter=Optional(Fallback()),
         default=None,
         key="else",
         kw_only=False,
-        help="What counts if it never happens: a time of the simulation [s], or end; an error if left out.",
+        help="Fallback if it never happens: a time of the simulation [s], or end; an error if left out.",
     )
 
 
@@ -150,14 +150,14 @@ class Shot(Options):
         converter=Optional(InstantOrEvent()),
         default=None,
         kw_only=False,
-        help="When the shot ends: a time of the simulation [s], or an event.",
+        help="End of the shot: a time of the simulation [s], or an event.",
     )
     lasting: Fraction | None = option(
         converter=Optional(ExactNumber()),
         default=None,
         key="duration",
         kw_only=False,
-        help="How long the shot lasts [s] of the simulation, instead of until.",
+        help="Duration of the shot [s] in simulated time, instead of until.",
     )
     speed: Fraction | None = option(
         converter=Optional(ExactNumber()),
@@ -169,28 +169,28 @@ class Shot(Options):
         converter=Optional(BlendKind()),
         default=None,
         kw_only=False,
-        help="How the shot before becomes this one: a shape, a width [s], or both; a cut if left out.",
+        help="Transition from the previous shot: a shape, a width [s], or both; a cut if left out.",
     )
     roll: Ramp = option(
-        converter=RampKind(), default=LEVEL, kw_only=False, help="Turn around the axis of view [deg], clockwise."
+        converter=RampKind(), default=LEVEL, kw_only=False, help="Clockwise turn around the axis of view [deg]."
     )
     fovy: Ramp | None = option(
         converter=Optional(RampKind("degrees")),
         default=None,
         kw_only=False,
-        help="Vertical field of view [deg], what is seen [m] if orthographic; the model's if left out.",
+        help="Vertical field of view [deg], or its height [m] if orthographic; the model's if left out.",
     )
     shake: Shake | None = option(
         converter=Optional(Record(Shake, Shake, blank=True)),
         default=None,
         kw_only=False,
-        help="The trembling of a hand that holds the camera.",
+        help="Shake of a hand-held camera.",
     )
     fit: Fit | None = option(
         converter=Optional(FitKind()),
         default=None,
         kw_only=False,
-        help="Keeps an object whole in the image, by the distance.",
+        help="Object to keep whole in the image by adjusting the distance.",
     )
 
 
@@ -205,7 +205,7 @@ class ShotForm(Record[Shot]):
         mistyped = any(near(key, RIGS) for key in {*values} - {each.key for each in self.options()})
         if not rigs and not mistyped:
             yield (), f"expected one of {', '.join(RIGS)}, got none"
-        yield from (((rig,), f"a shot has one rig, and this one has {rigs[0]} already") for rig in rigs[1:])
+        yield from (((rig,), f"a shot has only one rig; this one already has {rigs[0]}") for rig in rigs[1:])
 
     def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
         schema = super().mapping_schema(reader, definitions)
@@ -222,16 +222,16 @@ def _shot(**values: object) -> Shot:
 
 @options
 class CameraDocument(Options):
-    """What a camera does in a video: shots, one after the other."""
+    """The camera's shots in a video, one after the other."""
 
     speed: Fraction | None = option(
         converter=Optional(ExactNumber()),
         default=None,
-        help="Simulated seconds per second of video, of all shots that do not say their own: 0.5 is slow motion.",
+        help="Simulated seconds per second of video, for shots without a speed: 0.5 is slow motion.",
     )
     shots: tuple[Shot, ...] = required(
         converter=ListOf[Shot](ShotForm(), least=1),
-        help="The shots in order; all but the last say when they end, by until or duration.",
+        help="The shots in order; all but the last set their end with until or duration.",
     )
 
     @classmethod
@@ -240,15 +240,15 @@ class CameraDocument(Options):
             yield from shot_conflicts(shots)
 
     def script(self, name: str) -> "CameraScript":
-        """The script, under a name."""
+        """Returns the script under a name."""
         return CameraScript(name, [replace(shot, speed=shot.speed or self.speed) for shot in self.shots])
 
 
 @options
 class InlineCamera(CameraDocument):
-    """A camera script that is written where it is used."""
+    """A camera script written in place."""
 
-    name: str = option(converter=Text(), default="script", help="What captions and files call it.")
+    name: str = option(converter=Text(), default="script", help="Name of the camera in captions and files.")
 
 
 @dataclass(frozen=True)
@@ -259,10 +259,10 @@ class CameraScript:
     shots: Sequence[Shot]
 
     def check(self) -> None:
-        """Checks that the shots go together.
+        """Checks that the shots are consistent.
 
         Raises:
-          UsageError: they do not.
+          UsageError: they are not.
         """
         shots: list[dict[str, object]] = []
         for shot in self.shots:
@@ -274,26 +274,26 @@ class CameraScript:
 
 
 def shot_conflicts(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, str]]:
-    """Yields what is wrong with the shots of a script, as far as no simulation is needed: where, and the sentence.
+    """Yields errors in the shots of a script that need no simulation: location and sentence.
 
     Args:
-      shots: the values of each by key, as they are written in a document, of any type.
+      shots: the values of each by key, as written in a document, of any type.
     """
     if not shots:
-        yield ("shots",), "at least one is needed"
+        yield ("shots",), "expected at least one shot"
     elif "blend" in shots[0]:
-        yield ("shots", 0, "blend"), "there is no shot before the first to blend with"
+        yield ("shots", 0, "blend"), "the first shot has no previous shot to blend with"
     for i, shot in enumerate(shots):
         if "until" in shot and "duration" in shot:
             yield ("shots", i, "duration"), "a shot ends by until or after a duration, not both"
     for i, shot in enumerate(shots[:-1]):
         if "until" not in shot and "duration" not in shot:
-            yield ("shots", i), "when does this shot end? all but the last say until or duration"
+            yield ("shots", i), "the end of this shot is missing: all shots but the last need until or duration"
     yield from _disordered(shots)
 
 
 def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, str]]:
-    """Yields the shots that would end before they begin, as far as their times tell it."""
+    """Yields the shots that would end before they begin, as far as their times are known."""
     begun = Fraction(0)  # at the earliest
     for i, shot in enumerate(shots):
         until, duration = _number(shot.get("until")), _number(shot.get("duration"))
@@ -303,10 +303,10 @@ def _disordered(shots: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, s
 
 
 def _number(value: object) -> Fraction:
-    """Returns a number exactly, and 0 for what is none."""
+    """Returns a number exactly, and 0 for anything else."""
     if not isinstance(value, int | float | Fraction) or isinstance(value, bool):
         return Fraction(0)
     try:
         return rational(value)
-    except (ValueError, OverflowError):  # it is not finite
+    except (ValueError, OverflowError):  # not finite
         return Fraction(0)

@@ -7,24 +7,24 @@ import numpy as np
 from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options
 
-SINES = 16  # that the noise on an angle is the sum of
+SINES = 16  # terms in the sum that is the noise on an angle
 
 
 @options
 class Shake(Options):
-    """The trembling of a hand that holds the camera: smooth noise on the direction of view."""
+    """The shake of a hand-held camera: smooth noise on the direction of view."""
 
     angle: float = option(converter=Real(), default=0.3, kw_only=False, help="Standard deviation of each angle [deg].")
     frequency: float = option(
-        converter=Real(above=0), default=2.0, kw_only=False, help="Of the trembling [Hz], in the time of the video."
+        converter=Real(above=0), default=2.0, kw_only=False, help="Frequency of the shake [Hz], in video time."
     )
-    seed: int = option(converter=Integer(), default=0, kw_only=False, help="Seed of the trembling.")
+    seed: int = option(converter=Integer(), default=0, kw_only=False, help="Seed of the shake.")
 
 
 class ShakeNoise:
     """Smooth noise on two angles: sums of sines with random phases, of 0.5 to 1.5 times the frequency.
 
-    Over a long time the standard deviation is exactly `shake.angle`: frequencies differ, so the variances of the
+    Over a long time the standard deviation is exactly `shake.angle`: since frequencies differ, the variances of the
     sines add up.
     """
 
@@ -35,6 +35,6 @@ class ShakeNoise:
         self._phases = random[1]
 
     def at(self, video_time: float) -> np.ndarray:
-        """Pan and tilt `(2,)` [deg] at a time of the video [s]."""
+        """Returns pan and tilt `(2,)` [deg] at a time of the video [s]."""
         turns = self._frequencies * video_time + self._phases
         return self._amplitude * np.sin(2 * math.pi * turns).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Objects that a camera looks at or follows: by name, their bounds, and their paths over a recording."""
+"""Objects that a camera looks at or follows: their names, their bounds, and their paths over a recording."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -14,14 +14,14 @@ from mjrun.model.state import restore
 Vector = tuple[float, float, float]
 Place = str | Vector  # an object, `box`, `geom:edge`, `site:tip`, `subtree:torso`, or a point [m]
 
-# In the order in which a bare name is looked up, with their position in MjData.
+# In lookup order of a bare name, with the field of their position in MjData.
 TARGETS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 FRAMES = {
     "body": mujoco.mjtObj.mjOBJ_XBODY,  # mjOBJ_BODY would be its centre of mass
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
     "site": mujoco.mjtObj.mjOBJ_SITE,
 }
-# What can be looked at but has no velocity of its own to leave a trail by: the centre of mass of a subtree.
+# Valid places to look at; a subtree's centre of mass has no velocity, and thus no trail.
 POSITIONS = {**TARGETS, "subtree": "subtree_com"}
 ROTATIONS = {"body": "xmat", "geom": "geom_xmat", "site": "site_xmat", "subtree": "xmat"}
 
@@ -30,10 +30,10 @@ CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
 
 
 def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
-    """Kind and id of the body, else geom, else site called `text`; `geom:NAME` and `site:NAME` say which.
+    """Returns kind and id of the body, else geom, else site called `text`; `geom:NAME` and `site:NAME` select a kind.
 
     Raises:
-      UnknownNameError: there is none; the message lists those there are.
+      UnknownNameError: no object has that name; the message lists the valid ones.
     """
     kind, colon, name = text.partition(":")
     if colon and kind in TARGETS:
@@ -48,7 +48,7 @@ def identify_object(text: str, model: mujoco.MjModel) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class Target:
-    """What a camera looks at or from: an object, or a point when its kind is empty.
+    """A place that a camera looks at or from: an object, or a point when its kind is empty.
 
     Attributes:
       kind, id: of the object; a `subtree` has the id of its body.
@@ -60,11 +60,11 @@ class Target:
     point: Vector = (0.0, 0.0, 0.0)
 
     def position(self, data: mujoco.MjData) -> np.ndarray:
-        """Where it is now `(3,)` [m]."""
+        """Returns its current position `(3,)` [m]."""
         return np.array(getattr(data, POSITIONS[self.kind])[self.id] if self.kind else self.point)
 
     def yaw(self, data: mujoco.MjData) -> float:
-        """Where its x axis points [deg], seen from above; that of a subtree's body, and 0 of a point."""
+        """Returns the direction of its x axis [deg], seen from above; of a subtree, its body's; of a point, 0."""
         if not self.kind:
             return 0.0
         matrix = getattr(data, ROTATIONS[self.kind])[self.id]
@@ -72,10 +72,10 @@ class Target:
 
 
 def find_target(place: Place, model: mujoco.MjModel) -> Target:
-    """What `place` means: a point, an object as in `identify_object`, or `subtree:BODY`, its centre of mass.
+    """Resolves a point, an object as in `identify_object`, or `subtree:BODY`, which is its centre of mass.
 
     Raises:
-      UnknownNameError: there is no such object.
+      UnknownNameError: the object is unknown.
       BadValueError: the point is not finite.
     """
     if not isinstance(place, str):
@@ -104,18 +104,18 @@ class Bounds:
     corners: np.ndarray
 
     def points(self, data: mujoco.MjData) -> np.ndarray:
-        """The corners of all boxes now `(8 n, 3)` [m], in the world."""
+        """Returns the current corners of all boxes `(8 n, 3)` [m], in the world."""
         turns = getattr(data, ROTATIONS[self.kind])[self.ids].reshape(-1, 3, 3)
         places = getattr(data, POSITIONS[self.kind])[self.ids]
         return (self.corners @ turns.transpose(0, 2, 1) + places[:, None]).reshape(-1, 3)
 
 
 def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
-    """The bounds of the object called `text`: of a body with all that hangs on it. Infinite planes have none.
+    """Returns the bounds of the object called `text`: of a body with everything attached, without infinite planes.
 
     Raises:
-      UnknownNameError: there is no such object.
-      UsageError: it has no bounds.
+      UnknownNameError: the object is unknown.
+      UsageError: the object has no bounds.
     """
     target = find_target(text, model)
     if target.kind == "site":
@@ -125,7 +125,7 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
     if target.kind == "geom":
         ids = np.array([target.id])
     centers, halves = model.geom_aabb[ids, :3].copy(), model.geom_aabb[ids, 3:].copy()
-    planes = model.geom_type[ids] == PLANE  # whose boxes are infinite even where what is drawn is not
+    planes = model.geom_type[ids] == PLANE  # whose boxes are infinite even if the visible part is not
     centers[planes], halves[planes] = 0.0, model.geom_size[ids[planes]] * [1, 1, 0]
     finite = ~planes | (model.geom_size[ids, :2] > 0).all(axis=1)
     if not finite.any():
@@ -134,7 +134,7 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
 
 
 def _inside(model: mujoco.MjModel, root: int) -> np.ndarray:
-    """Of each body, whether it is `root` or hangs on it `(nbody,)`."""
+    """Returns for each body whether it is `root` or attached to it `(nbody,)`."""
     inside = np.arange(model.nbody) == root
     for body in range(1, model.nbody):  # parents come first
         inside[body] |= inside[model.body_parentid[body]]
@@ -142,7 +142,7 @@ def _inside(model: mujoco.MjModel, root: int) -> np.ndarray:
 
 
 def _site_halves(model: mujoco.MjModel, site: int) -> np.ndarray:
-    """Half the sizes of the box around a site `(3,)` [m]."""
+    """Returns half the sizes of the box around a site `(3,)` [m]."""
     kind, (x, y, z) = mujoco.mjtGeom(model.site_type[site]), model.site_size[site]
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.array([x, x, x])
@@ -152,17 +152,17 @@ def _site_halves(model: mujoco.MjModel, site: int) -> np.ndarray:
 
 
 def identify_objects(text: str, model: mujoco.MjModel) -> list[tuple[str, int]]:
-    """Kinds and ids of the objects in `text`, `OBJECT[,OBJECT…]`, each once.
+    """Returns kinds and ids of the objects in `text`, `OBJECT[,OBJECT…]`, without duplicates.
 
     Raises:
-      UnknownNameError: one of them is not there.
+      UnknownNameError: an object is unknown.
     """
     return list(dict.fromkeys(identify_object(part, model) for part in text.split(",")))
 
 
 @dataclass(frozen=True)
 class ObjectTrajectory:
-    """Where an object is, and how fast, at the instants of a recording.
+    """The positions and velocities of an object at the instants of a recording.
 
     Attributes:
       times: `(n,)` [s], in order.
@@ -175,9 +175,9 @@ class ObjectTrajectory:
     velocities: np.ndarray
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Positions `(m, 3)` at `times` `(m,)`: cubic Hermite arcs through positions and velocities.
+        """Returns positions `(m, 3)` at `times` `(m,)`: cubic Hermite arcs through positions and velocities.
 
-        Between the frames of a video, a few hundredths of a second apart, straight lines would show.
+        Between the frames of a video, a few hundredths of a second apart, straight lines would be visible.
         """
         last = len(self.times) - 1
         if not last:
@@ -195,17 +195,17 @@ class ObjectTrajectory:
         )
 
     def speeds(self, times: np.ndarray) -> np.ndarray:
-        """Speeds `(m,)` [m/s] at `times` `(m,)`, linear in between."""
+        """Returns speeds `(m,)` [m/s] at `times` `(m,)`, linear in between."""
         return np.interp(times, self.times, np.linalg.norm(self.velocities, axis=1))
 
 
 def object_paths(
     model: mujoco.MjModel, objects: Sequence[tuple[str, int]], states: Iterable[np.ndarray]
 ) -> list[ObjectTrajectory]:
-    """The path of each of `objects`, as kind and id, through integration `states`, which are read once.
+    """Returns the path of each of `objects`, as kind and id, through integration `states`, which are read once.
 
-    Velocities are MuJoCo's own (mj_objectVelocity), of each instant by itself: no time between states is too
-    long for them. Those of mocap bodies, which have none, are zero.
+    Velocities are MuJoCo's (mj_objectVelocity), computed for each instant alone, so that states may be any time
+    apart. Those of mocap bodies, which have none, are zero.
     """
     data = mujoco.MjData(model)
     times: list[float] = []

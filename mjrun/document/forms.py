@@ -34,7 +34,7 @@ class KnownName(Text):
         return {"type": "string", "enum": names[self._of]()}
 
     def read(self, value: object, reader: Reader) -> object:
-        from mjrun.outputs.view_settings import check_segmentation_name
+        from mjrun.rendering.segmentation import check_segmentation_name
         from mjrun.rendering.visual import Visual
 
         check(value, TEXT)

@@ -1,4 +1,4 @@
-"""`mjrun diff`: whether two results agree, and where they do not."""
+"""Comparison of two results: tables, recordings, videos, images or models."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
@@ -28,19 +28,19 @@ class Diff(DiffOptions):
     """A comparison of two tables, recordings, videos, images or models: its options are keywords.
 
     Args:
-      a, b: what is compared; the kind is told from the files, and is the same for both. A model may be compiled.
+      a, b: the inputs, both of the same kind, which is detected from the files; a model may be compiled.
     """
 
     a: ModelLike = field(kw_only=False)
     b: ModelLike = field(kw_only=False)
 
     def run(self, reporter: Reporter | None = None) -> DiffResult:
-        """Compares them.
+        """Compares the two inputs.
 
         Raises:
           FileError: a file cannot be read.
           ModelError: a model cannot be found, read or compiled.
-          UsageError: they are of two kinds, or an option does not fit them.
+          UsageError: the inputs are of different kinds, or an option does not apply to their kind.
         """
         a, b = _name(self.a), _name(self.b)
         if a is None or b is None or (kind := file_kind.common_kind(a, b)) == file_kind.MODEL:
@@ -50,7 +50,7 @@ class Diff(DiffOptions):
         return COMPARISONS[kind](self, a, b)
 
     def _require_applicable(self, kind: str) -> None:
-        """Raises UsageError if an option is given that says nothing about results of a kind."""
+        """Raises UsageError if an option is set that does not apply to results of this kind."""
         useless = [each.name for each in options_of(DiffOptions) if is_given(self, each.name)]
         useless = [option(name) for name in useless if name not in APPLICABLE[kind]]
         if useless:
@@ -58,7 +58,7 @@ class Diff(DiffOptions):
 
 
 def _name(compared: ModelLike) -> str | None:
-    """The text that names what is compared; None of a model that is none."""
+    """Returns the path or source text of an input; None for a model object."""
     match compared:
         case Source() | mujoco.MjModel():
             return None
@@ -114,7 +114,7 @@ def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
     return DiffResult(kind, a, b, not differences, differences, picture=picture)
 
 
-# The options that say something about files of each kind.
+# Options that apply to files of each kind.
 TOLERANCE = {"atol", "rtol"}
 LIMITS = {"min_psnr", "min_ssim", "max_changed", "output"}
 APPLICABLE = {
@@ -125,7 +125,7 @@ APPLICABLE = {
     file_kind.MODEL: TOLERANCE | {"tol"},
 }
 
-# What compares two files of each kind.
+# The function that compares files of each kind.
 COMPARISONS: Mapping[str, Callable[[Diff, str, str], DiffResult]] = {
     file_kind.TABLE: _tables,
     file_kind.RECORDING: _recordings,

@@ -1,4 +1,4 @@
-"""When events happen in a simulation, with a recording to look at it again."""
+"""Detection of the instants at which events happen, with a recording to replay the simulation afterwards."""
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class EventDetector:
-    """Evaluates conditions at every step, and records the states of all steps. To be closed.
+    """A detector that evaluates conditions at every step and records the state of every step. To be closed.
 
     Args:
       texts: conditions such as `speed(box) > 0.02`.
@@ -40,7 +40,7 @@ class EventDetector:
         self._states, self._instants = StateBuffer(model), ControlInstants()
 
     def taps(self, until: int) -> list[AnyTap]:
-        """What it takes from the simulation up to step `until`."""
+        """Returns the taps that observe the simulation up to step `until`."""
         every = range(until + 1)
         return [
             Tap(every, lambda stepper: stepper.state(), self._states.append),
@@ -54,7 +54,7 @@ class EventDetector:
         return {watched.text: onsets.indices for watched, onsets in self._conditions}
 
     def replay(self, model: mujoco.MjModel) -> ReplayStepper:
-        """Goes through the recorded steps once more."""
+        """Returns a stepper that replays the recorded steps."""
         return self._instants.replay(model, self._states)
 
     def close(self) -> None:
@@ -62,7 +62,7 @@ class EventDetector:
         self._states.close()
 
     def _rows(self, stepper: Stepper) -> list[dict[str, np.ndarray]]:
-        """The columns of each condition by name, `(1,)` each."""
+        """Returns the columns of each condition by name, `(1,)` each."""
         time = float(self._timeline.time(stepper.step))
         rows: list[dict[str, np.ndarray]] = []
         for table in self._tables:
@@ -78,13 +78,13 @@ class EventDetector:
 def conditions(
     events: Mapping[OptionPath, "Event"], model: mujoco.MjModel, episode: EpisodeColumns | None = None
 ) -> list[str]:
-    """The conditions of `events`, each once.
+    """Returns the conditions of `events` without duplicates.
 
     Args:
-      events: by where their conditions stand.
+      events: keyed by the option path of each condition.
 
     Raises:
-      UsageError: one of them cannot be measured in this simulation.
+      UsageError: a condition reads a value that cannot be measured in this simulation.
     """
     available = _vocabulary(model, episode)
     texts: list[str] = []
@@ -105,14 +105,14 @@ def _vocabulary(model: mujoco.MjModel, episode: EpisodeColumns | None) -> Availa
 def time_of(
     event: "Event", steps: Sequence[int], timeline: Timeline, where: str, after: Fraction = Fraction(-1)
 ) -> Fraction:
-    """When `event` happens [s], of those times that are later than `after`.
+    """Returns the time of `event` [s], counting only occurrences later than `after`.
 
     Args:
-      steps: where its condition begins to hold.
-      where: the place that asks, for messages: `camera.yaml: shots[0]`.
+      steps: the steps at which its condition becomes true.
+      where: the location shown in messages, as in `camera.yaml: shots[0]`.
 
     Raises:
-      UsageError: it does not happen, or not often enough, and has no `else` for that case.
+      UsageError: the event happens too rarely or never, and has no `else`.
     """
     times = [timeline.time(step) for step in steps if timeline.time(step) > after]
     if len(times) >= event.nth:
@@ -120,8 +120,8 @@ def time_of(
     if event.otherwise is not None:
         return timeline.duration if event.otherwise == "end" else Fraction(event.otherwise)
     since = f" after {float(after):g} s" if after >= 0 else ""
-    often = "never happens" if not times else f"happens {len(times)} times only, not {event.nth},"
+    often = "never happens" if not times else f"happens only {len(times)} times, not {event.nth},"
     raise UsageError(
         f"{where}: {quoted(event.when)} {often} in the {float(timeline.duration):g} s of the simulation{since}\n"
-        "`else: end`, or a time, says what counts then"
+        "add `else: end` or a time to cover this case"
     )

@@ -1,4 +1,4 @@
-"""When shots begin and end, and which instant each frame shows."""
+"""Schedules of shots and frames: when each shot begins and ends, and which instant each frame shows."""
 
 import math
 from array import array
@@ -14,20 +14,20 @@ from mjrun.outputs.event_detection import time_of
 from mjrun.timeline import Timeline
 
 Span = tuple[Fraction, Fraction]
-MOST_FRAMES = 2_000_000  # 18 hours at 30 frames per second; a schedule holds 100 bytes for each
+MOST_FRAMES = 2_000_000  # 18 hours at 30 frames per second; a schedule takes 100 bytes per frame
 
 
 @dataclass(frozen=True)
 class FrameSchedule:
-    """The frames of a video; an image is a video of one frame.
+    """The schedule of a video's frames; an image is a video of one frame.
 
     Attributes:
-      steps: of each frame.
-      times: of each frame in the video [s].
-      speeds: simulated seconds per second of video, at each frame.
-      spans: of each camera, start and end of its shots [s], simulated.
+      steps: the step of each frame.
+      times: the time of each frame in the video [s].
+      speeds: simulated seconds per second of video, for each frame.
+      spans: simulated start and end of each shot [s], for each camera.
       observed: the part of the simulation that trails show.
-      warnings: what the user should know about it.
+      warnings: warnings for the user.
     """
 
     steps: Sequence[int]
@@ -45,15 +45,15 @@ def video_schedule(
     speed: Fraction,
     event_steps: Mapping[str, Sequence[int]],
 ) -> FrameSchedule:
-    """The frames of a video with the shots of all cameras.
+    """Schedules the frames of a video with the shots of all cameras.
 
     Args:
-      speed: of shots that do not name one.
-      event_steps: the steps at which each condition begins to hold.
+      speed: for shots without a speed.
+      event_steps: the steps at which each condition becomes true.
 
     Raises:
-      UsageError: an event that does not happen, a shot that ends before it begins, cameras at several speeds, or
-        more frames than `MOST_FRAMES`.
+      UsageError: an event does not happen, a shot ends before it begins, cameras require different speeds, or the
+        video exceeds `MOST_FRAMES`.
     """
     spans = [shot_spans(script, timeline, event_steps) for script in scripts]
     pieces = _pieces(scripts, spans, timeline.duration, speed)
@@ -74,10 +74,10 @@ def video_schedule(
 def image_schedule(
     scripts: Sequence[CameraScript], timeline: Timeline, step: int, event_steps: Mapping[str, Sequence[int]]
 ) -> FrameSchedule:
-    """The one frame of an image, at `step`.
+    """Schedules the single frame of an image, at `step`.
 
     Raises:
-      UsageError: an event that does not happen, or a shot that ends before it begins.
+      UsageError: an event does not happen, or a shot ends before it begins.
     """
     spans = [shot_spans(script, timeline, event_steps) for script in scripts]
     observed = Timeline.of_steps(timeline.timestep, step)
@@ -85,7 +85,7 @@ def image_schedule(
 
 
 def shot_events(scripts: Sequence[CameraScript]) -> dict[OptionPath, Event]:
-    """The events that end shots, by where their conditions stand."""
+    """Returns the events that end shots, keyed by the option paths of their conditions."""
     return {
         ("camera", i, "shots", j, "until", "when"): shot.until
         for i, script in enumerate(scripts)
@@ -95,13 +95,13 @@ def shot_events(scripts: Sequence[CameraScript]) -> dict[OptionPath, Event]:
 
 
 def shot_spans(script: CameraScript, timeline: Timeline, event_steps: Mapping[str, Sequence[int]]) -> list[Span]:
-    """Start and end of each shot [s]; the last may end before or after the simulation."""
+    """Returns start and end of each shot [s]; the last may end before or after the simulation."""
     spans: list[Span] = []
     start = Fraction(0)
     for index, shot in enumerate(script.shots):
         where = f"{clean(script.name)}: shots[{index}]"
         if isinstance(shot.until, Event):
-            after = start if index else Fraction(-1)  # what ended the shot before does not end this one too
+            after = start if index else Fraction(-1)  # the event that ended the previous shot cannot end this one too
             end = time_of(shot.until, event_steps.get(shot.until.when, ()), timeline, where, after)
         elif shot.until is not None:
             end = shot.until
@@ -119,7 +119,7 @@ def _seconds(spans: Sequence[Sequence[Span]]) -> list[list[tuple[float, float]]]
 
 
 def _unseen(script: CameraScript, spans: Sequence[Span], duration: Fraction) -> list[str]:
-    """The warning that the simulation ends before some shots begin."""
+    """Returns the warning that the simulation ends before some shots begin."""
     late = [index for index, (start, _) in enumerate(spans) if start >= duration]
     if not late:
         return []
@@ -130,17 +130,17 @@ def _unseen(script: CameraScript, spans: Sequence[Span], duration: Fraction) -> 
 def _pieces(
     scripts: Sequence[CameraScript], spans: Sequence[Sequence[Span]], duration: Fraction, speed: Fraction
 ) -> list[tuple[Fraction, Fraction]]:
-    """Stretches of the video: where each ends [s], simulated, and its speed."""
+    """Returns the stretches of the video: the simulated end of each [s], and its speed."""
     paced = [index for index, script in enumerate(scripts) if any(shot.speed for shot in script.shots)]
     if len({tuple(_stretches(scripts[i], spans[i], duration, speed)) for i in paced}) > 1:
-        raise UsageError("the cameras' scripts ask for different speeds at the same time, and a video has one")
+        raise UsageError("the camera scripts set different speeds at the same time; a video has only one speed")
     if paced:
         return _stretches(scripts[paced[0]], spans[paced[0]], duration, speed)
     return [(min(duration, max(part[-1][1] for part in spans)), speed)]
 
 
 def _check_count(fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> None:
-    """Raises UsageError when the pieces of a video have too many frames together."""
+    """Raises UsageError if the pieces of a video have too many frames in total."""
     starts = [Fraction(0), *(end for end, _ in pieces)]
     lengths = [(end - start) / pace for start, (end, pace) in zip(starts, pieces, strict=False)]
     count = math.ceil(sum(lengths) * fps)
@@ -149,13 +149,13 @@ def _check_count(fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> 
     slowest = pieces[lengths.index(max(lengths))][1]
     raise UsageError(
         f"{option('speed')} {_rounded(slowest)} at {option('fps')} {_rounded(fps)} makes a video of "
-        f"{_rounded(count)} frames; {MOST_FRAMES:,} are the most\n"
-        f"a higher speed, fewer frames per second, or a shorter {option('duration')} makes fewer"
+        f"{_rounded(count)} frames; the maximum is {MOST_FRAMES:,}\n"
+        f"set a higher speed, fewer frames per second or a shorter {option('duration')}"
     )
 
 
 def _rounded(number: Fraction | int) -> str:
-    """A number of any size for a message."""
+    """Formats a number of any size for a message."""
     return f"{Decimal(number.numerator) / Decimal(number.denominator):.4g}"
 
 

@@ -1,6 +1,6 @@
-"""What videos and images share: an image is a video of one frame.
+"""The common part of videos and images: an image is a video of one frame.
 
-While the simulation runs, the state of every frame is kept. The frames are drawn from the states afterwards.
+While the simulation runs, the state of every frame is saved. The frames are rendered from the states afterwards.
 """
 
 from abc import abstractmethod
@@ -15,10 +15,9 @@ import mujoco
 
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
-from mjrun.camera.pose import Pose
-from mjrun.camera.pose_table import PoseTable
+from mjrun.camera.pose import Pose, PoseArray
 from mjrun.camera.script import CameraScript, Event
-from mjrun.errors import OptionPath, concerning
+from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.view import ViewOptions
@@ -28,22 +27,23 @@ from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult,
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.panel_files import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.outputs.scene_decorations import SceneDecorations, scene_decorations
-from mjrun.outputs.view_settings import RENDERERS, check_view, visual_of
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.replay import StateBuffer
 from mjrun.rendering.backend import Backend
-from mjrun.rendering.classic import check_size
+from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.filament import check_segmentation, check_visual, omissions
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
+from mjrun.rendering.segmentation import Segmentation, check_segmentation_name
+from mjrun.rendering.visual import visual_of
 
+RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}
 R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
 @options
 class FrameJob(ViewOptions, Job[R_co]):
-    """A video or an image as the user asks for it."""
+    """A requested video or image."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -51,12 +51,12 @@ class FrameJob(ViewOptions, Job[R_co]):
 
     @property
     def renderer_request(self) -> RendererRequest:
-        """The renderer that it needs."""
+        """The renderer that the output needs."""
         return RendererRequest.of(self)
 
     @property
     def events(self) -> Mapping[OptionPath, Event]:
-        """The events that it waits for in addition to those of shots, by the options that name them."""
+        """Events that the output waits for in addition to those of shots, keyed by option path."""
         return {}
 
     @abstractmethod
@@ -64,23 +64,23 @@ class FrameJob(ViewOptions, Job[R_co]):
         """Schedules the frames.
 
         Args:
-          scripts: of the cameras.
+          scripts: the script of each camera.
 
         Raises:
-          UsageError: an event that does not happen, or an impossible schedule.
+          UsageError: an event does not happen, or the schedule is impossible.
         """
 
 
 @dataclass(frozen=True)
 class FramePlan:
-    """What frames show, with every name resolved in the model.
+    """The content of frames, with every name resolved in the model.
 
     Attributes:
-      plots: values that are plotted.
-      motions: of each camera.
-      overlay: without content; its size is known.
-      conditions: of the events that the schedule depends on.
-      schedule: of the frames; None while events decide.
+      plots: the values to plot.
+      motions: the motion of each camera.
+      overlay: the overlay without content, whose size is known.
+      conditions: the conditions of the events that the schedule depends on.
+      schedule: the schedule of the frames; None if events decide.
     """
 
     job: FrameJob[OutputResult]
@@ -95,15 +95,15 @@ class FramePlan:
 
     @property
     def enable_flags(self) -> int:
-        """Flags of MuJoCo's that must be set for what is measured."""
+        """MuJoCo enable flags that the measured values require."""
         return self.probes.model.opt.enableflags
 
     def size_of(self, file: PanelFile) -> tuple[int, int]:
-        """Width and height of the frames in a file [pixels]."""
+        """Returns width and height of the frames in a file [pixels]."""
         return file.stream(self.job, self.overlay).size_of_frame
 
     def scheduled(self, event_steps: EventSteps) -> FrameSchedule:
-        """The schedule, given the steps at which each condition begins to hold; warns where shots are not seen."""
+        """Schedules the frames, given the onsets of each condition, and warns about shots that are not shown."""
         made = self.job.schedule(self.context, [motion.script for motion in self.motions], event_steps)
         for text in made.warnings:
             self.context.reporter.warn(text)
@@ -113,13 +113,13 @@ class FramePlan:
 def plan_frames(
     job: FrameJob[OutputResult], context: Context, plots: Sequence[str] = (), side: str = "under"
 ) -> FramePlan:
-    """Resolves every name in the model, and schedules the frames unless events decide.
+    """Resolves every name in the model and schedules the frames unless events decide.
 
     Args:
-      plots: values to plot, a graph for each, on this `side`.
+      plots: the values to plot, one graph each, on this `side`.
 
     Raises:
-      UsageError: a missing name, or an invalid value.
+      UsageError: a name is unknown, or a value invalid.
     """
     model = context.model
     with context.simulation.source.named_in_errors():
@@ -140,14 +140,14 @@ def plan_frames(
 
 
 class FrameOutput(Output[R_co]):
-    """A video or an image whose files are open.
+    """A video or an image with open files.
 
     Args:
-      files: that the frames are written to.
-      known: facts about it.
+      files: the files that the frames are written to.
+      known: additional facts for the manifest.
 
     Attributes:
-      states: of each frame, after the simulation.
+      states: the state of each frame, after the simulation.
     """
 
     schedule: FrameSchedule
@@ -190,21 +190,21 @@ class FrameOutput(Output[R_co]):
         return array("d", (float(self._plan.context.timeline.time(step)) for step in self.schedule.steps))
 
     @cached_property
-    def poses(self) -> PoseTable:
-        """Of each frame, of each camera.
+    def poses(self) -> PoseArray:
+        """The poses of every camera for each frame.
 
         Raises:
-          UsageError: a camera is at some time where it is to look.
+          UsageError: a camera coincides at some time with the point that it looks at.
         """
         count = len(self.states)
         cameras = (
             motion.poses((self.states[k] for k in range(count)), self.times, self.schedule.times, spans)
             for motion, spans in zip(self._plan.motions, self.schedule.spans, strict=True)
         )
-        return PoseTable(cameras)
+        return PoseArray(cameras)
 
     def compositor(self, legend: bool = False) -> SceneCompositor:
-        """What draws the frames of all files; `legend` says whether coloured segmentations list what is in view."""
+        """Returns the compositor of all files; with `legend`, coloured segmentations list what is in view."""
         plan, schedule = self._plan, self.schedule
         trail_states = (self._trail_states[k] for k in range(len(self._trail_states)))
         decorations = plan.decorations.decorations(trail_states, self.times)
@@ -215,13 +215,13 @@ class FrameOutput(Output[R_co]):
         return scene_compositor(plan.job, plan.context.model, self._backend, streams, self.poses, decorations)
 
     def open_calibration(self, numbers: bool) -> None:
-        """Opens the calibration file, if one is asked for; `numbers` says whether depth is in 16-bit pictures."""
+        """Opens the calibration file if requested; `numbers` states that depth is stored as 16-bit images."""
         if self._plan.job.calibration is not None:
             self._calibration = DrawingCalibration(self._plan.job, self._plan.motions, self._files, numbers)
             self._stack.enter_context(self._calibration.writer)
 
     def calibrate(self) -> list[OutputWriter]:
-        """Writes the calibration of every frame, and returns the writer, if there is one."""
+        """Writes the calibration of every frame, and returns its writer if calibration was requested."""
         if self._calibration is None:
             return []
         for index, (poses, time) in enumerate(zip(self.poses, self.times, strict=True)):
@@ -229,7 +229,7 @@ class FrameOutput(Output[R_co]):
         return [self._calibration.writer]
 
     def _warnings(self) -> list[str]:
-        """What the renderer will leave out, and options that have no effect."""
+        """Returns warnings about what the renderer omits, and about options without effect."""
         job, context = self._plan.job, self._plan.context
         replay_remarks = context.simulation.replay_remarks(context.model)
         remarks = [text for text in self._plan.decorations.remarks if text not in replay_remarks]
@@ -237,11 +237,32 @@ class FrameOutput(Output[R_co]):
         return [*check_drawing(job, context.model, self._backend), *remarks, *unused]
 
 
-def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMotion]:
-    """The motion of each camera.
+def check_view(options: ViewOptions) -> None:
+    """Checks everything that does not depend on the model.
 
     Raises:
-      UsageError: a name that is not in the model, or a value that cannot be.
+      UsageError: MuJoCo has no such name, a view is repeated, or a depth range is invalid.
+    """
+    visual_of(options)
+    with concerning("seg_by"):
+        check_segmentation_name(options.seg_by)
+    if options.depth_range is not None and options.depth_range[0] < 0:
+        near, far = options.depth_range
+        raise BadValueError(option("depth_range"), f"{near:g}..{far:g}", "two depths in metres, the nearer first")
+    _check_once("camera", options.camera)
+    _check_once("view", options.view)
+
+
+def _check_once(name: str, values: Sequence[object]) -> None:
+    if not values or any(value in values[:index] for index, value in enumerate(values)):
+        raise UsageError(f"{option(name)}: give at least one, and each only once")
+
+
+def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMotion]:
+    """Returns the motion of each camera.
+
+    Raises:
+      UsageError: a name is not in the model, or a value is invalid.
     """
     motions: list[CameraMotion] = []
     for index, camera in enumerate(options.camera):
@@ -260,7 +281,7 @@ def scene_compositor(
     poses: Sequence[Sequence[Pose]],
     decorations: Sequence[Decoration] = (),
 ) -> SceneCompositor:
-    """What draws the frames of `streams`; `poses` are those of each frame, of each camera."""
+    """Returns the compositor that renders `streams`; `poses` holds the poses of every camera for each frame."""
     return SceneCompositor(
         model=model,
         backend=backend,
@@ -277,10 +298,10 @@ def scene_compositor(
 
 
 def check_drawing(options: ViewOptions, model: mujoco.MjModel, backend: Backend) -> list[str]:
-    """Warnings of what the renderer will leave out.
+    """Checks that the renderer can render this, and returns warnings about what it omits.
 
     Raises:
-      UsageError: it cannot draw this, or not that large.
+      UsageError: the renderer does not support these options or this size.
     """
     check_size(options.size, backend, visual_of(options))
     if options.renderer != "filament":

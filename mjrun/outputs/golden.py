@@ -1,4 +1,4 @@
-"""The golden table of a trace: what is measured must agree with it, or becomes it."""
+"""The golden table of a trace: the stored reference that results are compared with, or that they replace."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -22,30 +22,30 @@ if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
 
 KIND = "golden"
-STATED = ("mjrun", "mujoco")  # what a verdict says of the origin in any case
-LISTED = 10  # differences that a message lists
+STATED = ("mjrun", "mujoco")  # facts of the origin that a verdict always states
+LISTED = 10  # maximum number of differences in a message
 
 
 def check_options(options: GoldenOptions) -> None:
-    """Raises UsageError if options of a golden table are given without one, or it has no format that can be read."""
+    """Raises UsageError if golden-table options are set without a table, or if the table's format cannot be read."""
     if options.golden is None:
         useless = [name for name in ("update", "atol", "rtol", "tol") if is_given(options, name)]
         if useless:
-            raise UsageError(f"{option(useless[0])} is about a golden table; which one? give {option('golden')} FILE")
+            raise UsageError(f"{option(useless[0])} requires {option('golden')} FILE")
         return
     input_format(Path(options.golden))
 
 
 def require_golden_table(options: GoldenOptions) -> None:
-    """Raises FileError if there is no golden table, and none is to be made."""
+    """Raises FileError if the golden table does not exist and is not to be created."""
     if options.golden is not None and not options.update and not exists(options.golden):
         raise FileError(
-            options.golden, "there is no such golden table", f"{option('update')} makes it of this simulation"
+            options.golden, "the golden table does not exist", f"{option('update')} creates it from this simulation"
         )
 
 
 def golden_files(options: GoldenOptions) -> list[str]:
-    """The files that an update writes: the golden table, and its manifest where that is beside it."""
+    """Returns the files that an update writes: the golden table, and its manifest if that is a separate file."""
     if options.golden is None or not options.update:
         return []
     beside = sidecar_path(Path(options.golden))
@@ -53,17 +53,17 @@ def golden_files(options: GoldenOptions) -> list[str]:
 
 
 class GoldenTable:
-    """A golden table that is open: to compare with, to be replaced, or both.
+    """An open golden table: to compare with, to replace, or both.
 
     Args:
-      options: with a `golden` one.
-      columns: of the rows that come.
-      facts: what makes them, for the manifest.
-      stack: closes what is open.
+      options: with `golden` set.
+      columns: the columns of the new rows.
+      facts: the facts for the manifest.
+      stack: closes the open files.
 
     Raises:
-      FileError: it cannot be read, or written.
-      UsageError: it has no column in common with the rows, or a tolerance is for none of them.
+      FileError: the table cannot be read or written.
+      UsageError: the table has no column in common with the rows, or a tolerance matches none of them.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class GoldenTable:
         self._path, self._update, self._facts = options.golden, options.update, facts
         self._comparison: GoldenComparison | None = None
         self._table: TableWriter | None = None
-        self._obstacle = ""  # to a comparison with what is replaced
+        self._obstacle = ""  # why there is no comparison with the table that is replaced
         if not self._update or exists(self._path):
             self._compare(options, columns, stack)
         self._writers: list[OutputWriter] = []
@@ -85,18 +85,18 @@ class GoldenTable:
                 self._writers.append(stack.enter_context(SidecarWriter(self._table, beside, facts)))
 
     def write(self, values: np.ndarray) -> None:
-        """Takes rows, float64 `(n, columns)`."""
+        """Compares and writes rows, float64 `(n, columns)`."""
         if self._comparison:
             self._comparison.add(values)
         if self._table:
             self._table.write(values)
 
     def finish(self, source: str, *, replace: bool) -> "tuple[DiffResult, list[OutputWriter]]":
-        """What the comparison comes to, and what there is to publish.
+        """Completes the comparison, and returns it with the writers that are ready to publish.
 
         Args:
-          source: what the simulation is called.
-          replace: whether the rows are worth a golden table, if one is to be made.
+          source: the name of the simulation.
+          replace: whether the rows may become the golden table if an update is requested.
         """
         from mjrun.diff.provenance import provenance_notes
         from mjrun.diff.result import DiffResult, GoldenFacts
@@ -135,7 +135,7 @@ def _rest(manifest: Mapping[str, object]) -> dict[str, object]:
 
 
 def difference_message(result: "DiffResult") -> str:
-    """What differs from a golden table, in a few lines."""
+    """Lists the differences from a golden table in a few lines."""
     from mjrun.diff.sentences import golden_versions
 
     assert result.golden

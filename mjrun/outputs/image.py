@@ -1,4 +1,4 @@
-"""An image: a video of one frame, whose pixels may be numbers."""
+"""Image output: a video of one frame, whose pixels may be numbers."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -18,19 +18,10 @@ from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.model.rendered_view import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
+from mjrun.outputs import output
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.frames import FrameJob, FrameOutput, FramePlan, plan_frames
-from mjrun.outputs.output import (
-    Context,
-    EventSteps,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-    SharedRendering,
-    metadata_tags,
-)
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.panel_files import PanelFile, camera_names, output_files, panel_files
 from mjrun.rendering.compositor import SceneCompositor
@@ -38,7 +29,8 @@ from mjrun.rendering.segmentation import Segmentation
 from mjrun.simulation.simulation import require_countable
 from mjrun.timeline import Timeline, nearest
 
-POINTCLOUD_VIEWS = ("rgb", "depth")  # what a point cloud is made of
+POINTCLOUD_VIEWS = ("rgb", "depth")  # the views that a point cloud is made from
+COLOUR_SUFFIXES = (".jpg", ".jpeg", ".webp")  # of formats that hold colours only
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 
 
@@ -46,8 +38,8 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 class Image(ImageOptions, FrameJob["ImageResult"]):
     """An image of one instant of a simulation: its options are keywords.
 
-    How long the simulation lasts does not matter, unless an event is waited for. Depth and segmentation are numbers
-    where the file can hold them and shows nothing else.
+    The duration of the simulation matters only if the output waits for an event. Depth and segmentation are stored as
+    numbers if the file format can hold them and the image shows nothing else.
     """
 
     @property
@@ -59,7 +51,7 @@ class Image(ImageOptions, FrameJob["ImageResult"]):
         """The files with their formats.
 
         Raises:
-          UsageError: a format that cannot hold the image.
+          UsageError: a format cannot hold the image.
         """
         return [_image_file(self, file) for file in panel_files(self, self.output)]
 
@@ -71,38 +63,40 @@ class Image(ImageOptions, FrameJob["ImageResult"]):
         """Checks the formats.
 
         Raises:
-          UsageError: a format that cannot hold the image.
+          UsageError: a format cannot hold the image.
         """
         _ = self.formatted_files
 
-    def schedule(self, context: Context, scripts: Sequence[CameraScript], event_steps: EventSteps) -> FrameSchedule:
+    def schedule(
+        self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
+    ) -> FrameSchedule:
         step = _step(self, context.timeline, event_steps)
         return image_schedule(scripts, context.timeline, step, event_steps)
 
-    def plan(self, context: Context) -> "Plan[ImageResult]":
-        """Resolves every name in the model, and the step, unless events decide."""
+    def plan(self, context: output.Context) -> "output.Plan[ImageResult]":
+        """Resolves every name in the model, and the step unless events decide."""
         frames, file = plan_frames(self, context), self.formatted_files[0]
         when = "at an event" if frames.schedule is None else f"at {frames.schedule.times[0]:g} s"
         until = context.timeline.steps if frames.schedule is None else frames.schedule.steps[0]
         about = f"{file.format}, {when}, {' and '.join(camera_names(self))}"
-        preview = Preview("image", self.output, 1, "image", frames.size_of(file), about)
-        return Plan(preview, until, partial(ImageOutput, self, frames), frames.enable_flags, frames.conditions)
+        preview = output.Preview("image", self.output, 1, "image", frames.size_of(file), about)
+        return output.Plan(preview, until, partial(ImageOutput, self, frames), frames.enable_flags, frames.conditions)
 
 
 @dataclass(frozen=True)
-class ImageResult(OutputResult):
-    """What image was made.
+class ImageResult(output.OutputResult):
+    """The result of an image output.
 
     Attributes:
-      path: where it is; `-` is standard output.
+      path: path of the image; `-` is standard output.
       paths: all files, labels included.
-      format: how it is written.
-      size: width and height of the picture [pixels].
+      format: name of the format.
+      size: width and height of the image [pixels].
       time, step: the instant [s].
-      clipped: the share of what is seen whose depth the format cannot hold.
-      renderer, gl, software: what drew, by OpenGL's own name; the backend; whether it is a CPU.
-      wall: wall time of all [s].
-      warnings: MuJoCo's.
+      clipped: the share of the visible pixels whose depth exceeds the format's range.
+      renderer, gl, software: OpenGL's name for the renderer; the backend; whether a CPU renders.
+      wall: total wall time [s].
+      warnings: MuJoCo's warnings.
     """
 
     paths: Sequence[str]
@@ -123,8 +117,8 @@ class ImageFile(PanelFile):
     """A file of an image.
 
     Attributes:
-      format: how it is written.
-      view: what its pixels are: `depth`, `seg`, or `rgb` for anything coloured.
+      format: name of the format.
+      view: content of the pixels: `depth`, `seg`, or `rgb` for colours of any view.
     """
 
     format: str = field(kw_only=True)
@@ -135,15 +129,15 @@ class ImageFile(PanelFile):
 
 
 class ImageOutput(FrameOutput[ImageResult]):
-    """An image whose files are open."""
+    """An image with open files."""
 
-    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, rendering: SharedRendering) -> None:
+    def __init__(self, job: Image, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
         files = job.formatted_files
         super().__init__(plan, files, {}, stack, rendering)
         self._job = job
         self._writers: list[ImageWriter] = []
         for file in files:
-            size, tags = plan.size_of(file), metadata_tags(file.target, self.facts)
+            size, tags = plan.size_of(file), output.metadata_tags(file.target, self.facts)
             writer = ImageWriter(file.target, file.view, file.format, size, tags)
             self._writers.append(stack.enter_context(writer))
         self.open_calibration(numbers=any(file.view == "depth" and file.format == "png" for file in files))
@@ -166,11 +160,11 @@ class ImageOutput(FrameOutput[ImageResult]):
         for writer in writers:
             writer.finish()
         if self._clipped:
-            text = f"{self._clipped:.2%} of what is seen is farther than 65.535 m, the most that 16 bits hold"
+            text = f"{self._clipped:.2%} of the visible pixels are beyond 65.535 m, the limit of 16-bit depth"
             self._reporter.warn(text)
         return writers
 
-    def result(self, files: Sequence[Path], summary: PassSummary) -> ImageResult:
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> ImageResult:
         backend = self._backend
         return ImageResult(
             path=self._job.output,
@@ -192,7 +186,7 @@ class ImageOutput(FrameOutput[ImageResult]):
         return max(writer.clipped for writer in self._writers)
 
     def _pictures(self, compositor: SceneCompositor) -> list[RenderedView]:
-        """What each camera sees."""
+        """Renders the view of each camera."""
         job, state = self._job, self.states[0]
         try:
             compositor.open()
@@ -203,7 +197,7 @@ class ImageOutput(FrameOutput[ImageResult]):
             compositor.close()
 
     def _write(self, index: int, compositor: SceneCompositor, pictures: Sequence[RenderedView]) -> None:
-        """Writes a file, by its index."""
+        """Writes the file with this index."""
         file, writer = self._job.formatted_files[index], self._writers[index]
         picture = pictures[file.panels[0].camera]
         if file.view == "depth":
@@ -217,25 +211,23 @@ class ImageOutput(FrameOutput[ImageResult]):
 
 
 def _image_file(job: Image, file: PanelFile) -> ImageFile:
-    """A file with its format: numbers where a lone view is to be, or can be, written as such."""
+    """Chooses the format of a file: numbers if a single view is, or can be, stored as such."""
     if Path(file.path).suffix.lower() in VIDEO_SUFFIXES:
-        raise UsageError(f"{clean(file.path)} would be a video; this draws one instant\n`mjrun video` makes videos")
+        raise UsageError(f"{clean(file.path)} is a video, but an image shows one instant\n`mjrun video` makes videos")
     if len(file.panels) > 1 and job.style == "exact":
         exact_style = f"{option('style')} exact"
-        raise UsageError(f"{exact_style}: numbers cannot share a picture; add {option('separate')} for a file each")
+        raise UsageError(f"{exact_style}: numbers cannot share an image; {option('separate')} writes a file for each")
     alone = len(file.panels) == 1 and file.panels[0].view != "rgb"
-    exact = alone and (job.style == "exact" or (job.style is None and not _holds_only_colours(file.path)))
+    exact = alone and (
+        job.style == "exact" or (job.style is None and Path(file.path).suffix.lower() not in COLOUR_SUFFIXES)
+    )
     view = file.panels[0].view if exact else "rgb"
-    hint = f"{option('style')} color draws colours for the eye" if exact else ""
+    hint = f"{option('style')} color renders colours instead" if exact else ""
     return ImageFile(file.path, file.panels, exact, format=image_format(file.target, view, job.format, hint))
 
 
-def _holds_only_colours(path: str) -> bool:
-    return Path(path).suffix.lower() in (".jpg", ".jpeg", ".webp")
-
-
-def _step(job: Image, timeline: Timeline, event_steps: EventSteps) -> int:
-    """The step that is drawn."""
+def _step(job: Image, timeline: Timeline, event_steps: output.EventSteps) -> int:
+    """Returns the step that the image shows."""
     if job.step is not None:
         require_countable(job.step, "step")
         return job.step

@@ -1,4 +1,4 @@
-"""A keyframe: the model's XML with an instant of a simulation in it, to start from."""
+"""Keyframe output: the model's XML with an instant of the simulation added as a keyframe."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -14,17 +14,7 @@ from mjrun.model.keyframe_text import key_names
 from mjrun.model.names import names
 from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions
-from mjrun.outputs.output import (
-    Context,
-    EventSteps,
-    Job,
-    Output,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-    SharedRendering,
-)
+from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.timeline import nearest
@@ -33,8 +23,8 @@ SUFFIX = ".xml"
 
 
 @options
-class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
-    """A keyframe of an instant of a simulation, in the model's XML: its options are keywords."""
+class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
+    """A keyframe with an instant of a simulation, saved in the model's XML: its options are keywords."""
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -42,41 +32,39 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
 
     @property
     def rewritten_inputs(self) -> Sequence[str]:
-        """The model, which may get the keyframe itself."""
+        """The model file, which may be replaced by one with the keyframe."""
         return [self.output]
 
     def check(self) -> None:
-        """Checks the names of the file and of the key, and whether the model has XML.
+        """Checks the file name, the key name, and that the model has XML.
 
         Raises:
-          UsageError: the output is no .xml file, or the model has no XML of its own.
+          UsageError: the output is not an .xml file, or the model has no XML file.
         """
         if Path(self.output).suffix != SUFFIX:
             raise UsageError(
-                f"{option('save_key')} {clean(self.output)}: a keyframe is saved in the model's XML, an {SUFFIX} file",
+                f"{option('save_key')} {clean(self.output)}: keyframes are saved as XML; give an {SUFFIX} file",
                 path=("output",),
             )
         if not self.name.strip():
-            raise UsageError(f"{option('save_key')}: a keyframe needs a name to start from it", path=("name",))
+            raise UsageError(f"{option('save_key')}: the keyframe needs a name", path=("name",))
         self._main_file()
 
     def _main_file(self) -> Path:
-        """The file that the keyframe is added to."""
+        """Returns the file that the keyframe is added to."""
         source = self.simulation.source
         main = source.main_file
         if main is None or main.suffix != SUFFIX:
             model = clean(source.text) or "a compiled model"
-            raise UsageError(
-                f"{option('save_key')}: {model} has no {SUFFIX} file of its own that a keyframe could stand in"
-            )
+            raise UsageError(f"{option('save_key')}: {model} has no {SUFFIX} file to add a keyframe to")
         return main
 
-    def plan(self, context: Context) -> "Plan[KeyframeResult]":
-        """Reads the XML, and finds a place in it.
+    def plan(self, context: output.Context) -> "output.Plan[KeyframeResult]":
+        """Reads the XML and finds the place for the key.
 
         Raises:
           FileError: the model cannot be read.
-          UsageError: the XML cannot hold the key.
+          UsageError: the key cannot be added to the XML.
         """
         model, file = context.model, self._main_file()
         try:
@@ -85,11 +73,11 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
         except OSError as error:
             raise FileError(file, f"cannot be read: {error.strerror or error}") from None
         except ValueError as error:
-            raise UsageError(f"{option('save_key')}: {clean(str(file))} cannot take a key: {error}") from None
+            raise UsageError(f"{option('save_key')}: cannot add a key to {clean(str(file))}: {error}") from None
         if self.name in names(model, "keyframe") and self.name not in written:
             raise UsageError(
-                f"{option('save_key')}: the model has a keyframe {quoted(self.name)} in a file that it includes\n"
-                f"give another name, as in {clean(self.output)}:NAME",
+                f"{option('save_key')}: keyframe {quoted(self.name)} already exists in a file that the model includes\n"
+                f"choose another name, as in {clean(self.output)}:NAME",
                 path=("name",),
             )
 
@@ -98,21 +86,21 @@ class Keyframe(KeyframeOptions, Job["KeyframeResult"]):
             step = timeline.steps if self.time is None else nearest(self.time / timeline.timestep)
         numbers = 1 + model.nq + model.nv + model.na + model.nu + 7 * model.nmocap
         about = f"{clean(self.name)}, {numbers} numbers"
-        preview = Preview("keyframe", self.output, 1, "key", [numbers], about)
-        return Plan(preview, step, partial(KeyframeOutput, self, context, step, file, xml))
+        preview = output.Preview("keyframe", self.output, 1, "key", [numbers], about)
+        return output.Plan(preview, step, partial(KeyframeOutput, self, context, step, file, xml))
 
 
 @dataclass(frozen=True)
-class KeyframeResult(OutputResult):
-    """What keyframe was saved.
+class KeyframeResult(output.OutputResult):
+    """The result of a keyframe output.
 
     Attributes:
-      path: the file.
-      name: of the key.
-      time: simulated time [s] at which it is.
-      step: the same as a step.
-      wall: wall time of all [s].
-      warnings: MuJoCo's.
+      path: path of the file.
+      name: name of the key.
+      time: simulated time of the key [s].
+      step: step of the key.
+      wall: total wall time [s].
+      warnings: MuJoCo's warnings.
     """
 
     name: str
@@ -122,23 +110,23 @@ class KeyframeResult(OutputResult):
     warnings: Sequence[str]
 
 
-class KeyframeOutput(Output[KeyframeResult]):
-    """A keyframe whose file is open.
+class KeyframeOutput(output.Output[KeyframeResult]):
+    """A keyframe with an open file.
 
     Args:
-      step: the instant that it holds.
-      source, xml: the main file of the model, and its content.
+      step: the instant to save.
+      source, xml: the main file of the model and its content.
     """
 
     def __init__(
         self,
         job: Keyframe,
-        context: Context,
+        context: output.Context,
         step: int,
         source: Path,
         xml: bytes,
         stack: ExitStack,
-        _: SharedRendering,
+        _: output.SharedRendering,
     ) -> None:
         self._job, self._context, self._step = job, context, step
         self._state = np.empty(0)
@@ -146,11 +134,11 @@ class KeyframeOutput(Output[KeyframeResult]):
         if origin.overrides:
             model = replace(origin, overrides=()).load()
             overrides = listing([str(override) for override in origin.overrides])
-            context.reporter.warn(f"{job.output} has the model as it was: {overrides} is not in it")
+            context.reporter.warn(f"{job.output} holds the model without its overrides: {overrides} is left out")
         self.facts = context.facts(job)
         self._writer = stack.enter_context(KeyframeWriter(job.output, source, xml, job.name, model))
 
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return [Tap([self._step], lambda stepper: stepper.state(), self._take)]
 
     def finish(self) -> Sequence[KeyframeWriter]:
@@ -159,7 +147,7 @@ class KeyframeOutput(Output[KeyframeResult]):
         self._writer.finish()
         return [self._writer]
 
-    def result(self, files: Sequence[Path], summary: PassSummary) -> KeyframeResult:
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> KeyframeResult:
         return KeyframeResult(
             path=self._job.output,
             name=self._job.name,

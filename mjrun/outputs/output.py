@@ -1,7 +1,7 @@
 """An output in two phases: a plan, with everything checked and nothing open, and an output, whose files are open.
 
-A *job* is an output as the user asks for it. Its *plan* knows the model: every name is resolved, every number checked.
-An *output* observes the simulation through its taps. `finish` completes its files, which are then left to publish.
+A *job* is an output as requested. Its *plan* knows the model: every name is resolved, every number checked.
+An *output* observes the simulation through its taps. `finish` completes its files, which can then be published.
 """
 
 from abc import ABC, abstractmethod
@@ -30,11 +30,10 @@ from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
     from mjrun.options.view import ViewOptions
-    from mjrun.rendering.backend import Backend
-    from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+    from mjrun.rendering.backend import Backend, BackendDetection
     from mjrun.rendering.workers import PainterProcesses
 
-# Of each condition, the steps at which it begins to hold.
+# The steps at which each condition becomes true.
 EventSteps = Mapping[str, Sequence[int]]
 
 
@@ -43,7 +42,7 @@ class OutputResult:
     """The result of an output.
 
     Attributes:
-      path: of the output; `-` is standard output.
+      path: path of the output; `-` is standard output.
       episode: the result of the policy's episode; None without a policy.
     """
 
@@ -56,7 +55,7 @@ R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 @dataclass(frozen=True)
 class Context:
-    """What the outputs of one pass have in common."""
+    """The simulation that the outputs of one pass share."""
 
     simulation: Simulation
     model: mujoco.MjModel
@@ -65,25 +64,25 @@ class Context:
 
     @property
     def episode(self) -> EpisodeColumns | None:
-        """The columns that can be measured in addition where a policy acts."""
+        """Additional columns that can be measured if a policy acts."""
         return self.simulation.episode.columns if self.simulation.episode else None
 
     def facts(self, job: object, timeline: Timeline | None = None) -> dict[str, object]:
-        """The facts about an output for its manifest: what makes it, in the whole `timeline` or part of it."""
+        """Returns the facts for an output's manifest: its origin, in the whole `timeline` or part of it."""
         return {**origin(job, self.simulation, self.model, timeline or self.timeline)}
 
 
 @dataclass(frozen=True)
 class Preview:
-    """A description of an output that will be made.
+    """A description of an output before it is made.
 
     Attributes:
       kind: `video`, `image`, `trace`, `plot`, `recording` or `keyframe`.
-      path: of the output.
-      count: frames, images, rows, samples or states; None while an event decides.
-      unit: what is counted.
-      size: width and height [pixels], or columns alone.
-      about: what else there is to know, in words.
+      path: path of the output.
+      count: number of frames, images, rows, samples or states; None if an event decides.
+      unit: noun for what is counted.
+      size: width and height [pixels], or the number of columns.
+      about: further details, in words.
     """
 
     kind: str
@@ -96,7 +95,7 @@ class Preview:
 
 @dataclass(frozen=True)
 class PassSummary:
-    """What is known at the end of a pass: wall time of all and of the simulation [s], and MuJoCo's warnings."""
+    """Facts at the end of a pass: wall time of everything and of the simulation [s], and MuJoCo's warnings."""
 
     wall: float
     simulation_wall: float
@@ -105,7 +104,7 @@ class PassSummary:
 
 @dataclass(frozen=True)
 class RendererRequest:
-    """A renderer, as options ask for it: `classic` by an OpenGL backend, or `filament` by Vulkan."""
+    """A requested renderer: `classic` with an OpenGL backend, or `filament` with Vulkan."""
 
     renderer: str
     gl: str | None
@@ -113,21 +112,21 @@ class RendererRequest:
 
     @classmethod
     def of(cls, options: "ViewOptions") -> "RendererRequest":
-        """What `options` ask for."""
+        """Returns the request in view options."""
         return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
 
-    def detection(self) -> "BackendDetection | VulkanDetection":
-        """Starts to try what can draw."""
-        from mjrun.rendering.backend_detection import BackendDetection, VulkanDetection
+    def detection(self) -> "BackendDetection":
+        """Starts the detection of a working backend."""
+        from mjrun.rendering.backend import BackendDetection, VulkanDetection
 
         return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
 
 class SharedRendering(Closable):
-    """Detects each backend once and starts each worker process once, for all outputs of a pass. To be closed."""
+    """The renderers of a pass, which detects each backend and starts each worker process only once. To be closed."""
 
     def __init__(self) -> None:
-        self._detections: dict[RendererRequest, BackendDetection | VulkanDetection] = {}
+        self._detections: dict[RendererRequest, BackendDetection] = {}
         self._backends: dict[RendererRequest, Backend] = {}
         self._workers: PainterProcesses | None = None
 
@@ -135,17 +134,17 @@ class SharedRendering(Closable):
         """Starts the detection in a child process, so that it runs while the model loads.
 
         Raises:
-          UnknownNameError: no such backend.
-          NoRendererError: rendering is switched off by MUJOCO_GL.
+          UnknownNameError: the backend is unknown.
+          NoRendererError: MUJOCO_GL switches rendering off.
         """
         if choice not in self._detections:
             self._detections[choice] = choice.detection()
 
     def backend(self, choice: RendererRequest) -> "Backend":
-        """The backend that was detected.
+        """Returns the detected backend.
 
         Raises:
-          RendererError: there is none.
+          RendererError: no backend works.
         """
         if choice not in self._backends:
             self.detect(choice)
@@ -153,10 +152,10 @@ class SharedRendering(Closable):
         return self._backends[choice]
 
     def workers(self, count: int) -> "PainterProcesses":
-        """At least `count` processes that draw, started without waiting for them.
+        """Returns at least `count` rendering processes, started without waiting for them.
 
         Raises:
-          DrawError: they cannot be started.
+          DrawError: the processes cannot be started.
         """
         from mjrun.rendering.compositor import SceneCompositor
         from mjrun.rendering.workers import PainterProcesses
@@ -168,7 +167,7 @@ class SharedRendering(Closable):
         return self._workers
 
     def close(self) -> None:
-        """Ends the workers, and detections that are still running."""
+        """Ends the workers and any detection that is still running."""
         if self._workers:
             self._workers.close()
         for detection in self._detections.values():
@@ -176,12 +175,12 @@ class SharedRendering(Closable):
 
 
 class Output(ABC, Generic[R_co]):
-    """An output whose files are open, which proves that they can be written.
+    """An output with open files, which proves that they can be written.
 
     Attributes:
-      facts: for the manifest.
-      failed_assertions: messages of the assertions that do not hold, once it is finished.
-      golden_differences: messages that say how the output differs from a golden table, once it is finished.
+      facts: facts for the manifest.
+      failed_assertions: messages of failed assertions, once finished.
+      golden_differences: messages about differences from a golden table, once finished.
     """
 
     facts: Mapping[str, object]
@@ -190,13 +189,13 @@ class Output(ABC, Generic[R_co]):
 
     @abstractmethod
     def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
-        """Returns what it takes from the simulation; called once.
+        """Returns the taps that observe the simulation; called once.
 
         Args:
-          event_steps: of the conditions of its plan.
+          event_steps: steps of the conditions of its plan.
 
         Raises:
-          UsageError: an event that it waits for does not happen.
+          UsageError: an event that the output waits for does not happen.
         """
 
     def simulate(self, stepper: Stepper, until: int) -> None:
@@ -205,7 +204,7 @@ class Output(ABC, Generic[R_co]):
 
     @abstractmethod
     def finish(self) -> Sequence[OutputWriter]:
-        """Completes and verifies everything, after the simulation, and returns the writers, which are left to publish.
+        """Completes and verifies all files after the simulation, and returns the writers, which remain to be published.
 
         Raises:
           MjrunError: the output cannot be completed.
@@ -213,23 +212,23 @@ class Output(ABC, Generic[R_co]):
 
     @abstractmethod
     def result(self, files: Sequence[Path], summary: PassSummary) -> R_co:
-        """Returns the result, once the files are published."""
+        """Returns the result once the files are published."""
 
     def remarks(self) -> Sequence[str]:
-        """Returns warnings about what is published."""
+        """Returns warnings about the published files."""
         return ()
 
 
 @dataclass(frozen=True)
 class Plan(Generic[R_co]):
-    """An output of a model, with every name resolved and every number checked; nothing is open yet.
+    """An output for a model, with every name resolved and every number checked; nothing is open yet.
 
     Attributes:
-      preview: describes it.
-      until: the last step that it needs.
-      open: opens the files, of which the stack discards those that are not published, and starts what draws.
-      enable_flags: flags of MuJoCo's that must be set for what it measures.
-      conditions: of the events that it waits for.
+      preview: description of the output.
+      until: the last step that the output needs.
+      open: opens the files, whose unpublished ones the stack discards, and starts the renderers.
+      enable_flags: MuJoCo enable flags that the measured values require.
+      conditions: conditions of the events that the output waits for.
     """
 
     preview: Preview
@@ -241,7 +240,7 @@ class Plan(Generic[R_co]):
 
 @options
 class Job(OutputOptions, ABC, Generic[R_co]):
-    """An output as the user asks for it: a simulation, and the options of its kind."""
+    """A requested output: a simulation and the options of one kind of output."""
 
     simulation: Simulation = field(kw_only=False)
 
@@ -252,35 +251,35 @@ class Job(OutputOptions, ABC, Generic[R_co]):
     @property
     @abstractmethod
     def files(self) -> Sequence[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
+        """Every file that is written, with its role."""
 
     @property
     def inputs(self) -> Sequence[tuple[str, str]]:
-        """Every file that it reads in addition to those of the simulation, with what it is."""
+        """Every file that is read in addition to those of the simulation, with its role."""
         return ()
 
     @property
     def rewritten_inputs(self) -> Sequence[str]:
-        """Those of its files that may replace files that the simulation reads."""
+        """Written files that may replace files that the simulation reads."""
         return ()
 
     @property
     def renderer_request(self) -> RendererRequest | None:
-        """The renderer that it needs, if it draws: worth detecting while the model loads."""
+        """The renderer that the output needs, if any; detected while the model loads."""
         return None
 
     @property
     def keeps_partial(self) -> bool:
-        """Whether it is worth publishing when the simulation becomes unstable."""
+        """True if the output is published even when the simulation becomes unstable."""
         return False
 
     def run(self, reporter: Reporter | None = None) -> R_co:
-        """Makes the output. What can fail early fails before the first step.
+        """Makes the output. Errors that can be detected early are raised before the first step.
 
         Raises:
-          FailedAssertionError: an assertion of a trace does not hold; its table is published all the same.
-          GoldenDifferenceError: a trace differs from its golden table; its own is published all the same.
-          MjrunError: nothing was published, unless `keep_partial`, and existing outputs are untouched.
+          FailedAssertionError: an assertion of a trace fails; its table is published nevertheless.
+          GoldenDifferenceError: a trace differs from its golden table; the trace is published nevertheless.
+          MjrunError: nothing was published unless `keep_partial` is set, and existing outputs are unchanged.
         """
         from mjrun.outputs.perform import perform  # which imports this
 
@@ -290,7 +289,7 @@ class Job(OutputOptions, ABC, Generic[R_co]):
         """Checks everything that does not depend on the model.
 
         Raises:
-          UsageError: a format that cannot hold the output, or an invalid value.
+          UsageError: a format cannot hold the output, or a value is invalid.
         """
         return
 
@@ -299,12 +298,12 @@ class Job(OutputOptions, ABC, Generic[R_co]):
         """Resolves every name in the model and checks every number.
 
         Raises:
-          UsageError: a missing name, or an invalid value.
+          UsageError: a name is unknown, or a value is invalid.
         """
 
 
 def metadata_tags(path: str | None, facts: Mapping[str, object]) -> dict[str, str]:
-    """What is embedded in a video or picture: its title, what made it, and all `facts` about it as JSON."""
+    """Returns the tags embedded in a video or image: its title, its maker, and all `facts` as JSON."""
     made_by = [f"mjrun {facts['mjrun']}", f"MuJoCo {facts['mujoco']}"]
     if "renderer" in facts:
         made_by.append(str(facts["renderer"]))

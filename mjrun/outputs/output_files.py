@@ -1,4 +1,4 @@
-"""The files of a pass: no two outputs are the same file, and none is an input."""
+"""The files of a pass: no two outputs share a file, and no output overwrites an input."""
 
 import os
 import re
@@ -7,40 +7,40 @@ from pathlib import Path
 
 from mjrun.errors import UsageError, clean
 
-_NUMBER = re.compile(r"%[0-9]*d")  # of a frame, in a pattern such as frame_%04d.png
+_NUMBER = re.compile(r"%[0-9]*d")  # the frame number in a pattern such as frame_%04d.png
 
 
 def named_files(**paths: str | None) -> list[tuple[str, str]]:
-    """Files by what they are, without those that are not asked for."""
+    """Returns pairs of role and path, without files that are not requested."""
     return [(name, path) for name, path in paths.items() if path is not None]
 
 
 class ReservedFiles:
-    """Files that are read or written already."""
+    """Paths that are already read or written."""
 
     def __init__(self) -> None:
-        self._owners: dict[Path, str] = {}  # of files
-        self._below: dict[Path, str] = {}  # owners of something in these folders
+        self._owners: dict[Path, str] = {}  # by file
+        self._below: dict[Path, str] = {}  # owners of a file below each folder
         self._patterns: list[tuple[re.Pattern[str], str]] = []
 
     def reserve(self, path: str | Path, owner: str) -> None:
-        """Reserves a file, a folder or a pattern of frames; messages call it `owner`. `-` is no file.
+        """Reserves a file, a folder or a frame pattern; messages call it `owner`. `-` is ignored.
 
         Raises:
-          UsageError: it is reserved, lies in a folder of frames, or is a folder with a reserved file in it.
+          UsageError: it is reserved, lies in a frame folder, or is a folder that contains a reserved file.
         """
         if path == "-":
             return
         file = Path(os.path.realpath(path))
         other = next(self._conflicts(file), None)
         if other:
-            raise UsageError(f"{clean(str(path))} clashes with {other}; each output needs a file of its own")
+            raise UsageError(f"{clean(str(path))} clashes with {other}; each output needs a separate file")
         self._add(file, owner)
         if frame := _frame(file):
             self._patterns.append((frame, owner))
 
     def reserve_input(self, path: str | Path, owner: str) -> None:
-        """Reserves a file that is read, by another name too perhaps: a link to it, say."""
+        """Reserves a file that is read, resolving links."""
         self._add(Path(os.path.realpath(path)), owner)
 
     def _add(self, file: Path, owner: str) -> None:
@@ -48,7 +48,7 @@ class ReservedFiles:
         self._below.update(dict.fromkeys(file.parents, owner))
 
     def _conflicts(self, file: Path) -> Iterator[str]:
-        """Owners of `file`, of something in it as in a folder, or of the folder that it is in."""
+        """Yields the owners of `file`, of files below it, and of the folders that contain it."""
         if file in self._below:
             yield self._below[file]
         yield from (self._owners[path] for path in (file, *file.parents) if path in self._owners)
@@ -58,12 +58,12 @@ class ReservedFiles:
 
 
 def _first(file: Path) -> str:
-    """The path of a file, or of a frame if it is a pattern."""
+    """Returns the path of a file; for a frame pattern, that of its first frame."""
     return str(file.parent / _NUMBER.sub("0", file.name, count=1))
 
 
 def _frame(file: Path) -> re.Pattern[str] | None:
-    """What matches the frames of a pattern."""
+    """Returns the expression that matches the frames of a pattern; None if the path is not a pattern."""
     if not _NUMBER.search(file.name):
         return None
     before, after = (re.escape(part) for part in _NUMBER.split(file.name, maxsplit=1))

@@ -1,4 +1,4 @@
-"""Values written over frames and plotted beside them, measured at the instants that the frames show.
+"""Values shown over frames and plotted beside them, measured at the instants of the frames.
 
 The text over frames is a template: time, speed and measured values in braces.
 """
@@ -19,7 +19,7 @@ from mjrun.rendering.compositor import Overlay
 from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.timeline import Timeline
 
-# Values of each table at one frame.
+# The values of each table at one frame.
 FrameValues = Sequence[np.ndarray]
 BUILTIN = {"time": ".2f", "frame": "d", "step": "d", "speed": "g"}
 DEFAULT_FORMAT = ".4g"
@@ -27,7 +27,7 @@ DEFAULT_FORMAT = ".4g"
 
 @dataclass(frozen=True)
 class TemplatePart:
-    """Literal text, then a value by name and format, if there is one."""
+    """Literal text, then a value by name and format, if any."""
 
     literal: str
     name: str = ""
@@ -42,11 +42,11 @@ class Template:
 
     @property
     def columns(self) -> list[str]:
-        """The columns that it shows, each once."""
+        """The columns that the text shows, without duplicates."""
         return list(dict.fromkeys(part.name for part in self.parts if part.name and part.name not in BUILTIN))
 
     def filled(self, values: Mapping[str, float]) -> str:
-        """The text with `values` by name."""
+        """Returns the text with `values` inserted by name."""
         texts: list[str] = []
         for part in self.parts:
             value = format(values[part.name], part.form) if part.name else ""
@@ -56,12 +56,12 @@ class Template:
 
 @dataclass(frozen=True)
 class OverlayProbes:
-    """Measures the values in a text and in plots.
+    """The measurement of the values in a text and in plots.
 
     Attributes:
       text: the template.
-      tables: its columns, then those of each plot.
-      model: with everything switched on that they measure.
+      tables: the columns of the text, then those of each plot.
+      model: the model with all flags enabled that the measured values require.
     """
 
     text: Template
@@ -70,11 +70,11 @@ class OverlayProbes:
 
     @property
     def idle(self) -> bool:
-        """Whether there is nothing to measure."""
+        """True if nothing is measured."""
         return all(len(table.columns) == 1 for table in self.tables)
 
     def read(self, stepper: Stepper) -> list[np.ndarray]:
-        """The values of each table at the instant where `stepper` stands."""
+        """Returns the values of each table at the stepper's instant."""
         return [table.read(stepper).values for table in self.tables]
 
     def overlay(
@@ -85,11 +85,11 @@ class OverlayProbes:
         speeds: Sequence[float],
         timeline: Timeline,
     ) -> Overlay:
-        """`empty` with its texts and graphs.
+        """Returns `empty` with its texts and graphs.
 
         Args:
-          rows: what was read at each frame; empty when there is nothing to measure.
-          steps, speeds: of each frame.
+          rows: the values read at each frame; empty if nothing is measured.
+          steps, speeds: step and speed of each frame.
         """
         times = [float(timeline.time(step)) for step in steps]
         texts = self._texts(rows, steps, times, speeds) if self.text.parts else []
@@ -112,20 +112,20 @@ class OverlayProbes:
 
 
 def parse_template(text: str, columns: Sequence[str]) -> Template:
-    """The template in `text`.
+    """Parses a template.
 
     Args:
-      columns: those that can be measured.
+      columns: the columns that can be measured.
 
     Raises:
-      UnknownNameError: a value that is none of them.
-      UsageError: a brace that does not close, or a format that no number has.
+      UnknownNameError: a value is unknown.
+      UsageError: a brace is not closed, or a format does not suit numbers.
     """
     try:
         parsed = list(string.Formatter().parse(text.replace("\\n", "\n")))
     except ValueError as error:
         raise UsageError(
-            f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}}, and a brace as {{{{"
+            f"{option('text')} {quoted(text)}: {error}\nwrite a value as {{time:.2f}} and a brace as {{{{"
         ) from None
     valid = [*BUILTIN, *columns]
     return Template([_part(literal, name, form, valid) for literal, name, form, _ in parsed])
@@ -153,11 +153,11 @@ def overlay_probes(
     plots: Sequence[str] = (),
     episode: EpisodeColumns | None = None,
 ) -> OverlayProbes:
-    """What measures the values in `text` and those of each of `plots`.
+    """Returns the probes for the values in `text` and in each of `plots`.
 
     Raises:
-      UnknownNameError: a value that cannot be measured.
-      UsageError: a plot of nothing.
+      UnknownNameError: a value cannot be measured.
+      UsageError: a plot selects no column.
     """
     with concerning("text"):
         columns = [column.name for column in available_columns(model, episode)] if text else []
@@ -167,14 +167,14 @@ def overlay_probes(
         with concerning("plot", index):
             tables.append(ProbeSampler(tables[-1].model, split(plot), timeline, episode))
             if len(tables[-1].columns) == 1:
-                raise UsageError(f"{option('plot')} {quoted(plot)}: this model has none of it")
+                raise UsageError(f"{option('plot')} {quoted(plot)}: this model has no such values")
     return OverlayProbes(template, tables, tables[-1].model)
 
 
 def empty_overlay(size: tuple[int, int], corner: str, plots: Sequence[str] = (), side: str = "under") -> Overlay:
-    """An overlay without content, whose size is known.
+    """Returns an overlay without content, whose size is known.
 
     Args:
-      size: width and height of the frame without it [pixels].
+      size: width and height of the frame without the overlay [pixels].
     """
     return Overlay(corner=corner, plots=[graph_size(size, side)] * len(plots), side=side)

@@ -1,4 +1,4 @@
-"""Panels: each view through each camera, the file that each is in, and the calibration of what they show."""
+"""Panels, one for each view through each camera; the file of each panel; and the calibration of the images."""
 
 import os
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.segmentation import labels_beside
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.output_files import named_files
-from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel
+from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay
 from mjrun.rendering.layout import layout_size
 
 
@@ -24,11 +24,11 @@ class PanelFile:
     """A file of a video or an image, with its panels.
 
     Attributes:
-      exact: whether it holds the numbers of its only panel, depth or ids, rather than colours.
+      exact: whether it stores the numbers of its single panel, depth or ids, rather than colours.
     """
 
     path: str
-    panels: Sequence[Panel]
+    panels: Sequence[CameraPanel]
     exact: bool = False
 
     @property
@@ -37,48 +37,48 @@ class PanelFile:
         return None if self.path == "-" else self.path
 
     def stream(self, options: ViewOptions, overlay: Overlay, legend: bool = False) -> FrameStream:
-        """Its frames.
+        """Returns the stream of its frames.
 
         Args:
-          legend: whether a coloured segmentation lists what is in view.
+          legend: whether coloured segmentations list what is in view.
         """
         style = FrameStyle(options.layout, options.captions, legend, Overlay() if self.exact else overlay)
         return FrameStream(self.panels, options.size, style, self.exact)
 
 
 def camera_names(options: ViewOptions) -> list[str]:
-    """What the cameras are called."""
+    """Returns the names of the cameras."""
     cameras = options.camera
     return [camera.name if isinstance(camera, CameraScript) else str(camera).partition(",")[0] for camera in cameras]
 
 
-def panels_of(options: ViewOptions) -> list[Panel]:
-    """Every view through every camera."""
-    return [Panel(index, view) for index in range(len(options.camera)) for view in options.view]
+def panels_of(options: ViewOptions) -> list[CameraPanel]:
+    """Returns a panel for every view through every camera."""
+    return [CameraPanel(index, view) for index in range(len(options.camera)) for view in options.view]
 
 
 def frame_size(options: ViewOptions) -> tuple[int, int]:
-    """Width and height of a frame with its panels, without plots [pixels]."""
+    """Returns width and height of a frame with its panels, without plots [pixels]."""
     return layout_size(1 if options.separate else len(panels_of(options)), options.size, options.layout)
 
 
 def panel_files(options: ViewOptions, output: str) -> list[PanelFile]:
-    """The files of a drawing: one, or one for each panel if they are separate.
+    """Returns the files of an output: one, or one for each panel if they are separate.
 
     Raises:
-      UsageError: several files are to go to standard output, or numbers to be composed into one picture.
+      UsageError: several files would go to standard output, or numbers would share one image.
     """
     panels = panels_of(options)
     if not options.separate or len(panels) == 1:
         return [PanelFile(output, panels, _is_exact(options, panels))]
     if output == "-":
-        raise UsageError(f"{option('separate')} makes several files; standard output is one")
+        raise UsageError(f"{option('separate')} writes several files; standard output holds only one")
     paths = [_numbered(output, name) for name in _suffixes(options)]
     return [PanelFile(path, [panel], _is_exact(options, [panel])) for path, panel in zip(paths, panels, strict=True)]
 
 
 def output_files(options: ViewOptions, output: str, manifest: str | None) -> list[tuple[str, str]]:
-    """Every file that a drawing writes, with what it is: frames, labels, calibration and manifest."""
+    """Returns every file that an output writes, with its role: frames, labels, calibration and manifest."""
     files = panel_files(options, output)
     labels = [labels_beside(file.path) for file in files if [panel.view for panel in file.panels] == ["seg"]]
     outputs = [("output", path) for path in [*(file.path for file in files), *labels] if output != "-"]
@@ -86,7 +86,7 @@ def output_files(options: ViewOptions, output: str, manifest: str | None) -> lis
 
 
 def unused_options(options: ViewOptions, plot: Sequence[str] = ()) -> list[str]:
-    """The warning that options for pictures were given where there are only numbers; empty if none were."""
+    """Returns a warning if options for colour images are set although the output is numeric."""
     pictorial = {
         "text": options.text is not None,
         "captions": options.captions,
@@ -94,20 +94,20 @@ def unused_options(options: ViewOptions, plot: Sequence[str] = ()) -> list[str]:
         "plot": bool(plot),
     }
     names = [option(name) for name, is_used in pictorial.items() if is_used]
-    hint = f"{option('style')} color draws pictures"
-    return [f"{', '.join(names)}: numbers have no room for it; {hint}"] if names else []
+    hint = f"{option('style')} color renders colours"
+    return [f"{', '.join(names)}: ignored, since the output is numeric; {hint}"] if names else []
 
 
-def _is_exact(options: ViewOptions, panels: Sequence[Panel]) -> bool:
+def _is_exact(options: ViewOptions, panels: Sequence[CameraPanel]) -> bool:
     exact = options.style == "exact" and any(panel.view != "rgb" for panel in panels)
     if exact and len(panels) > 1:
         exact_style = f"{option('style')} exact"
-        raise UsageError(f"{exact_style}: numbers cannot share a picture; add {option('separate')} for a file each")
+        raise UsageError(f"{exact_style}: numbers cannot share an image; {option('separate')} writes a file for each")
     return exact
 
 
 def _suffixes(options: ViewOptions) -> list[str]:
-    """A part of a file's name for each panel, no two alike."""
+    """Returns a unique part of a file name for each panel."""
     words = ["".join(c if c.isalnum() else "_" for c in name.partition(":")[0]) for name in camera_names(options)]
     cameras = [word if words.count(word) == 1 else f"{word}{index}" for index, word in enumerate(words)]
     suffixes: list[str] = []
@@ -119,7 +119,7 @@ def _suffixes(options: ViewOptions) -> list[str]:
 
 
 def _numbered(output: str, name: str) -> str:
-    """`film.mp4` for one of several: `film-NAME.mp4`."""
+    """Returns the path of one of several files: `video-NAME.mp4` for `video.mp4`."""
     folder = output.rstrip("/")
     if folder != output or not Path(output).suffix:
         return f"{folder}-{name}/"
@@ -128,15 +128,15 @@ def _numbered(output: str, name: str) -> str:
 
 
 class DrawingCalibration:
-    """Writes the calibration file of a drawing. Opening it proves that it can be written.
+    """The calibration file of a video or an image. Opening it proves that it can be written.
 
     Args:
-      motions: of the cameras.
-      files: of the drawing, which the calibration file refers to.
-      numbers: whether depth is in 16-bit pictures.
+      motions: the motion of each camera.
+      files: the image files that the calibration file refers to.
+      numbers: whether depth is stored as 16-bit images.
 
     Raises:
-      UsageError: the format cannot describe this drawing.
+      UsageError: the format cannot describe these cameras or files.
       FileError: the file cannot be written.
     """
 
@@ -162,7 +162,7 @@ class DrawingCalibration:
             self.writer.write(CalibrationEntry(self._names[camera], lens(pose, self._size), frame, time, file, depth))
 
     def _file(self, camera: int, view: str, frame: int) -> str:
-        """The picture of a frame, as seen from the calibration file; empty for none."""
+        """Returns the image file of a frame, relative to the calibration file; empty if it has none."""
         path = self._files.get((camera, view), "")
         if not path or not _is_picture(path):
             return ""
@@ -173,5 +173,5 @@ class DrawingCalibration:
 
 
 def _is_picture(path: str) -> bool:
-    """Whether each frame is in a file of its own."""
+    """Returns whether each frame is a separate file."""
     return path != "-" and (path.endswith("/") or Path(path).suffix.lower() in ("", ".png", ".jpg", ".jpeg", ".webp"))

@@ -10,19 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from mjrun.errors import (
-    ControllerError,
-    FailedAssertionError,
-    GoldenDifferenceError,
-    InvalidJobsError,
-    MjrunError,
-    PartlyDoneError,
-    SimulationError,
-    UsageError,
-    concerning,
-    listing,
-    option,
-)
+from mjrun import errors
 from mjrun.formats.atomic_output import OutputWriter, nobody_else_publishes, publish_together
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
@@ -44,17 +32,17 @@ Published = Callable[[Mapping[str, object], OutputResult, Sequence[Path]], None]
 
 
 def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published: Published | None = None) -> list[R]:
-    """Does all `jobs`, which are of one simulation, in one pass over it, and returns their results.
+    """Performs all `jobs` of one simulation in one pass, and returns their results.
 
-    What can fail early fails before the first step, and then nothing is made. Later, an output that fails does not
-    cost the others: all are finished before any is published, and those that are complete are published, and
+    Errors that can be detected early are raised before the first step; nothing is made then. Later, a failing output
+    does not affect the others: all are finished before any is published, those that are complete are published, and
     `published` is called for each.
 
     Raises:
-      PartlyDoneError: some outputs were made and some were not.
-      FailedAssertionError: an assertion does not hold; everything is published all the same.
-      GoldenDifferenceError: a trace differs from its golden table; everything is published all the same.
-      SimulationError: nothing was published but what keeps partial results.
+      PartlyDoneError: some outputs were made and others failed.
+      FailedAssertionError: an assertion fails; everything is published nevertheless.
+      GoldenDifferenceError: a trace differs from its golden table; everything is published nevertheless.
+      SimulationError: the simulation became unstable; only outputs that keep partial results are published.
       MjrunError: nothing was published; if several outputs failed, this is the error of the first.
     """
     reporter = reporter or WarningReporter()
@@ -77,11 +65,11 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
 
 @dataclass(frozen=True)
 class PassPreview:
-    """What `perform` would do.
+    """A description of the pass that `perform` would make.
 
     Attributes:
-      timestep, steps, duration: of the simulation [s].
-      outputs: of each job.
+      timestep, steps, duration: of the simulation; times in [s].
+      outputs: the description of each output.
     """
 
     timestep: float
@@ -91,10 +79,10 @@ class PassPreview:
 
 
 def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None) -> PassPreview:
-    """What `perform` would do, with all names and numbers checked, and no step taken.
+    """Describes the pass that `perform` would make, with all names and numbers checked and no step taken.
 
     Raises:
-      MjrunError: it would fail at once.
+      MjrunError: the pass would fail before its first step.
     """
     with collected_warnings(), SharedRendering() as rendering:
         plans, context, _ = _plan(jobs, reporter or WarningReporter(), rendering)
@@ -104,20 +92,20 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
 
 
 class _Pass(Generic[R]):
-    """The simulation with its open outputs. An output that fails is left out from there on.
+    """A simulation with its open outputs. An output that fails is left out from then on.
 
     Args:
-      stack: discards what is not published.
+      stack: discards everything that is not published.
 
     Attributes:
-      failures: path and error of outputs, by index.
-      instability: what ended the simulation too early, if it did.
-      results: of the outputs that were published.
+      failures: path and error of each failed output, by index.
+      instability: the error that ended the simulation early, if any.
+      results: the results of the published outputs.
     """
 
     def __init__(self, jobs: Sequence[Job[R]], reporter: Reporter, stack: ExitStack) -> None:
-        self.failures: dict[int, tuple[str, MjrunError]] = {}
-        self.instability: SimulationError | None = None
+        self.failures: dict[int, tuple[str, errors.MjrunError]] = {}
+        self.instability: errors.SimulationError | None = None
         self.results: list[R] = []
         self._made: list[str] = []
         self._start = time.perf_counter()
@@ -142,18 +130,20 @@ class _Pass(Generic[R]):
                 self._simulate_alone(until)
             else:
                 self._simulate_together(until, waiting)
-        except SimulationError as error:
+        except errors.SimulationError as error:
             self.instability = error
         except EpisodeOver as error:
-            raise UsageError(f"{error}, earlier than when it was simulated before: the policy acts at random") from None
-        except MjrunError as error:
-            if error not in [failure for _, failure in self.failures.values()]:  # a controller's, which concerns all
+            raise errors.UsageError(
+                f"{error}, earlier than when it was simulated before: the policy acts at random"
+            ) from None
+        except errors.MjrunError as error:
+            if error not in [failure for _, failure in self.failures.values()]:  # a controller's, which affects all
                 raise
         self._simulation_wall = time.perf_counter() - start
 
     @property
     def episode(self) -> EpisodeResult | None:
-        """The result of the policy's episode, as far as it was simulated; None without a policy."""
+        """The result of the policy's episode so far; None without a policy."""
         episode, stepper = self._context.simulation.episode, self._stepper
         return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 
@@ -166,7 +156,7 @@ class _Pass(Generic[R]):
                     self._writers[index] = output.finish()
 
     def publish(self, warnings: Sequence[str], published: Published | None) -> None:
-        """Publishes the outputs that are complete, each with its manifest or not at all."""
+        """Publishes the outputs that are complete, each only together with its manifest."""
         with nobody_else_publishes([writer for writers in self._writers.values() for writer in writers]):
             for index, writers in self._writers.items():
                 with self._failing(index):
@@ -178,43 +168,43 @@ class _Pass(Generic[R]):
                     if published:
                         published(facts, result, files)
 
-    def error(self) -> MjrunError | None:
-        """The error to raise at the end, if there is one."""
+    def error(self) -> errors.MjrunError | None:
+        """Returns the error to raise at the end, if any."""
         failures = [failure for _, failure in sorted(self.failures.items())]
-        others: list[MjrunError] = [error for _, error in failures]
-        main: MjrunError | None = None
+        others: list[errors.MjrunError] = [error for _, error in failures]
+        main: errors.MjrunError | None = None
         if failures and not self._made:
             main = others.pop(0)
             others += [self.instability] if self.instability else []
         elif self.instability:
             main = self.instability
             if self._made:
-                main.add_note(f"kept, up to there: {listing(self._made)}")
+                main.add_note(f"kept, up to there: {errors.listing(self._made)}")
         elif failures:
-            main, others = PartlyDoneError(self._made, failures), []
+            main, others = errors.PartlyDoneError(self._made, failures), []
         others += self._verdicts()
         if main is None and others:
             main = others.pop(0)
         if main:
             for other in others:
-                main.add_note(other.spelled(option))
+                main.add_note(other.spelled(errors.option))
         return main
 
-    def _verdicts(self) -> list[MjrunError]:
-        """The errors of outputs that are complete, but not as they should be."""
+    def _verdicts(self) -> list[errors.MjrunError]:
+        """Returns the errors of complete outputs with failed assertions or golden differences."""
         complete = [self._outputs[index] for index in self._writers]
         assertions = [message for output in complete for message in output.failed_assertions]
         differences = [message for output in complete for message in output.golden_differences]
-        failed: list[MjrunError] = [FailedAssertionError(assertions)] if assertions else []
-        return [*failed, *([GoldenDifferenceError(differences)] if differences else [])]
+        failed: list[errors.MjrunError] = [errors.FailedAssertionError(assertions)] if assertions else []
+        return [*failed, *([errors.GoldenDifferenceError(differences)] if differences else [])]
 
     def _simulate_alone(self, until: int) -> None:
         try:
             self._outputs[0].simulate(self._stepper, until)
-        except SimulationError:
+        except errors.SimulationError:
             raise
-        except MjrunError as error:
-            if isinstance(error.__context__, SimulationError):
+        except errors.MjrunError as error:
+            if isinstance(error.__context__, errors.SimulationError):
                 self.instability = error.__context__
             self._fail([0], error)
 
@@ -247,15 +237,15 @@ class _Pass(Generic[R]):
                 return
             try:
                 tap.take(stepper)
-            except SimulationError:
+            except errors.SimulationError:
                 raise
-            except MjrunError as error:
+            except errors.MjrunError as error:
                 self._fail(indices, error)
 
         return [Tap(tap.steps, lambda stepper: stepper, partial(take, tap)) for tap in taps]
 
-    def _fail(self, indices: Sequence[int], error: MjrunError) -> None:
-        """Notes a failure; with nothing left to make, the simulation need not continue."""
+    def _fail(self, indices: Sequence[int], error: errors.MjrunError) -> None:
+        """Records a failure; without any output left, the simulation stops."""
         for index in indices:
             self.failures[index] = self._plans[index].preview.path, error
         if len(self.failures) == len(self._plans):
@@ -263,14 +253,14 @@ class _Pass(Generic[R]):
 
     @contextmanager
     def _failing(self, index: int) -> Generator[None]:
-        """Notes an error as a failure of this output."""
+        """Records an error as a failure of this output."""
         try:
             yield
-        except MjrunError as error:
+        except errors.MjrunError as error:
             self.failures[index] = self._plans[index].preview.path, error
 
     def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, dict[str, object]]:
-        """Publishes an output, and the manifest with it; returns its files, its result and the facts about it."""
+        """Publishes an output together with its manifest; returns its files, its result and its facts."""
         output, manifest = self._outputs[index], self._manifests[index]
 
         def described(files: Sequence[Path]) -> tuple[Sequence[Path], R, dict[str, object]]:
@@ -295,28 +285,28 @@ class _Pass(Generic[R]):
 def _plan(
     jobs: Sequence[Job[R]], reporter: Reporter, rendering: SharedRendering
 ) -> tuple[list[Plan[R]], Context, Stepper]:
-    """The plans of all jobs, once everything that can be wrong with them was looked for."""
+    """Plans all jobs, after collecting every error in them."""
     if not jobs:
-        raise UsageError("there is nothing to do: no output was asked for")
+        raise errors.UsageError("nothing to do: no output is requested")
     simulation = jobs[0].simulation
     if any(job.simulation is not simulation for job in jobs):
-        raise UsageError("all outputs of one pass must be of the same simulation")
-    errors = _UsageErrors(alone=len(jobs) == 1)
-    _check_files(jobs, errors)
+        raise errors.UsageError("all outputs of one pass must share one simulation")
+    collected = _UsageErrors(alone=len(jobs) == 1)
+    _check_files(jobs, collected)
     for index, job in enumerate(jobs):
-        errors.collect(index, partial(_check, job, rendering))
-    errors.raise_all()
+        collected.collect(index, partial(_check, job, rendering))
+    collected.raise_all()
 
-    context = errors.collect(None, partial(_context, simulation, reporter))
-    errors.raise_all()
+    context = collected.collect(None, partial(_context, simulation, reporter))
+    collected.raise_all()
     assert context
 
-    plans = [plan for i, job in enumerate(jobs) if (plan := errors.collect(i, partial(job.plan, context)))]
+    plans = [plan for i, job in enumerate(jobs) if (plan := collected.collect(i, partial(job.plan, context)))]
     measured = copy.copy(context.model)
     for plan in plans:
         measured.opt.enableflags |= plan.enable_flags
-    stepper = errors.collect(None, partial(simulation.stepper, measured))
-    errors.raise_all()
+    stepper = collected.collect(None, partial(simulation.stepper, measured))
+    collected.raise_all()
     assert stepper
     return plans, context, stepper
 
@@ -333,42 +323,42 @@ def _check(job: Job[OutputResult], rendering: SharedRendering) -> None:
 
 
 class _UsageErrors:
-    """Collects what is wrong with jobs, so that all of it is raised together.
+    """A collector of the errors in jobs, which raises all of them together.
 
     Args:
-      alone: whether there is one job, whose only error is raised as it is.
+      alone: whether there is only one job, whose single error is raised unchanged.
     """
 
     def __init__(self, *, alone: bool) -> None:
         self._alone = alone
-        self._errors: list[tuple[int | None, UsageError]] = []
+        self._errors: list[tuple[int | None, errors.UsageError]] = []
 
     def collect(self, index: int | None, function: Callable[[], T]) -> T | None:
-        """What `function` returns; None if it raises a UsageError, which is that of the job with this index."""
+        """Returns the result of `function`, or None if it raises a UsageError, which is recorded for this job."""
         try:
             return function()
-        except ControllerError:  # somebody's code, with its traceback
+        except errors.ControllerError:  # user code, with its traceback
             raise
-        except UsageError as error:
+        except errors.UsageError as error:
             self._errors.append((index, error))
             return None
 
     def raise_all(self) -> None:
-        """Raises what was collected, if anything was."""
+        """Raises the collected errors, if any."""
         if self._errors:
-            together = InvalidJobsError(self._errors)
+            together = errors.InvalidJobsError(self._errors)
             if self._alone and len(self._errors) == 1:
                 raise self._errors[0][1] from together
             raise together
 
 
-def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> None:
-    """No file is written twice, or read and written, unless its output is made of what was read."""
+def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> None:
+    """Collects an error for each file that is written twice, or overwrites an input that it is not made from."""
     reserved = ReservedFiles()
     rewritten = {os.path.realpath(path) for job in jobs for path in job.rewritten_inputs}
     inputs = [(path, f"the {what}, which is read") for what, path in jobs[0].simulation.inputs]
     known = {os.path.realpath(path) for path, _ in inputs}
-    for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one
+    for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one file
         if os.path.realpath(path) not in known:
             known.add(os.path.realpath(path))
             inputs.append((Path(path), f"the {what} table, which is read"))
@@ -376,10 +366,10 @@ def _check_files(jobs: Sequence[Job[OutputResult]], errors: _UsageErrors) -> Non
         if os.path.realpath(path) not in rewritten:
             reserved.reserve_input(path, owner)
     for i, job in enumerate(jobs):
-        for what, path in errors.collect(i, lambda job=job: job.files) or ():
-            errors.collect(i, partial(_reserve, reserved, what, path))
+        for what, path in collected.collect(i, lambda job=job: job.files) or ():
+            collected.collect(i, partial(_reserve, reserved, what, path))
 
 
 def _reserve(reserved: ReservedFiles, name: str, path: str) -> None:
-    with concerning(name):
+    with errors.concerning(name):
         reserved.reserve(path, f"the {name}")

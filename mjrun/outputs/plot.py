@@ -1,4 +1,4 @@
-"""A plot: measured values over time, as a figure."""
+"""Plot output: measured values over time, as a figure."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -12,18 +12,7 @@ from mjrun.errors import UsageError, concerning, option, quoted
 from mjrun.formats.image_format import figure_format
 from mjrun.options.option import options
 from mjrun.options.plot import PlotOptions
-from mjrun.outputs.output import (
-    Context,
-    EventSteps,
-    Job,
-    Output,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-    SharedRendering,
-    metadata_tags,
-)
+from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace import row_steps
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
@@ -35,38 +24,38 @@ from mjrun.probe.select import split
 
 
 @options
-class Plot(PlotOptions, Job["PlotResult"]):
+class Plot(PlotOptions, output.Job["PlotResult"]):
     """A plot of values measured in a simulation: its options are keywords."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.probe:
-            raise UsageError(f"{option('probe')}: a plot needs values: energy, qpos[left_*], …")
+            raise UsageError(f"{option('probe')}: a plot requires values, as in energy or qpos[left_*]")
 
     @property
     def files(self) -> list[tuple[str, str]]:
-        """Every file that it writes, with what it is."""
+        """Every file that is written, with its role."""
         return named_files(output=self.output, manifest=self.manifest)
 
     def check(self) -> None:
         """Checks the format.
 
         Raises:
-          UsageError: a format that cannot hold a plot, or no matplotlib.
+          UsageError: the format cannot hold a plot, or matplotlib is missing.
         """
         require_matplotlib()
         figure_format(self.output, self.format)
 
-    def plan(self, context: Context) -> "Plan[PlotResult]":
-        """Resolves the probes in the model, and the curves among their columns."""
+    def plan(self, context: output.Context) -> "output.Plan[PlotResult]":
+        """Resolves the probes in the model and the curves among their columns."""
         panels: list[Panel] = []
         for index, text in enumerate(self.probe):
             with concerning("probe", index):
                 probed = ProbeSampler(context.model, split(text), context.timeline, context.episode).columns[1:]
                 if not probed:
-                    raise UsageError(f"plot {quoted(text)}: this model has none of it")
+                    raise UsageError(f"plot {quoted(text)}: this model has no such values")
                 panels += panels_by_unit([c.name for c in probed], {c.name: c.unit for c in probed})
-        # One table of all, so that each instant is computed once.
+        # One table for all panels, so that each instant is computed once.
         probes = [part for text in self.probe for part in split(text)]
         table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
         columns = TableColumns(Path(self.output).stem, {column.name: column.unit for column in table.columns})
@@ -74,22 +63,22 @@ class Plot(PlotOptions, Job["PlotResult"]):
         steps = row_steps(context.timeline, self.every, self.rate)
 
         about = f"{figure_format(self.output, self.format)}, {'; '.join(panel.label for panel in figure.panels)}"
-        preview = Preview("plot", self.output, len(steps), "samples", figure.grid.size, about)
+        preview = output.Preview("plot", self.output, len(steps), "samples", figure.grid.size, about)
         opened = partial(PlotOutput, self, context, table, steps, figure)
-        return Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
+        return output.Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
 
 
 @dataclass(frozen=True)
-class PlotResult(OutputResult):
-    """What plot was made.
+class PlotResult(output.OutputResult):
+    """The result of a plot output.
 
     Attributes:
-      path: where it is.
+      path: path of the plot.
       size: width and height [pixels].
-      samples: of each curve.
+      samples: the number of samples of each curve.
       panels: their labels, in order.
-      wall: wall time of all [s].
-      warnings: MuJoCo's.
+      wall: total wall time [s].
+      warnings: MuJoCo's warnings.
     """
 
     size: tuple[int, int]
@@ -99,34 +88,34 @@ class PlotResult(OutputResult):
     warnings: Sequence[str]
 
 
-class PlotOutput(Output[PlotResult]):
-    """A plot whose file is open.
+class PlotOutput(output.Output[PlotResult]):
+    """A plot with an open file.
 
     Args:
-      table: all columns.
-      steps: of the samples.
-      figure: what is shown of them.
+      table: the columns of all panels.
+      steps: the steps of the samples.
+      figure: the plan of the figure.
     """
 
     def __init__(
         self,
         job: Plot,
-        context: Context,
+        context: output.Context,
         table: ProbeSampler,
         steps: Sequence[int],
         figure: FigurePlan,
         stack: ExitStack,
-        _: SharedRendering,
+        _: output.SharedRendering,
     ) -> None:
         self._job, self._reporter, self._table, self._steps, self._figure = job, context.reporter, table, steps, figure
         self._names = [column.name for column in table.columns]
         self._collector = figure.collector(0)
         self._buffer = RowBuffer(table, steps, lambda block: self._take(block.values))
         self.facts = context.facts(job)
-        tags, form = metadata_tags(job.output, self.facts), figure_format(job.output, job.format)
+        tags, form = output.metadata_tags(job.output, self.facts), figure_format(job.output, job.format)
         self._writer = stack.enter_context(FigureWriter(job.output, form, figure.grid.size, tags))
 
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return [Tap(self._steps, self._table.read, self._buffer.add)]
 
     def finish(self) -> Sequence[FigureWriter]:
@@ -137,7 +126,7 @@ class PlotOutput(Output[PlotResult]):
         self._writer.finish()
         return [self._writer]
 
-    def result(self, files: Sequence[Path], summary: PassSummary) -> PlotResult:
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> PlotResult:
         return PlotResult(
             path=str(Path(self._job.output)),
             size=self._figure.grid.size,

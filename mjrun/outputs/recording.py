@@ -1,4 +1,4 @@
-"""A recording: the replayable states of a simulation, one for each step."""
+"""Recording output: the replayable states of a simulation, one for each step."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -11,24 +11,14 @@ from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.options.option import options
 from mjrun.options.trace import RecordingOptions
-from mjrun.outputs.output import (
-    Context,
-    EventSteps,
-    Job,
-    Output,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-    SharedRendering,
-)
+from mjrun.outputs import output
 from mjrun.outputs.output_files import named_files
 from mjrun.physics.observe import AnyTap, Tap
 
 
 @options
-class Recording(RecordingOptions, Job["RecordingResult"]):
-    """A recording of a simulation, the states of all steps: its options are keywords."""
+class Recording(RecordingOptions, output.Job["RecordingResult"]):
+    """A recording of the states of all steps of a simulation: its options are keywords."""
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -38,23 +28,23 @@ class Recording(RecordingOptions, Job["RecordingResult"]):
     def keeps_partial(self) -> bool:
         return self.keep_partial
 
-    def plan(self, context: Context) -> "Plan[RecordingResult]":
-        """The plan; a recording has nothing to check."""
+    def plan(self, context: output.Context) -> "output.Plan[RecordingResult]":
+        """Plans the recording; there is nothing to check."""
         size, steps = state.size(context.model), context.timeline.steps
-        preview = Preview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
-        return Plan(preview, steps, partial(RecordingOutput, self, context))
+        preview = output.Preview("recording", self.output, steps + 1, "states", [size], f"{size} numbers each")
+        return output.Plan(preview, steps, partial(RecordingOutput, self, context))
 
 
 @dataclass(frozen=True)
-class RecordingResult(OutputResult):
-    """What recording was made.
+class RecordingResult(output.OutputResult):
+    """The result of a recording output.
 
-    Attributes:
-      path: where it is.
-      states: how many it holds, one for each step and the first.
+    path: path of the recording.
+      states: the number of states: one for each step, and the first.
       size: numbers in a state.
       simulated: simulated time [s].
-      wall: wall time of all [s].
+      wall: total wall time [s].
+      warnings: MuJoCo's warnings.
       warnings: MuJoCo's.
     """
 
@@ -65,16 +55,16 @@ class RecordingResult(OutputResult):
     warnings: Sequence[str]
 
 
-class RecordingOutput(Output[RecordingResult]):
-    """A recording whose file is open."""
+class RecordingOutput(output.Output[RecordingResult]):
+    """A recording with an open file."""
 
-    def __init__(self, job: Recording, context: Context, stack: ExitStack, _: SharedRendering) -> None:
+    def __init__(self, job: Recording, context: output.Context, stack: ExitStack, _: output.SharedRendering) -> None:
         model = context.model
         self._job, self._context = job, context
         self.facts = {**context.facts(job), "sizes": state.sizes(model), "physics": physics_fingerprint(model)}
         self._writer = stack.enter_context(RecordingWriter(job.output, state.size(model), self.facts))
 
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         every = range(self._context.timeline.steps + 1)
         return [Tap(every, lambda stepper: (stepper.step, stepper.state()), lambda row: self._writer.write(*row))]
 
@@ -82,7 +72,7 @@ class RecordingOutput(Output[RecordingResult]):
         self._writer.finish()
         return [self._writer]
 
-    def result(self, files: Sequence[Path], summary: PassSummary) -> RecordingResult:
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> RecordingResult:
         count = self._writer.count
         return RecordingResult(
             path=self._job.output,

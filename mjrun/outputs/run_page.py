@@ -1,4 +1,4 @@
-"""A page of everything that a run makes."""
+"""The HTML page about everything that a run makes."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -25,14 +25,14 @@ from mjrun.probe.verdict import Verdict
 
 @contextmanager
 def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[Published | None]:
-    """What `perform` tells of each output that is published, so that a page of them follows; None without a page.
+    """Yields the function that collects each published output for a page; None without a page.
 
-    The page is published at the end of the `with` block if anything was made, whatever failed besides.
+    The page is published at the end of the `with` block if anything was made, even if other outputs failed.
 
     Raises:
-      MissingExtraError: there are tables to plot, and no matplotlib.
+      MissingExtraError: there are tables to plot, and matplotlib is missing.
       PartlyDoneError: the page cannot be written.
-      MjrunError: nothing can be written where it is to be.
+      MjrunError: the page's location is not writable.
     """
     if options.html is None:
         yield None
@@ -49,7 +49,7 @@ def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]
 
 
 def _publish(writer: PageWriter, contents: "_Contents", title: str) -> None:
-    """Publishes the page about what was made, which stays if this fails."""
+    """Publishes the page; if that fails, the outputs remain."""
     try:
         writer.write(contents.page(title))
         writer.publish()
@@ -61,7 +61,7 @@ def _publish(writer: PageWriter, contents: "_Contents", title: str) -> None:
 
 @dataclass
 class _Contents:
-    """What was made so far."""
+    """The published outputs so far."""
 
     path: str
     limit: float
@@ -74,7 +74,7 @@ class _Contents:
     made: list[str] = field(default_factory=list[str])
 
     def add(self, facts: Mapping[str, object], result: OutputResult, files: Sequence[Path]) -> None:
-        """Takes an output that was published."""
+        """Adds a published output."""
         self.results.append(result)
         self.made += _paths(result, files) if isinstance(result, VideoResult) else map(str, files)
         self.manifests.append(PageManifest(result.path, with_fingerprints(facts, files)))
@@ -98,7 +98,7 @@ class _Contents:
 
 
 def _paths(result: OutputResult, files: Sequence[Path]) -> list[str]:
-    """What a page shows of an output: its files, and a folder for frames in files of their own."""
+    """Returns the paths that a page shows for an output: its files, or the folder of its frames."""
     outputs = result.paths if isinstance(result, VideoResult | ImageResult) else [result.path]
     shown: dict[str, None] = {}
     for path in outputs:

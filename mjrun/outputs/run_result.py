@@ -1,4 +1,4 @@
-"""The result of a run document: that of each of its outputs."""
+"""The result of a run document: the results of its outputs."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,7 +11,7 @@ from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import TraceResult
 from mjrun.outputs.video import VideoResult
 
-# Kind of output in reports → its result.
+# Results by the kind of output in reports.
 RESULTS: dict[str, type[OutputResult]] = {
     "Video": VideoResult,
     "Image": ImageResult,
@@ -27,12 +27,12 @@ class RunResult:
     """The results of a run.
 
     Attributes:
-      results: those of its outputs, in their order.
+      results: the results of the outputs, in order.
     """
 
     results: Sequence[VideoResult | ImageResult | TraceResult | PlotResult | RecordingResult | KeyframeResult]
 
     def document(self) -> dict[str, object]:
-        """The results as JSON holds them, each with the `kind` of its output."""
+        """Returns the results as a JSON document, each with the `kind` of its output."""
         kinds = {result: kind for kind, result in RESULTS.items()}
         return {"results": [{"kind": kinds[type(result)], **asdict(result)} for result in self.results]}

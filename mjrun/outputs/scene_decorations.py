@@ -1,4 +1,4 @@
-"""Trails and ghosts, which are added to the pictures of a simulation."""
+"""Trails and ghosts in the images of a simulation."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -16,29 +16,28 @@ from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions
-from mjrun.outputs.view_settings import visual_of
 from mjrun.physics.motion import Motion
 from mjrun.physics.replay import require_model, require_timestep, states_at
 from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
-from mjrun.rendering.visual import Visual
+from mjrun.rendering.visual import Visual, visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline, rational
 
 SETTINGS = ("offset", "opacity", "key", "trace", "recording", "map")
 OPACITY = 0.35
-TRAIL_RATE = Fraction(240)  # [Hz], of the positions on a trail
-DRAFT_LIMIT = 150  # capsules of a trail in a draft
+TRAIL_RATE = Fraction(240)  # [Hz], the sampling rate of positions on a trail
+DRAFT_LIMIT = 150  # maximum number of capsules of a trail in a draft
 
 
 @dataclass(frozen=True)
 class GhostPlan:
-    """A ghost, with every name found. Without keyframe, trace and recording it moves as the model does.
+    """A ghost with resolved names. Without keyframe, trace and recording it moves with the model.
 
     Attributes:
-      offset: how far it is displaced [m].
-      key: id of the keyframe whose pose it keeps.
+      offset: displacement [m].
+      key: id of the keyframe that it shows.
       trace: the table that it follows.
-      recording: whose states it follows.
+      recording: the recording that it follows.
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -48,7 +47,7 @@ class GhostPlan:
     recording: RecordingReader | None = None
 
     def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
-        """Its integration states at `times` [s], or one for all; None if it moves as the model does."""
+        """Returns its integration states at `times` [s], or one for all times; None if it moves with the model."""
         data = mujoco.MjData(model)
         if self.key is not None:
             mujoco.mj_resetDataKeyframe(model, data, self.key)
@@ -60,11 +59,11 @@ class GhostPlan:
 
 @dataclass(frozen=True)
 class SceneDecorations:
-    """Trails and ghosts, with every name found.
+    """Trails and ghosts with resolved names.
 
     Attributes:
       trail_objects: kinds and ids of the objects with a trail.
-      trail_span: how much of the past a trail shows [s]; None: all.
+      trail_span: the length of the past that a trail shows [s]; None for all of it.
     """
 
     model: mujoco.MjModel
@@ -75,18 +74,18 @@ class SceneDecorations:
 
     @property
     def remarks(self) -> list[str]:
-        """What the user should know of the tables that ghosts follow."""
+        """Remarks about the tables that ghosts follow."""
         traces = [ghost.trace for ghost in self.ghosts if ghost.trace]
         return list(dict.fromkeys(text for trace in traces for text in trace.position_remarks))
 
     def trail_steps(self, timeline: Timeline) -> Sequence[int]:
-        """The steps at which trails need positions: frames of a video are too far apart for fast spins."""
+        """Returns the steps at which trails need positions: the frames of a video are too far apart for fast spins."""
         if not self.trail_objects:
             return []
         return timeline.rows(rate=TRAIL_RATE) if timeline.steps else [0]
 
     def decorations(self, trail_states: Iterable[np.ndarray], times: Sequence[float]) -> list[Decoration]:
-        """What is added to frames at `times` [s], given the states at `trail_steps`."""
+        """Returns the decorations of frames at `times` [s], given the states at `trail_steps`."""
         added: list[Decoration] = []
         if self.trail_objects:
             limit = DRAFT_LIMIT if self.visual.quality == "draft" else LIMIT
@@ -100,15 +99,15 @@ class SceneDecorations:
 def scene_decorations(
     options: ViewOptions, model: mujoco.MjModel, simulation: Simulation | None = None
 ) -> SceneDecorations:
-    """The trails and ghosts in `options`.
+    """Resolves the trails and ghosts in `options`.
 
     Args:
-      simulation: says how tables are read; if None, they have our names for columns.
+      simulation: specifies how tables are read; if None, their columns have mjrun's names.
 
     Raises:
-      UnknownNameError: an object, keyframe or setting that is not there.
-      UsageError: a setting that cannot be, or a trace that lacks positions.
-      FileError: a trace that cannot be read.
+      UnknownNameError: an object, keyframe or setting is unknown.
+      UsageError: a setting is invalid, or a trace lacks positions.
+      FileError: a trace cannot be read.
     """
     span = None if options.trail_span is None else float(options.trail_span)
     objects: dict[tuple[str, int], None] = {}
@@ -129,13 +128,13 @@ def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPla
         if name not in SETTINGS:
             raise UnknownNameError("setting", name, SETTINGS, where=option("ghost"))
         if not equals or not value or name in settings:
-            raise UsageError(f"{option('ghost')}: write {clean(name)}=VALUE, once")
+            raise UsageError(f"{option('ghost')}: write {clean(name)}=VALUE once")
         settings[name] = value
     motions = [name for name in GHOST_MOTIONS if name in settings]
     if len(motions) > 1:
-        raise UsageError(f"{option('ghost')}: {' and '.join(motions)} exclude each other: each says how it moves")
+        raise UsageError(f"{option('ghost')}: {' and '.join(motions)} exclude each other: each sets the motion")
     if "map" in settings and "trace" not in settings:
-        raise UsageError(f"{option('ghost')}: map says what a table means; write trace=FILE with it")
+        raise UsageError(f"{option('ghost')}: map requires trace=FILE, the table that it describes")
     return GhostPlan(
         offset=parse_point(f"{option('ghost')} offset", settings.get("offset", "0/0/0"), "a displacement x/y/z [m]"),
         opacity=_opacity(settings.get("opacity", str(OPACITY))),
@@ -156,7 +155,7 @@ def _opacity(text: str) -> float:
 
 
 def _trace(path: Path, map_file: str | None, model: mujoco.MjModel, simulation: Simulation) -> Motion:
-    """The motion in a table, with the map of its own, if it has one, or else that of the simulation."""
+    """Reads the motion in a table, with its separate map or else that of the simulation."""
     if is_recording(path) and path.exists():
         raise UsageError(f"{clean(str(path))} is a recording, not a table: write recording= instead of trace=")
     texts = None if map_file is None else [] if map_file == NO_MAP else [f"@{map_file}"]

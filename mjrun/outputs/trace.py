@@ -1,4 +1,4 @@
-"""A trace: named, aligned, exact numbers of a simulation, one row per instant."""
+"""Trace output: named, aligned, exact values of a simulation, one row per instant."""
 
 import queue
 import threading
@@ -18,18 +18,8 @@ from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
+from mjrun.outputs import output
 from mjrun.outputs.golden import GoldenTable, check_options, difference_message, golden_files, require_golden_table
-from mjrun.outputs.output import (
-    Context,
-    EventSteps,
-    Job,
-    Output,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-    SharedRendering,
-)
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, SampledRows, rate_warning
 from mjrun.physics.observe import AnyTap, Tap
@@ -44,11 +34,11 @@ if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
     from mjrun.probe.assertion import Assertion
 
-QUEUED_BLOCKS = 4  # that may wait to be written
+QUEUED_BLOCKS = 4  # blocks that may wait to be written
 
 
 @options
-class Trace(TraceOptions, Job["TraceResult"]):
+class Trace(TraceOptions, output.Job["TraceResult"]):
     """A trace of a simulation, a table of measured values: its options are keywords.
 
     Args:
@@ -74,26 +64,26 @@ class Trace(TraceOptions, Job["TraceResult"]):
 
     @property
     def target(self) -> str | None:
-        """The output; None for standard output."""
+        """The output path; None for standard output."""
         return None if self.output == "-" else self.output
 
     def check(self) -> None:
-        """Checks every format.
+        """Checks all formats.
 
         Raises:
-          UsageError: a suffix or format that is not known.
+          UsageError: a suffix or format is unknown.
         """
         check_options(self)
         output_format(self.target, self.format)
         if self.contacts is not None:
             output_format(self.contacts)
 
-    def plan(self, context: Context) -> "Plan[TraceResult]":
+    def plan(self, context: output.Context) -> "output.Plan[TraceResult]":
         """Resolves the probes in the model and parses the assertions."""
         require_golden_table(self)
         steps = row_steps(context.timeline, self.every, self.rate)
         for index, name in enumerate(self.probe):
-            with concerning("probe", index):  # one by one, so that an error says which
+            with concerning("probe", index):  # one by one, so that an error names the probe
                 select(context.model, [name], context.episode)
         table = ProbeSampler(context.model, self.probe, context.timeline, context.episode, self.contacts is not None)
         if text := rate_warning(context.timeline, self.rate):
@@ -102,24 +92,24 @@ class Trace(TraceOptions, Job["TraceResult"]):
 
         count, path = len(table.columns), self.output if self.written else str(self.golden)
         about = f"{output_format(self.target, self.format).name}, {count} columns"
-        preview = Preview("trace", path, len(steps), "rows", [count], about)
+        preview = output.Preview("trace", path, len(steps), "rows", [count], about)
         opened = partial(TraceOutput, self, context, table, steps, assertions)
-        return Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
+        return output.Plan(preview, context.timeline.steps, opened, table.model.opt.enableflags)
 
 
 @dataclass(frozen=True)
-class TraceResult(OutputResult):
-    """What table was made.
+class TraceResult(output.OutputResult):
+    """The result of a trace output.
 
-    Attributes:
-      path: where it is; `-` is standard output, and empty a table that is not written.
+    path: path of the table; `-` is standard output; empty if the table is not written.
+      format: name of the format.
       format: how it is written.
-      rows, columns: its size, `time` included.
+      contacts: rows of the contact table; None without one.
       contacts: rows of the contact table; None without one.
       simulated, steps: simulated time [s] and steps taken.
-      wall: wall time of all [s].
-      assertions: each with the value that it has, and whether it holds.
-      warnings: MuJoCo's.
+      wall: total wall time [s].
+      assertions: each assertion with its value and verdict.
+      warnings: MuJoCo's warnings.
       golden: the comparison with the golden table; None without one.
     """
 
@@ -136,24 +126,24 @@ class TraceResult(OutputResult):
 
 
 def columns(simulation: Simulation, probes: Sequence[str] = ()) -> list[Column]:
-    """Every column that `simulation` offers, or those of `probes`; `time` first."""
+    """Returns every column that `simulation` offers, or those of `probes`; `time` first."""
     with collected_warnings():
         model, episode = simulation.load(), simulation.episode.columns if simulation.episode else None
         return [TIME, *(selected_columns(model, probes, episode) if probes else available_columns(model, episode))]
 
 
-class TraceOutput(Output[TraceResult]):
-    """A trace whose files are open; `steps` are those of its rows."""
+class TraceOutput(output.Output[TraceResult]):
+    """A trace with open files; `steps` are those of its rows."""
 
     def __init__(
         self,
         job: Trace,
-        context: Context,
+        context: output.Context,
         table: ProbeSampler,
         steps: Sequence[int],
         assertions: "Sequence[Assertion]",
         stack: ExitStack,
-        _: SharedRendering,
+        _: output.SharedRendering,
     ) -> None:
         self._job, self._context, self._table, self._steps = job, context, table, steps
         self.facts = context.facts(job)
@@ -172,11 +162,11 @@ class TraceOutput(Output[TraceResult]):
         self._verdicts: Sequence[Verdict] = ()
         self._comparison: DiffResult | None = None
 
-    def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         return [Tap(self._steps, self._table.read, self._buffer.add)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
-        """Physics alone is stepped in C, block by block, and written in a thread meanwhile."""
+        """Steps plain physics in C, block by block, and writes blocks in a thread meanwhile."""
         if isinstance(stepper, PhysicsStepper):
             _stream(self._table.blocks(stepper, self._steps), self._write)
         else:
@@ -199,7 +189,7 @@ class TraceOutput(Output[TraceResult]):
             self.golden_differences = [difference_message(self._comparison)]
         return [*writers, *replaced]
 
-    def result(self, files: Sequence[Path], summary: PassSummary) -> TraceResult:
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> TraceResult:
         timeline = self._context.timeline
         return TraceResult(
             path=self._job.output if self._job.written else "",
@@ -228,14 +218,14 @@ class TraceOutput(Output[TraceResult]):
 
 
 def _stream(parts: Iterator[Callable[[], SampledRows]], write: Callable[[SampledRows], object]) -> None:
-    """Computes and writes blocks in a thread, while the next ones are simulated in C."""
+    """Computes and writes blocks in a thread while C code simulates the next ones."""
     waiting: queue.Queue[Callable[[], SampledRows] | None] = queue.Queue(QUEUED_BLOCKS)
     failures: list[BaseException] = []
 
     def work() -> None:
         while (part := waiting.get()) is not None:
             if failures:
-                continue  # keep taking, so that the simulation never blocks
+                continue  # keeps the queue moving, so that the simulation never blocks
             try:
                 write(part())
             except BaseException as failure:  # handed to the thread that waits
@@ -251,12 +241,12 @@ def _stream(parts: Iterator[Callable[[], SampledRows]], write: Callable[[Sampled
     finally:
         waiting.put(None)
         writer.join()
-        if failures:  # even if the simulation has failed too: what is written is not the rows up to there
+        if failures:  # even if the simulation has failed too: the rows written are incomplete
             raise failures[0]
 
 
 def _assertions(texts: Sequence[str], table: ProbeSampler, episode: EpisodeColumns | None) -> "list[Assertion]":
-    """The assertions about a table; without any, nothing of their language is imported."""
+    """Parses the assertions about a table; without any, their parser is not imported."""
     if not texts:
         return []
     from mjrun.probe.assertion import parse
@@ -271,7 +261,7 @@ def _assertions(texts: Sequence[str], table: ProbeSampler, episode: EpisodeColum
 
 
 def row_steps(timeline: Timeline, every: int, rate: Fraction | None) -> Sequence[int]:
-    """The steps that are measured: every so many, or so many per simulated second."""
+    """Returns the steps to measure: every N-th, or a number per simulated second."""
     if rate is None:
         return timeline.rows(every=every)
     return timeline.rows(rate=rate)

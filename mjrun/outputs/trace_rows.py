@@ -1,4 +1,4 @@
-"""The rows of a trace: which columns, and how they are computed block by block."""
+"""The rows of a trace: their columns, and their computation block by block."""
 
 import copy
 from bisect import bisect_left
@@ -24,30 +24,30 @@ from mjrun.timeline import Timeline, rational, seconds
 
 TIME = Column("time", "s", "simulated time, exact")
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-ROWS = 256  # in a block that is read instant by instant; and the fewest of other blocks but the last
+ROWS = 256  # rows of a block that is read instant by instant, and the minimum of all other blocks but the last
 
 
 @dataclass(frozen=True)
 class SampledRows:
-    """Consecutive rows `(n, ncolumns)` of a trace, and of its contact table `(m, ncolumns)`, if it has one."""
+    """Consecutive rows `(n, ncolumns)` of a trace, and of its contact table `(m, ncolumns)`, if any."""
 
     values: np.ndarray
     contacts: np.ndarray | None = None
 
 
 class ProbeSampler:
-    """The columns that probes select, and their rows, read in blocks or one at a time.
+    """The columns that probes select, with their rows, read in blocks or one at a time.
 
-    Energy is computed when it is measured, whatever the model's flag says; that does not change the motion.
+    Measured energy is computed even if the model's flag is off; this does not change the motion.
 
     Args:
-      names: of the probes.
-      episode: what a policy that acts adds to what can be measured.
-      with_contacts: whether the contacts of every row are recorded too.
+      names: names of the probes.
+      episode: additional columns of a policy's episode.
+      with_contacts: whether the contacts of every row are recorded, too.
 
     Attributes:
-      model: the model to simulate: a copy with energy enabled where it is measured, and was not.
-      columns, contact_columns: of the trace, `time` first, and of the contact table.
+      model: the model to simulate: a copy with energy enabled if energy is measured and disabled in the original.
+      columns, contact_columns: columns of the trace, `time` first, and of the contact table.
     """
 
     def __init__(
@@ -72,21 +72,21 @@ class ProbeSampler:
 
     @property
     def fields(self) -> Sequence[str]:
-        """The fields of MjData that the probes read, those aside that are measured on an MjData."""
+        """The fields of MjData that the probes read from recorded fields, not from an MjData."""
         return self._fields
 
     def rows(self, steps: np.ndarray, fields: Fields, initial: Fields) -> np.ndarray:
-        """The rows `(n, ncolumns)` at `steps` `(n,)` from recorded fields alone.
+        """Computes the rows `(n, ncolumns)` at `steps` `(n,)` from recorded fields alone.
 
         Args:
-          fields: of these instants, `{name: (n, …)}`.
-          initial: the same at step 0, `{name: (1, …)}`.
+          fields: the fields at these instants, `{name: (n, …)}`.
+          initial: the fields at step 0, `{name: (1, …)}`.
         """
         parts = [probe.compute(fields, initial) for probe in self.probes if isinstance(probe, FieldProbe)]
         return self._timed(steps, parts)
 
     def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
-        """Blocks of the rows at the steps `rows`, each yet to be computed by whoever takes it."""
+        """Yields blocks of the rows at the steps `rows`, as functions that the caller calls to compute them."""
         if self.contact_columns or not all(isinstance(probe, FieldProbe) for probe in self.probes):
             yield from self._by_instants(stepper, rows)
             return
@@ -100,7 +100,7 @@ class ProbeSampler:
                 )
 
     def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
-        """The same, read from one consistent MjData per row."""
+        """Yields the same blocks, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
             steps, instants = rows[start : start + ROWS], list[SampledRows]()
             try:
@@ -112,14 +112,14 @@ class ProbeSampler:
             yield lambda steps=steps, instants=instants: self.stack(steps, instants)
 
     def stack(self, steps: Sequence[int], instants: Sequence[SampledRows]) -> SampledRows:
-        """What `read` gave at `steps`, or at the first of them, as rows with their times."""
+        """Stacks the results of `read` at `steps`, or at the first of them, into rows with their times."""
         touching = [row.contacts for row in instants if row.contacts is not None]
         values = np.stack([row.values for row in instants])
         timed = self._timed(np.array(steps[: len(instants)]), [values])
         return SampledRows(timed, np.concatenate(touching) if touching else None)
 
     def read(self, stepper: Stepper) -> SampledRows:
-        """The row of the instant where `stepper` stands, without its time."""
+        """Returns the row of the stepper's instant, without its time."""
         data, initial = stepper.instant(), self._initial(stepper)
         fields = _fields(stepper.model, data, self._fields)
         values: list[np.ndarray] = []
@@ -137,7 +137,7 @@ class ProbeSampler:
         return SampledRows(np.concatenate([np.empty(0), *values]), touching)
 
     def _initial(self, stepper: Stepper) -> Fields:
-        """What probes need to know of step 0."""
+        """Returns the fields at step 0 that probes require."""
         return _fields(stepper.model, stepper.initial(), self._initial_fields) if self._initial_fields else {}
 
     def _timed(self, steps: np.ndarray, parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -145,7 +145,7 @@ class ProbeSampler:
 
 
 class RowBuffer:
-    """Rows that are read one by one, at `steps`, and written block by block."""
+    """A buffer of rows that are read one by one, at `steps`, and written block by block."""
 
     def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[SampledRows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
@@ -159,19 +159,19 @@ class RowBuffer:
             self.flush()
 
     def flush(self) -> None:
-        """Writes what was taken."""
+        """Writes the buffered rows."""
         if self._rows:
             self._write(self._table.stack(self._steps[self._written :][: len(self._rows)], self._rows))
             self._written, self._rows = self._written + len(self._rows), []
 
 
 def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str:
-    """A warning that `rate` [Hz] asks for more rows than there are steps; empty if it does not."""
+    """Returns a warning if `rate` [Hz] requests more rows than there are steps; otherwise an empty string."""
     if rate is None or rational(rate) * timeline.timestep <= 1:
         return ""
     steps = f"{float(1 / timeline.timestep):g}"
-    text = f"{option('rate')} {float(rational(rate)):g} is more than the {steps} steps of a simulated second"
-    return f"{text}: every step has one row; a smaller {option('timestep')} has more"
+    text = f"{option('rate')} {float(rational(rate)):g} exceeds the {steps} steps of a simulated second"
+    return f"{text}: each step gives one row; a smaller {option('timestep')} gives more"
 
 
 def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Fields:
@@ -181,7 +181,7 @@ def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) ->
 
 
 def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """A copy of an instant of a model that leaves energy out, with energy."""
+    """Returns a copy of an instant with energy, for a model that leaves energy out."""
     instant = mujoco.MjData(model)
     mujoco.mj_copyData(instant, model, data)
     mujoco.mj_energyPos(model, instant)
@@ -192,20 +192,20 @@ def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
 def blocks(
     stepper: PhysicsStepper, record: Sequence[str], steps: int, size: int = BLOCK_STEPS
 ) -> Iterator[tuple[int, int, Fields]]:
-    """Runs `steps` steps from where `stepper` stands, and yields every instant on the way, the last included.
+    """Runs `steps` steps from the stepper's current one, and yields every instant on the way, the last included.
 
     The numbers are bit for bit those of a bare loop that calls `mj_forward` on a copy at every step.
 
     Args:
-      stepper: at the first instant; moved along as the blocks are taken.
+      stepper: at the first instant; advanced as blocks are taken.
       record: names of MjData fields.
-      size: steps in a block, at most.
+      size: maximum number of steps in a block.
 
     Yields:
       The step of the first row, the number of rows, and `{field: (1, rows, …)}` of instants a step apart.
 
     Raises:
-      SimulationError: after every instant that was good.
+      SimulationError: after every valid instant.
     """
     first, count, waiting = stepper.step, 0, list[Fields]()
     failure: SimulationError | None = None
@@ -225,13 +225,13 @@ def blocks(
 
 
 def _instant(stepper: Stepper, record: Sequence[str]) -> Fields:
-    """The fields of the instant where `stepper` stands: `{field: (1, 1, …)}`."""
+    """Returns the fields of the stepper's instant: `{field: (1, 1, …)}`."""
     data = stepper.instant()
     return {name: np.array(getattr(data, name))[None, None] for name in record}
 
 
 def _pieces(stepper: PhysicsStepper, record: Sequence[str], end: int, size: int) -> Iterator[tuple[int, Fields]]:
-    """The same in pieces of any length, and their lengths."""
+    """Yields the same instants in pieces of any length, with their lengths."""
     batch = None if stepper.model.opt.enableflags & SLEEP else RecordingBatch([stepper.model], record, size)
     while stepper.step < end:
         at = stepper.step
@@ -243,7 +243,7 @@ def _pieces(stepper: PhysicsStepper, record: Sequence[str], end: int, size: int)
                 stepper.jump(at + count, recorded.states[0])
                 yield count, recorded.fields
                 continue
-        for step in range(at, at + count):  # something is amiss: step by step names it, or gets past it
+        for step in range(at, at + count):  # stepping singly names the failing step, or gets past it
             stepper.advance(step)
             yield 1, _instant(stepper, record)
         stepper.advance(at + count)

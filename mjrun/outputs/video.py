@@ -1,4 +1,4 @@
-"""A video: keep the state of every frame while the simulation runs, then draw the states into the encoder."""
+"""Video output: saves the state of every frame during the simulation, then renders the states into the encoder."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -21,19 +21,10 @@ from mjrun.formats.video_writer import VideoWriter
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
+from mjrun.outputs import output
 from mjrun.outputs.frame_drawer import FrameDrawer
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.frames import FrameJob, FrameOutput, FramePlan, plan_frames
-from mjrun.outputs.output import (
-    Context,
-    EventSteps,
-    OutputResult,
-    PassSummary,
-    Plan,
-    Preview,
-    SharedRendering,
-    metadata_tags,
-)
 from mjrun.outputs.panel_files import PanelFile, camera_names, output_files, panel_files, panels_of
 from mjrun.rendering.compositor import SceneCompositor
 
@@ -50,53 +41,55 @@ class Video(VideoOptions, FrameJob["VideoResult"]):
     def encoded_files(self) -> "Sequence[VideoFile]":
         """The files with their encodings.
 
-        Raises:
+        UsageError: a format cannot hold the video.
           UsageError: a format that cannot hold the video.
         """
         return [_video_file(self, file) for file in panel_files(self, self.output)]
 
     @property
     def rate(self) -> Fraction:
-        """Frames per second, the format's usual ones where none are asked for."""
+        """Frames per second; the format's default if not set."""
         return self.encoded_files[0].encoding.fps if self.fps is None else self.fps
 
     def check(self) -> None:
         """Checks the formats and the rate.
 
         Raises:
-          UsageError: a format that cannot hold the video, or an impossible rate.
+          UsageError: a format cannot hold the video, or the rate is invalid.
         """
         for file in self.encoded_files:
             file.encoding.check_fps(self.rate)
 
-    def schedule(self, context: Context, scripts: Sequence[CameraScript], event_steps: EventSteps) -> FrameSchedule:
+    def schedule(
+        self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
+    ) -> FrameSchedule:
         return video_schedule(scripts, context.timeline, self.rate, self.speed, event_steps)
 
-    def plan(self, context: Context) -> "Plan[VideoResult]":
-        """Resolves every name in the model and schedules the frames, unless events decide."""
+    def plan(self, context: output.Context) -> "output.Plan[VideoResult]":
+        """Resolves every name in the model and schedules the frames unless events decide."""
         frames, file = plan_frames(self, context, self.plot, self.plot_side), self.encoded_files[0]
         count = None if frames.schedule is None else len(frames.schedule.steps)
         about = f"{file.encoding.codec}, {float(self.rate):g} fps, {' and '.join(camera_names(self))}"
-        preview = Preview("video", self.output, count, "frames", frames.size_of(file), about)
+        preview = output.Preview("video", self.output, count, "frames", frames.size_of(file), about)
         opened = partial(VideoOutput, self, frames)
-        return Plan(preview, context.timeline.steps, opened, frames.enable_flags, frames.conditions)
+        return output.Plan(preview, context.timeline.steps, opened, frames.enable_flags, frames.conditions)
 
 
 @dataclass(frozen=True)
-class VideoResult(OutputResult):
-    """What video was made.
+class VideoResult(output.OutputResult):
+    """The result of a video output.
 
     Attributes:
-      path: where it is; `-` is standard output.
+      path: path of the video; `-` is standard output.
       paths: all files, labels and calibration included.
-      format, codec: how it is encoded.
+      format, codec: names of the format and the codec.
       size: width and height of the video [pixels], padding included.
-      frames, fps, duration: number, rate, and length of the video [s].
+      frames, fps, duration: number of frames, their rate, and length of the video [s].
       simulated, steps: simulated time [s] and steps taken.
-      jobs: processes that drew.
-      renderer, gl, software: what drew, by OpenGL's own name; the backend; whether it is a CPU.
-      simulation_wall, draw_wall, wall: wall time of stepping, of drawing and encoding, of all [s].
-      warnings: MuJoCo's.
+      jobs: the number of processes that rendered.
+      renderer, gl, software: OpenGL's name for the renderer; the backend; whether a CPU renders.
+      simulation_wall, draw_wall, wall: wall time of stepping, of rendering and encoding, and in total [s].
+      warnings: MuJoCo's warnings.
     """
 
     paths: Sequence[str]
@@ -120,37 +113,37 @@ class VideoResult(OutputResult):
 
 @dataclass(frozen=True)
 class VideoFile(PanelFile):
-    """A file of a video; `encoding` is how it is encoded."""
+    """A file of a video, with its encoding."""
 
     encoding: Encoding = field(kw_only=True)
 
     @property
     def is_labelled(self) -> bool:
-        """Whether a file beside it describes its ids."""
+        """True if a separate file describes its ids."""
         return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
 
 class VideoOutput(FrameOutput[VideoResult]):
-    """A video whose files are open."""
+    """A video with open files."""
 
-    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: SharedRendering) -> None:
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
         count = None if plan.schedule is None else len(plan.schedule.steps)
         super().__init__(plan, job.encoded_files, {} if count is None else {"frames": count}, stack, rendering)
         self._job, self._draw_wall = job, 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in job.encoded_files:
-            size, tags = plan.size_of(file), metadata_tags(file.target, self.facts)
+            size, tags = plan.size_of(file), output.metadata_tags(file.target, self.facts)
             self._note_padding(file.encoding, size)
             writer = VideoWriter(file.target, file.encoding, size, job.rate, tags=tags)
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
         self.open_calibration(numbers=job.style == "exact")
 
-        # Filament's noise goes on from frame to frame: only one process makes the same video each time.
+        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
         jobs = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
         self._drawer = FrameDrawer(jobs, self._backend, job.size, len(panels_of(job)), rendering)
         if count is not None:
-            self._drawer.start(count)  # they get ready while the simulation runs
+            self._drawer.start(count)  # the processes start while the simulation runs
 
     def finish(self) -> Sequence[OutputWriter]:
         start = perf_counter()
@@ -169,7 +162,7 @@ class VideoOutput(FrameOutput[VideoResult]):
         self._draw_wall = perf_counter() - start
         return writers
 
-    def result(self, files: Sequence[Path], summary: PassSummary) -> VideoResult:
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> VideoResult:
         job, timeline, backend = self._job, self._plan.context.timeline, self._backend
         encoded, (width, height) = job.encoded_files[0].encoding, self._writers[0].size
         right, bottom = encoded.padding(width, height)
@@ -197,15 +190,15 @@ class VideoOutput(FrameOutput[VideoResult]):
         )
 
     def remarks(self) -> Sequence[str]:
-        """Warnings of older frames that match the pattern of this video's."""
+        """Returns warnings about older frames that match the frame pattern of this video."""
         texts: list[str] = []
         for older in filter(None, (writer.others for writer in self._writers)):
             more = f" and {len(older) - 1} more" if len(older) > 1 else ""
-            texts.append(f"{clean(older[0])}{more} were there before and follow the last frame: not part of this video")
+            texts.append(f"{clean(older[0])}{more} already existed and follow the last frame: not part of this video")
         return texts
 
     def _draw(self, compositor: SceneCompositor) -> None:
-        """Draws every frame into the files."""
+        """Renders every frame into the files."""
         states = self.states
         for writer in self._writers:
             writer.count = len(states)
@@ -218,7 +211,7 @@ class VideoOutput(FrameOutput[VideoResult]):
             self._reporter.progress("frames", index + 1, len(states))
         if clipped:
             share = clipped / (len(states) * sum(is_depth) * prod(self._job.size))
-            self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or farther, the most that 16 bits hold")
+            self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")
 
     def _note_padding(self, encoded: Encoding, size: tuple[int, int]) -> None:
         right, bottom = encoded.padding(*size)

@@ -15,26 +15,26 @@ from mjrun.rendering.colormaps import UNSEEN, colormap_table
 from mjrun.rendering.text import INK, baseline, crisp, fitted, letters, spacing, text_size, write
 
 GAP = 8  # pixels between the images
-LEGIBLE = 240  # pixels that an image is high and wide at least: small ones are enlarged
+LEGIBLE = 240  # minimum width and height of an image [pixels]: smaller ones are enlarged
 BACKGROUND = (24, 25, 28)
 FAINT = (168, 170, 176)  # the second line of a label
-GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # by which a difference is multiplied to be seen
-TYPICAL = 99.0  # percent of the differences that are not cut off when they are multiplied
-COMMON = (1, 92)  # percent of the numbers that the scale leaves out below, and ends at: the horizon is far away
+GAINS = (1, 2, 4, 8, 16, 32, 64, 128, 255)  # factors that make a difference visible
+TYPICAL = 99.0  # percentile of the differences that amplification must not clip
+COMMON = (1, 92)  # percentiles at the ends of the colour scale: the horizon is far away
 MAP, DIFFERENCE_MAP = "turbo", "inferno"
 
 
 def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> None:
-    """Writes the picture.
+    """Writes the comparison image.
 
     Args:
-      output: an image of colours.
-      names: of A and B, in the labels.
-      frame: how the two frames differ; None if they do not.
+      output: path of a colour image.
+      names: names of A and B for the labels.
+      frame: the difference of the two frames; None if they are equal.
 
     Raises:
-      FileError: it cannot be written.
-      UnknownNameError, UsageError: the suffix is not that of such an image.
+      FileError: the image cannot be written.
+      UnknownNameError, UsageError: the suffix does not suit a colour image.
     """
     picture = worst_frame(frames, names, frame)
     form = image_format(output, "rgb")
@@ -44,7 +44,7 @@ def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], fr
 
 
 def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> np.ndarray:
-    """The picture, `(height, width, 3)` uint8."""
+    """Returns the comparison image, `(height, width, 3)` uint8."""
     shown, difference, scale = (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
     factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
     panels = [_enlarged(panel, factor) for panel in (*shown, difference)]
@@ -62,17 +62,17 @@ def _facts(frame: FrameDifference | None) -> str:
 
 
 def _colours(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:
-    """Both as they are, their difference multiplied until it is seen, and by how much."""
+    """Returns both images, their amplified difference, and the gain."""
     one, other = a[..., :3], b[..., :3]
     size = np.abs(one.astype(np.int16) - other)
-    # The few pixels that differ most may be cut off, so that the others are seen.
+    # The few pixels that differ most may be clipped, so that the others become visible.
     large = float(np.percentile(size[size > 0], TYPICAL)) if size.any() else 255.0
     gain = max((gain for gain in GAINS if gain * large <= 255), default=1)
     return [one, other], np.minimum(size * gain, 255).astype(np.uint8), f"× {gain}"
 
 
 def _numbers(a: np.ndarray, b: np.ndarray) -> tuple[list[np.ndarray], np.ndarray, str]:
-    """Both in the colours of one scale, and their difference in those of another; what is not finite is grey."""
+    """Maps both to one colour scale and their difference to another; values that are not finite are grey."""
     one, other = a.astype(np.float64), b.astype(np.float64)
     finite = np.concatenate([one[np.isfinite(one)], other[np.isfinite(other)]])
     low, high = np.percentile(finite, COMMON).tolist() if finite.size else (0.0, 0.0)
@@ -97,7 +97,7 @@ def _enlarged(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _side_by_side(panels: Sequence[np.ndarray], labels: Sequence[tuple[str, str, str]]) -> np.ndarray:
-    """Images of one size under their labels: a word, what it is of, and a second line."""
+    """Places images of one size side by side, each under two lines: a word with a name, and facts."""
     height, width = panels[0].shape[:2]
     size = crisp(text_size(height))
     _, _, _, line = spacing(size)

@@ -1,1 +1,1 @@
-"""Figures of tables: which curves, how many samples become few points, and how matplotlib draws them."""
+"""Figures of tables: the choice of curves, the reduction of samples to points, and drawing with matplotlib."""

@@ -1,28 +1,40 @@
-"""Ticks of axes: as many as their length has room for, with labels that can be read by themselves."""
+"""Ticks of axes: as many as their length has room for, with self-contained labels."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.ticker import Formatter, Locator, NullLocator
 
 from mjrun.plotting.canvas import DPI, SMALL, Canvas
+from mjrun.plotting.figure_data import Scale
 from mjrun.plotting.ticks import labels_of, linear_ticks, log_ticks
 
-ACROSS, UP = (5.0, 10), (2.3, 8)  # what a tick takes along the axis [em], and how many there are at most
-LONGEST = 9  # name of a category on a vertical axis [em]
-WHOLE = 8  # categories on a horizontal axis, up to which each has its name
+ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks
+LONGEST = 9  # maximum width of a category's name on a vertical axis [em]
+WHOLE = 8  # maximum number of categories on a horizontal axis with all names shown
+
+
+def set_scale(canvas: Canvas, axes: Axes, name: str, scale: Scale, *, whole: bool = False) -> None:
+    """Sets the range and the ticks of the axis `name`, x or y, from a scale; `whole` limits ticks to whole numbers."""
+    axis = axes.xaxis if name == "x" else axes.yaxis
+    axes.set(**{f"{name}scale": "log" if scale.log else "linear", f"{name}lim": (scale.low, scale.high)})
+    if scale.categories:
+        category_ticks(axis, scale.categories, canvas)
+    else:
+        number_ticks(axis, canvas.em, whole=whole)
 
 
 def number_ticks(axis: Axis, em: float, *, whole: bool = False) -> None:
-    """Gives an axis ticks at round numbers, or at whole ones alone; its scale is to be set before."""
+    """Adds ticks at round numbers, or at whole numbers only, to an axis whose scale is already set."""
     axis.set_major_locator(_NumberLocator(axis, em, whole))
     axis.set_major_formatter(_NumberFormatter(axis))
     axis.set_minor_locator(NullLocator())
 
 
 def category_ticks(axis: Axis, names: Sequence[str], canvas: Canvas) -> None:
-    """Gives an axis ticks at 0, 1, 2, …, with the names of categories, or some of them where they have no room."""
+    """Adds ticks at 0, 1, 2, … with the names of categories, or with some of them if they do not all fit."""
     em = canvas.em
     shown = [canvas.shown(name) for name in names]
     if isinstance(axis, YAxis):
@@ -40,17 +52,17 @@ def category_ticks(axis: Axis, names: Sequence[str], canvas: Canvas) -> None:
 
 
 def axis_length(axis: Axis) -> float:
-    """The length of an axis [pixels]."""
+    """Returns the length of an axis [pixels]."""
     box = axis.axes.get_window_extent()
     return (box.width if isinstance(axis, XAxis) else box.height) * DPI / axis.axes.figure.dpi
 
 
 class _NumberLocator(Locator):
-    """Ticks at round numbers within the range of an axis.
+    """A locator of ticks at round numbers within the range of an axis.
 
     Args:
       em: size of letters [pixels].
-      whole: whether they are at whole numbers alone.
+      whole: whether ticks are at whole numbers only.
     """
 
     def __init__(self, axis: Axis, em: float, whole: bool) -> None:
@@ -68,7 +80,7 @@ class _NumberLocator(Locator):
 
 
 class _NumberFormatter(Formatter):
-    """Labels of all ticks of an axis, which have the digits that they need together."""
+    """A formatter that gives all ticks of an axis the digits that they need together."""
 
     def __init__(self, axis: Axis) -> None:
         self._of = axis
@@ -81,7 +93,7 @@ class _NumberFormatter(Formatter):
 
 
 class _CategoryLocator(Locator):
-    """Ticks at every k-th of `count` categories, each of which needs some room [pixels]."""
+    """A locator of ticks at every k-th of `count` categories, each of which needs some room [pixels]."""
 
     def __init__(self, axis: Axis, count: int, needed: float) -> None:
         self._of, self._count, self._needed = axis, count, needed
@@ -91,7 +103,7 @@ class _CategoryLocator(Locator):
 
 
 class _CategoryFormatter(Formatter):
-    """Names of categories.
+    """A formatter of the names of categories.
 
     Args:
       fitted: shortens a name for the space between two ticks [pixels].

@@ -1,4 +1,4 @@
-"""A figure that matplotlib lays out: its style, and text that fits and that its font has."""
+"""A figure that matplotlib lays out: its style, and text that fits and that its font supports."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,30 +16,30 @@ from mjrun.palette import Colour
 from mjrun.plotting.panel_grid import PanelGrid
 from mjrun.plotting.theme import Theme
 
-DPI = 96  # pixels per inch, as in CSS, so that sizes in an svg are those asked for
+DPI = 96  # pixels per inch, as in CSS, so that an svg has the requested size
 POINT = 72 / DPI  # [points per pixel]
-FONT = "DejaVu Sans"  # which comes with matplotlib: Latin, Greek, Cyrillic and symbols
-LONGEST = 200  # letters of a text that is too wide, of which some are shown
-SMALL = 0.92  # letters of ticks and keys [em]
-TITLE = 1.25  # letters of the title of a figure [em]
+FONT = "DejaVu Sans"  # part of matplotlib: Latin, Greek, Cyrillic and symbols
+LONGEST = 200  # maximum number of letters of a text that is shortened
+SMALL = 0.92  # size of letters of ticks and keys [em]
+TITLE = 1.25  # size of letters of a figure's title [em]
 
 
 @contextmanager
 def settings(theme: Theme, em: float) -> Iterator[None]:
-    """Sets matplotlib to our style, with letters of `em` pixels, and to none of the user's settings."""
+    """Applies mjrun's style to matplotlib, with letters of `em` pixels, instead of the user's settings."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rc("font", family=[FONT])
-        matplotlib.rc("text", parse_math=False, usetex=False)  # `$` and `_` in names are themselves
-        matplotlib.rc("path", simplify=False)  # done already, without loss
-        matplotlib.rc("svg", fonttype="none", hashsalt="mjrun")  # text stays text, and identifiers stay the same
+        matplotlib.rc("text", parse_math=False, usetex=False)  # `$` and `_` in names are literal
+        matplotlib.rc("path", simplify=False)  # curves are already reduced, without loss
+        matplotlib.rc("svg", fonttype="none", hashsalt="mjrun")  # text remains text, and identifiers are reproducible
         matplotlib.rc("pdf", fonttype=42)
         matplotlib.rcParams.update(_style(theme, em * POINT))
         yield
 
 
 def _style(theme: Theme, em: float) -> dict[Any, Any]:
-    """The settings of matplotlib for a theme, with letters of `em` points."""
+    """Returns matplotlib's settings for a theme, with letters of `em` points."""
     ink, grey = rgb(theme.ink), rgb(theme.grey)
     hair = max(0.8 * POINT, em / 16)
     ticks = {"major.size": 0, "major.pad": 0.35 * em, "labelsize": SMALL * em, "color": grey}
@@ -81,12 +81,12 @@ def _style(theme: Theme, em: float) -> dict[Any, Any]:
 
 
 class Canvas:
-    """A figure whose axes matplotlib places, once all that belongs to them is there.
+    """A figure whose axes matplotlib places once all their parts are present.
 
-    To be made, and saved, within `settings`.
+    To be created and saved within `settings`.
 
     Args:
-      any_letter: whether letters that the font does not have are left unchanged, for a program that has them.
+      any_letter: whether letters missing in the font are kept, for a viewer with other fonts.
 
     Attributes:
       width, height: of the figure [pixels].
@@ -106,12 +106,12 @@ class Canvas:
         self._agg = FigureCanvasAgg(self.figure)
 
     def pixels(self) -> np.ndarray:
-        """What is drawn: `(height, width, 3)` uint8."""
+        """Renders the figure: `(height, width, 3)` uint8."""
         self._agg.draw()
         return np.ascontiguousarray(np.asarray(self._agg.buffer_rgba())[:, :, :3])
 
     def settle(self, title: str = "") -> None:
-        """Gives all axes their places, in whole pixels, and texts above and below them the room that there is."""
+        """Places all axes at whole pixels, and fits the texts above and below them into their room."""
         heading = self.figure.suptitle(self.shown(title), x=0, ha="left") if title else None
         engine = self.figure.get_layout_engine()
         assert engine
@@ -134,30 +134,30 @@ class Canvas:
             heading.set_text(self.fitted(title, self.width - left - self.em, TITLE * self.em, bold=True))
 
     def measure(self, text: str, size: float, *, bold: bool = False) -> float:
-        """The width of a text [pixels]."""
+        """Returns the width of a text [pixels]."""
         weight = "bold" if bold else "normal"
         font = font_manager.FontProperties(family=FONT, size=size * POINT, weight=weight)
         return float(self._agg.get_renderer().get_text_width_height_descent(_drawable(text), font, False)[0])
 
     def fitted(self, text: str, room: float, size: float, *, bold: bool = False) -> str:
-        """`text` as it is shown in `room` [pixels]: some of its middle is left out if need be."""
+        """Returns `text` as shown in `room` [pixels], with part of its middle omitted if necessary."""
         text = self.shown(text)
         if self.measure(text, size, bold=bold) <= room:
             return text
-        for kept in range(min(len(text), LONGEST), 1, -1):
-            head = kept // 3
-            short = f"{text[:head]}…{text[len(text) - (kept - head) :]}"
+        for length in range(min(len(text), LONGEST), 1, -1):
+            head = length // 3
+            short = f"{text[:head]}…{text[len(text) - (length - head) :]}"
             if self.measure(short, size, bold=bold) <= room:
                 return short
         return text[:1]
 
     def shown(self, text: str) -> str:
-        """A text as it can be drawn: cleaned, and what the font does not have as its number, `\\u4f4d`."""
+        """Returns a text as it can be drawn: cleaned, with missing letters replaced by their number, `\\u4f4d`."""
         return clean(text) if self._any_letter else _drawable(clean(text))
 
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
-    """A colour as matplotlib has them."""
+    """Returns a colour in matplotlib's format."""
     return colour[0] / 255, colour[1] / 255, colour[2] / 255
 
 
@@ -168,5 +168,5 @@ def _drawable(text: str) -> str:
 
 @cache
 def _letters() -> frozenset[int]:
-    """The letters of the font."""
+    """Returns the code points that the font has."""
     return frozenset(font_manager.get_font(font_manager.findfont(FONT)).get_charmap())

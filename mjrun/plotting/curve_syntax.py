@@ -1,9 +1,9 @@
-"""The texts that say what a figure shows: panels and their curves, marks, and logarithmic axes.
+"""Parsers of the options that describe a figure: panels and their curves, marks, and logarithmic axes.
 
-qpos/*                              a panel of all columns that the wildcard names
+qpos/*                              a panel of all columns that match the wildcard
 qpos/knee, qpos/hip                 a panel of two curves
-depth [mm]=penetration/deepest*1000 a curve with a name and a unit of its own
-forces [N]: contact_force/*         a panel with a title and a unit of its own
+depth [mm]=penetration/deepest*1000 a curve with its own name and unit
+forces [N]: contact_force/*         a panel with its own title and unit
 """
 
 import math
@@ -28,11 +28,11 @@ _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
 class CurveSpec:
     """A curve over the columns of a table.
 
-    Attributes:
-      name: that it is called in a legend.
-      unit: of its values; None where it is that of the column.
-      expression: its values.
-      column: the name of the column, if it is one as it stands.
+    name: name in the legend.
+      unit: unit of its values; None for the column's.
+      expression: expression for its values.
+      column: name of the column if the curve is an unchanged column.
+      column: name of the column if the curve is an unchanged column.
     """
 
     name: str
@@ -43,7 +43,7 @@ class CurveSpec:
 
 @dataclass(frozen=True)
 class PanelSpec:
-    """A panel: its title and unit, where it has its own, and its curves."""
+    """A panel: its title and unit, if specified, and its curves."""
 
     title: str | None
     unit: str | None
@@ -54,7 +54,7 @@ class PanelSpec:
 class ReferenceLine:
     """A line at a value: horizontal, or vertical at a value of x.
 
-    Attributes:
+    panel: the only panel with this line, counted from 1; None for all.
       panel: the only one that has it, counted from 1; None for all.
     """
 
@@ -65,13 +65,13 @@ class ReferenceLine:
 
 
 def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> PanelSpec:
-    """The panel that `text` describes, of a table with `columns`.
+    """Parses a panel of a table with `columns`.
 
     Args:
-      x: the column of the x axis, which wildcards leave out.
+      x: the column of the x axis, which wildcards omit.
 
     Raises:
-      UnknownNameError, UsageError: there is no such column, or an expression is not well formed.
+      UnknownNameError, UsageError: a column is unknown, or an expression is malformed.
     """
     title = unit = None
     if text not in columns and (titled := _TITLE.fullmatch(text)):
@@ -83,7 +83,7 @@ def parse_panel(text: str, columns: Sequence[str], x: str | None = None) -> Pane
 
 
 def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = None) -> list[CurveSpec]:
-    """The curves that one part of a panel's text describes: several where it is a wildcard or a group, without x."""
+    """Parses one part of a panel's text: several curves, without x, for a wildcard or a group."""
     text = text.strip()
     if text in columns:
         return [_of_column(text)]
@@ -91,7 +91,7 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
         name, unit = split_unit(named[1])
         inner = parse_curves(named[2], columns, label, x)
         if len(inner) != 1:
-            raise UsageError(f"{label}: {quoted(named[2].strip())} is {len(inner)} columns, and has one name")
+            raise UsageError(f"{label}: {quoted(named[2].strip())} matches {len(inner)} columns, but has one name")
         return [CurveSpec(name, unit if unit is not None else inner[0].unit, inner[0].expression, inner[0].column)]
     matching = [name for name in columns if fnmatchcase(name, text) or name.startswith(f"{text}/")]
     matching = [name for name in matching if name != x] or matching
@@ -104,10 +104,10 @@ def parse_curves(text: str, columns: Sequence[str], label: str, x: str | None = 
 
 
 def parse_reference_line(text: str) -> ReferenceLine:
-    """The mark that `text` describes: `m·g=87.356`, `2:m·g=87.356`, `x:impact=0.52`, or `0.5`, its own label.
+    """Parses a mark: `m·g=87.356`, `2:m·g=87.356`, `x:impact=0.52`, or `0.5`, which is its own label.
 
     Raises:
-      BadValueError: it describes none.
+      BadValueError: the text is not a mark.
     """
     vertical, panel, rest = False, None, text
     if text.startswith("x:"):
@@ -120,15 +120,15 @@ def parse_reference_line(text: str) -> ReferenceLine:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise BadValueError(option("mark"), text, "a NUMBER or LABEL=NUMBER; x: before it makes a vertical line")
+        raise BadValueError(option("mark"), text, "a NUMBER or LABEL=NUMBER; prefix x: for a vertical line")
     return ReferenceLine(label.strip() or value.strip(), number, vertical, panel)
 
 
 def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
-    """Whether x is logarithmic, and the panels, counted from 0, in which y is.
+    """Returns whether x is logarithmic, and the panels, counted from 0, whose y is.
 
     Raises:
-      BadValueError: a text is neither x, y nor both, or there is no such panel.
+      BadValueError: a text is not x, y or both, or the panel does not exist.
     """
     log_x, log_y = False, set[int]()
     for index, text in enumerate(texts):
@@ -144,20 +144,20 @@ def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
 
 
 def panel_index(number: int, panels: int, name: str) -> int:
-    """The index of the panel with a number, counted from 1, that the option `name` gives.
+    """Returns the index of a panel from its number, counted from 1, in the option `name`.
 
     Raises:
-      UsageError: there are fewer.
+      UsageError: there are fewer panels.
     """
     if number > panels:
-        raise UsageError(f"{option(name)}: there is no panel {number}, the last is {panels}")
+        raise UsageError(f"{option(name)}: panel {number} does not exist; the last is {panels}")
     return number - 1
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """A name and the unit in brackets after it: `depth [mm]`; None without one."""
-    found = _UNIT.fullmatch(text)
-    return (found[1], found[2].strip()) if found else (text, None)
+    """Splits a name from the unit in brackets after it: `depth [mm]`; None without one."""
+    match = _UNIT.fullmatch(text)
+    return (match[1], match[2].strip()) if match else (text, None)
 
 
 def _of_column(name: str) -> CurveSpec:
@@ -165,7 +165,7 @@ def _of_column(name: str) -> CurveSpec:
 
 
 def _split(text: str, columns: Sequence[str]) -> Iterator[str]:
-    """The parts between commas outside of quotes, parentheses and brackets."""
+    """Yields the parts between commas outside of quotes, parentheses and brackets."""
     if text in columns:
         yield text
         return

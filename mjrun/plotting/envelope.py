@@ -1,16 +1,15 @@
-"""Any number of samples as few points that draw the same curve: what a screen can show, in one pass.
+"""Reduction of any number of samples to a few points that draw the same curve on a screen, in one pass.
 
-Samples are never left out at regular intervals, which would lose a spike of a single one. Of each stretch of x the
-first, lowest, highest and last value are kept: U. Jugel and others, "M4: a visualization-oriented time series data
-aggregation", 2014. Memory does not grow with the number of samples, and how they are divided into blocks changes
-nothing.
+Samples are never dropped at regular intervals, which would lose a spike of a single one. Of each stretch of x the
+first, lowest, highest and last value remain: U. Jugel and others, "M4: a visualization-oriented time series data
+aggregation", 2014. Memory does not grow with the number of samples, and their division into blocks has no effect.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-GROUP, GROUPS = 8, 4096  # of a path: points in a group, and groups
+GROUP, GROUPS = 8, 4096  # points in a group of a path, and maximum number of groups
 
 
 @dataclass(frozen=True)
@@ -22,17 +21,17 @@ class Points:
 
 
 class Envelope:
-    """Several curves over one x, which come by in blocks.
+    """Several curves over one x, which arrive in blocks.
 
-    While x ascends, samples are gathered in bins of x that double in width as x goes on. From where it goes back, the
-    rest is a path through the plane, in its own order.
+    While x ascends, samples are gathered in bins of x that double in width as x grows. From where x decreases, the
+    rest is a path through the plane, in its original order.
 
     Args:
-      curves: how many.
-      bins: the most that are kept, a power of two; when all samples are seen, more than half of them span the range
-        of x, unless that jumps.
-      log: whether bins are of equal ratios of x rather than of equal widths. x must be positive then.
-      breaks: whether a line breaks where x goes back.
+      curves: number of curves.
+      bins: maximum number of bins, a power of two; after all samples, more than half of them span the range of x,
+          unless x jumps.
+      log: whether bins are of equal ratios of x, which must then be positive, rather than of equal widths.
+      breaks: whether a line breaks where x decreases.
     """
 
     def __init__(self, curves: int, bins: int, *, log: bool = False, breaks: bool = False) -> None:
@@ -42,11 +41,11 @@ class Envelope:
 
     @property
     def ascends(self) -> bool:
-        """Whether x has never gone back."""
+        """True if x has never decreased."""
         return self._ascends
 
     def feed(self, x: np.ndarray, y: np.ndarray) -> None:
-        """Takes the next samples: `x` `(n,)`, finite, and `y` `(n, curves)`, NaN where there is a gap."""
+        """Adds samples: `x` `(n,)`, finite, and `y` `(n, curves)`, NaN for a gap."""
         if self._ascends and len(x):
             back = np.flatnonzero(np.diff(x, prepend=self._last) < 0)
             first = int(back[0]) if len(back) else len(x)
@@ -64,7 +63,7 @@ class Envelope:
         self._path.feed(x, y)
 
     def curves(self) -> list[Points]:
-        """The points of every curve, seen so far."""
+        """Returns the points of every curve so far."""
         ascending, rest = self._bins.curves(), self._path.curves()
         joined = [
             Points(np.concatenate([a.x, b.x]), np.concatenate([a.y, b.y])) for a, b in zip(ascending, rest, strict=True)
@@ -73,13 +72,13 @@ class Envelope:
 
 
 class _Bins:
-    """Samples as they are while they are few, then bins of equal width in `key`, which is x or its logarithm."""
+    """Unchanged samples while they are few, then bins of equal width in `key`, which is x or its logarithm."""
 
     def __init__(self, curves: int, bins: int, log: bool) -> None:
         self._count, self._log, self._first = curves, log, 2 * bins
         self._early: list[tuple[np.ndarray, np.ndarray]] = []
         self._rows = 0
-        self._start, self._width = 0.0, 0.0  # of the bins, once there are any
+        self._start, self._width = 0.0, 0.0  # of the bins, once used
         self._used = np.zeros(bins, bool)
         self._x = np.full((2, bins), np.nan)  # of the first and the last sample
         self._y = np.empty((0, 0, 0))  # first, lowest, highest, last: (4, bins, curves)
@@ -97,7 +96,7 @@ class _Bins:
         self._gather(x, y)
 
     def release(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The samples, if none are in bins yet; they are no longer here then."""
+        """Returns and forgets the samples, unless they are already in bins."""
         early, self._early = self._early, []
         return early
 
@@ -149,7 +148,7 @@ class _Bins:
         self._used[at] = True
 
     def _double(self) -> None:
-        """Makes of every two bins one."""
+        """Merges every two bins."""
         self._width *= 2
         even, odd = self._used[::2], self._used[1::2]
         half, rest = len(even), len(self._used) - len(even)
@@ -167,15 +166,15 @@ class _Bins:
 
 
 class _Path:
-    """Samples in their own order, in groups. When there are many, every two become one, which keeps the extremes."""
+    """Samples in their original order, in groups, which are merged pairwise when many; extremes are preserved."""
 
     def __init__(self, curves: int, breaks: bool) -> None:
         self._breaks, self._last = breaks, np.nan
-        self._tails = [np.empty((0, 2)) for _ in range(curves)]  # samples that do not fill a group yet
+        self._tails = [np.empty((0, 2)) for _ in range(curves)]  # samples of an incomplete group
         self._trees = [_GroupTree() for _ in range(curves)]
 
     def follow(self, x: float) -> None:
-        """Tells where the line was before the path."""
+        """Sets the last x of the line before the path."""
         self._last = x
 
     def feed(self, x: np.ndarray, y: np.ndarray) -> None:
@@ -197,14 +196,14 @@ class _Path:
 
 
 class _GroupTree:
-    """Groups of points `(n, GROUP, 2)`, each of as many samples as every other, but for the last ones."""
+    """Groups of points `(n, GROUP, 2)`, each of equally many samples except the last ones."""
 
     def __init__(self) -> None:
         self._groups = np.empty((0, GROUP, 2))
-        self._waiting: list[np.ndarray] = []  # by how often they were halved: groups without another to join, 0 or 1
+        self._waiting: list[np.ndarray] = []  # by number of halvings: groups without a partner, 0 or 1
 
     def add(self, groups: np.ndarray) -> None:
-        """Takes groups of samples as they come, in pieces that do not depend on how they are divided."""
+        """Adds groups of samples, in pieces that do not depend on their division into calls."""
         for start in range(0, len(groups), GROUPS):
             piece = groups[start : start + GROUPS]
             for level, waiting in enumerate(self._waiting):
@@ -215,12 +214,12 @@ class _GroupTree:
                 self._waiting.append(waiting)
 
     def points(self) -> np.ndarray:
-        """All points `(n, 2)`, in order."""
+        """Returns all points `(n, 2)`, in order."""
         return np.concatenate([self._groups, *reversed(self._waiting)]).reshape(-1, 2)
 
 
 def _halved(groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One group for every two, with the ends, the middle, those farthest out and a gap; and the group left over."""
+    """Merges pairs of groups, keeping ends, middle, extremes and a gap; returns also the group left over."""
     count = len(groups) // 2
     pairs = groups[: 2 * count].reshape(count, 2 * GROUP, 2)
     gap = np.isnan(pairs)
@@ -231,7 +230,7 @@ def _halved(groups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _without_repetition(points: Points) -> Points:
-    """The same without points that repeat the one before, and with one NaN for each gap."""
+    """Removes points that repeat the previous one, and reduces each gap to one NaN."""
     gap = np.isnan(points.y)
     same = (np.diff(points.x, prepend=np.nan) == 0) & (np.diff(points.y, prepend=np.nan) == 0)
     same |= gap & np.concatenate([[True], gap[:-1]])

@@ -1,4 +1,4 @@
-"""What is drawn: panels of curves that are points, with their marks, and the ranges of their axes."""
+"""The data of a figure: panels of curves as points, with their marks, and the ranges of their axes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +14,51 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
+class Scale:
+    """An axis for one parameter or metric.
+
+    Attributes:
+      name: name of the parameter or metric.
+      categories: texts, placed at 0, 1, 2, …; empty for numbers.
+    """
+
+    name: str
+    low: float
+    high: float
+    log: bool = False
+    categories: Sequence[str] = ()
+
+    def shares(self, values: np.ndarray) -> np.ndarray:
+        """Returns the positions of values between the ends of the axis, from 0 to 1."""
+        if self.log:
+            return np.log(values / self.low) / np.log(self.high / self.low)
+        return (values - self.low) / (self.high - self.low)
+
+
+def scale(name: str, values: np.ndarray, *, log: bool = False, categories: Sequence[str] = (), edge: float) -> Scale:
+    """Returns the axis with a margin for all finite `values`; equal values are centred."""
+    if categories:
+        return Scale(name, -0.5, len(categories) - 0.5, categories=categories)
+    finite = values[np.isfinite(values) & ((values > 0) | (not log))]
+    if not len(finite):
+        return Scale(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
+    low, high = float(finite.min()), float(finite.max())
+    if log:
+        ratio = (high / low) ** edge if high > low * (1 + FLAT) else 2.0
+        return Scale(name, low / ratio, high * ratio, True)
+    largest = max(abs(low), abs(high))
+    pad = edge * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
+    return Scale(name, low - pad, high + pad)
+
+
+@dataclass(frozen=True)
 class DrawnCurve:
     """A curve.
 
     Attributes:
-      name: in the legend.
-      colour: its index in the palette.
-      variant: of the pattern of its line, 0 where the colour says enough.
+      name: name in the legend.
+      colour: index in the palette.
+      variant: variant of the line's pattern, 0 if the colour suffices.
     """
 
     name: str
@@ -38,30 +76,23 @@ class DrawnPanel:
     log: bool
     marks: Sequence[ReferenceLine]
 
-    def y_range(self) -> Range:
-        """The range of the y axis: that of curves and marks, and a little more; what is constant is in its middle."""
-        ends = [end for curve in self.curves for end in _ends(curve.points.y)]
-        ends += [mark.value for mark in self.marks if mark.value > 0 or not self.log]
-        if not ends:
-            return (0.1, 10.0) if self.log else (-1.0, 1.0)
-        low, high = min(ends), max(ends)
-        if self.log:
-            ratio = (high / low) ** MARGIN if high > low * (1 + FLAT) else 2.0
-            return low / ratio, high * ratio
-        largest = max(abs(low), abs(high))
-        pad = MARGIN * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
-        return low - pad, high + pad
+    @property
+    def y(self) -> Scale:
+        """The y axis, with a margin for curves and marks."""
+        values = [end for curve in self.curves for end in _ends(curve.points.y)]
+        values += [mark.value for mark in self.marks]
+        return scale(self.label, np.array(values), log=self.log, edge=MARGIN)
 
     def is_whole(self) -> bool:
-        """Whether all values are whole numbers, as counts are."""
+        """Returns whether all values are whole numbers, as counts are."""
         return all(bool(np.all((curve.points.y % 1 == 0) | np.isnan(curve.points.y))) for curve in self.curves)
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A whole figure: its panels over one x axis, and the vertical marks of all.
+    """A figure: its panels over one x axis, and the vertical marks of all panels.
 
-    Attributes:
+    x_margin: margin beside curves, as a share of their range; none over time, which extends from edge to edge.
       x_margin: before and after curves, as a share of their range; none over time, which goes from edge to edge.
     """
 
@@ -72,20 +103,21 @@ class Drawing:
     marks: Sequence[ReferenceLine]
     x_margin: float = 0.0
 
-    def x_range(self) -> Range:
-        """From the first to the last x of all curves, and the margin."""
+    @property
+    def x(self) -> Scale:
+        """The x axis of all curves, with the margin."""
         ends = [end for panel in self.panels for curve in panel.curves for end in _ends(curve.points.x)]
         if not ends:
-            return (0.1, 1.0) if self.log_x else (0.0, 1.0)
+            return Scale(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)
         low, high = min(ends), max(ends)
         if self.log_x:
             ratio = (high / low) ** self.x_margin if high > low * (1 + FLAT) else 2.0
-            return low / ratio, high * ratio
+            return Scale(self.x_label, low / ratio, high * ratio, True)
         pad = self.x_margin * (high - low) if high - low > 1e-15 * max(abs(low), abs(high)) else 0.5
-        return low - pad, high + pad
+        return Scale(self.x_label, low - pad, high + pad)
 
 
 def _ends(values: np.ndarray) -> list[float]:
-    """The lowest and the highest value; none if there are none."""
+    """Returns the lowest and the highest finite value, if any."""
     finite = values[np.isfinite(values)]
     return [float(finite.min()), float(finite.max())] if len(finite) else []

@@ -1,7 +1,7 @@
-"""Draws figures with matplotlib: panels over one x axis, with names beside their curves.
+"""Drawing of figures with matplotlib: panels over one x axis, with names beside their curves.
 
-matplotlib finds the places of the panels. Names stand at the heights where their curves end while they have room, which
-no legend of matplotlib's does; else they are in columns.
+matplotlib places the panels. Names are placed at the heights where their curves end if they fit there, which no legend
+of matplotlib does; otherwise in columns.
 """
 
 import math
@@ -15,21 +15,21 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_transform_factory
 
-from mjrun.plotting.axis_ticks import number_ticks
+from mjrun.plotting.axis_ticks import set_scale
 from mjrun.plotting.canvas import DPI, POINT, Canvas, rgb
 from mjrun.plotting.curve_syntax import ReferenceLine
-from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
+from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, Scale
 from mjrun.plotting.panel_grid import PanelGrid
 
-LEGEND, WIDE_LEGEND = 0.36, 0.5  # the most of a panel's room that its legend takes; more where all names fit then
-NAMED = 8  # reference lines of one name that are all named
-MANY = 40  # reference lines that are drawn faintly
-BESIDE = 6  # names that stand where their curves end
-SMALLEST = 0.75  # of the usual letters
+LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
+NAMED = 8  # maximum number of reference lines with one name that are all labelled
+MANY = 40  # number of reference lines above which they are drawn faintly
+BESIDE = 6  # maximum number of names placed where their curves end
+SMALLEST = 0.75  # minimum share of the usual size of letters
 LINE = 1.32  # [em]
-SAMPLE, GAP, AFTER = 1.5, 0.4, 0.7  # length of a line before a name, what is between them, and after the name [em]
-LETTERS = 0.95  # of names [em]
-# About the room for the title, above each panel, and for the x axis: where names stand depends on heights [em].
+SAMPLE, GAP, AFTER = 1.5, 0.4, 0.7  # length of the line before a name, of the gap to it, and after the name [em]
+LETTERS = 0.95  # size of names [em]
+# Approximate room for the title, above each panel, and for the x axis, from which heights of names follow [em].
 TITLE_ROOM, ABOVE, BELOW = 2.6, 2.5, 3.4
 
 
@@ -58,15 +58,10 @@ def paint(drawing: Drawing, grid: PanelGrid, canvas: Canvas) -> None:
 
 
 def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *, lowest: bool) -> None:
-    """Draws a panel, apart from the names of its curves."""
-    theme = canvas.theme
-    (low, high), em = panel.y_range(), canvas.em
-    axes.set_xscale("log" if drawing.log_x else "linear")
-    axes.set_yscale("log" if panel.log else "linear")
-    axes.set_xlim(drawing.x_range())
-    axes.set_ylim(low, high)
-    number_ticks(axes.xaxis, em)
-    number_ticks(axes.yaxis, em, whole=panel.is_whole())
+    """Draws a panel without the names of its curves."""
+    theme, y = canvas.theme, panel.y
+    set_scale(canvas, axes, "x", drawing.x)
+    set_scale(canvas, axes, "y", y, whole=panel.is_whole())
     axes.grid(True)
     axes.set_title(panel.label)
     if lowest:
@@ -74,7 +69,7 @@ def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *,
     else:
         axes.tick_params(labelbottom=False)
 
-    if not panel.log and low < 0 < high:
+    if not y.log and y.low < 0 < y.high:
         axes.axhline(0, color=rgb(theme.zero), linewidth=canvas.hair, zorder=1)
     for line in panel.marks:
         axes.axhline(line.value, color=rgb(theme.ink), linewidth=1.3 * canvas.hair, dashes=(5, 3), zorder=1.5)
@@ -89,7 +84,7 @@ def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *,
 
 
 def _sample(canvas: Canvas, curve: DrawnCurve) -> Line2D:
-    """A line that looks like a curve."""
+    """Returns a line in the style of a curve."""
     line = Line2D([], [], color=rgb(canvas.theme.colour(curve.colour)))
     if pattern := canvas.theme.pattern(curve.colour, curve.variant):
         line.set_linestyle((0, pattern))
@@ -97,14 +92,14 @@ def _sample(canvas: Canvas, curve: DrawnCurve) -> Line2D:
 
 
 def _isolated(y: np.ndarray) -> np.ndarray:
-    """Which values have a gap on both sides, so that no line shows them."""
+    """Returns which values have a gap on both sides, so that no line shows them."""
     gap = np.isnan(y)
     before, after = np.concatenate([[True], gap[:-1]]), np.concatenate([gap[1:], [True]])
     return ~gap & before & after
 
 
 @dataclass(frozen=True)
-class Entry:
+class CurveName:
     """A name, a sample of its line, and its height [pixels from the bottom of the panel]."""
 
     name: str
@@ -116,7 +111,7 @@ class _Legend:
     """The names beside the curves of a panel.
 
     Args:
-      size: about the height of the panel, and the width with all that belongs to it [pixels].
+      size: approximate height of the panel, and width with everything beside it [pixels].
     """
 
     def __init__(self, canvas: Canvas, axes: Axes, panel: DrawnPanel, size: tuple[float, float]) -> None:
@@ -145,34 +140,36 @@ class _Legend:
                 axes.text(x / DPI, y, text, transform=beside, va="center_baseline", fontsize=size * POINT)
             left = x + max(canvas.measure(text, size) for text in texts) + AFTER * size
 
-    def _named(self, panel: DrawnPanel) -> list[Entry]:
-        """A name for each curve and reference line, at the height where it ends; none for a curve alone."""
-        canvas, ends = self._canvas, panel.y_range()
-        entries: list[Entry] = []
+    def _named(self, panel: DrawnPanel) -> list[CurveName]:
+        """Returns a name for each curve and reference line, at the height of its end; none for a single curve."""
+        canvas, scale = self._canvas, panel.y
+        entries: list[CurveName] = []
         for curve in panel.curves if len(panel.curves) > 1 else ():
             finite = curve.points.y[np.isfinite(curve.points.y)]
-            share = _share(float(finite[-1]), *ends, panel.log) if len(finite) else 0.5
-            entries.append(Entry(curve.name, _sample(canvas, curve), share * self._height))
+            share = _share(float(finite[-1]), scale) if len(finite) else 0.5
+            entries.append(CurveName(curve.name, _sample(canvas, curve), share * self._height))
         for mark in panel.marks:
             line = Line2D([], [], color=rgb(canvas.theme.ink), linewidth=1.3 * canvas.hair, dashes=(3, 2))
-            entries.append(Entry(mark.label, line, _share(mark.value, *ends, panel.log) * self._height))
+            entries.append(CurveName(mark.label, line, _share(mark.value, scale) * self._height))
         return entries
 
     def _texts(self, room: float) -> list[list[str]]:
-        """The names of each column as they fit into a `room` for all columns [pixels]."""
+        """Returns the names of each column, shortened to a `room` for all columns [pixels]."""
         most = room / max(1, len(self._columns)) - (SAMPLE + GAP + AFTER) * self._size
         return [[self._canvas.fitted(entry.name, most, self._size) for entry in column] for column in self._columns]
 
 
-def arranged(entries: Sequence[Entry], bottom: float, top: float, line: float) -> tuple[list[list[Entry]], float]:
-    """Returns entries in columns, at least a `line` apart between `bottom` and `top` [pixels], and how much smaller
-    their letters are: where their curves end while they are few, else from top to bottom.
+def arranged(
+    entries: Sequence[CurveName], bottom: float, top: float, line: float
+) -> tuple[list[list[CurveName]], float]:
+    """Arranges entries in columns, at least a `line` apart from `bottom` to `top` [pixels], and returns the scale of
+    their letters: a few are placed where their curves end, more of them from top to bottom.
     """
     if not entries:
         return [], 1.0
     room = max(1, int((top - bottom) / line))
     if len(entries) <= min(BESIDE, room):
-        descending = sorted(entries, key=lambda entry: entry.y, reverse=True)  # of two at one height the first is above
+        descending = sorted(entries, key=lambda entry: entry.y, reverse=True)  # the first of equals is above
         return [_spread(descending[::-1], bottom, top, line)], 1.0
     scale = max(SMALLEST, min(1.0, (top - bottom) / line / len(entries)))
     line *= scale
@@ -184,14 +181,14 @@ def arranged(entries: Sequence[Entry], bottom: float, top: float, line: float) -
     return [[replace(e, y=top - (i + 0.5) * step) for i, e in enumerate(column)] for column in columns], scale
 
 
-def _spread(entries: Sequence[Entry], bottom: float, top: float, line: float) -> list[Entry]:
-    """Entries in the order of their heights, moved apart as little as need be: clusters share their mean."""
+def _spread(entries: Sequence[CurveName], bottom: float, top: float, line: float) -> list[CurveName]:
+    """Moves entries apart as little as possible, in the order of their heights: clusters keep their mean."""
 
-    def placed(cluster: list[Entry]) -> float:
+    def placed(cluster: list[CurveName]) -> float:
         half = len(cluster) * line / 2
         return min(max(sum(entry.y for entry in cluster) / len(cluster), bottom + half), top - half)
 
-    clusters: list[tuple[float, list[Entry]]] = []
+    clusters: list[tuple[float, list[CurveName]]] = []
     for entry in entries:
         cluster = [replace(entry, y=min(max(entry.y, bottom + line / 2), top - line / 2))]
         centre = placed(cluster)
@@ -208,8 +205,8 @@ def _spread(entries: Sequence[Entry], bottom: float, top: float, line: float) ->
 
 def _reference_lines(canvas: Canvas, drawing: Drawing, panels: Sequence[Axes], upper: Sequence[Axes]) -> None:
     """Draws vertical lines through all panels, and their names in the `upper` ones."""
-    low, high = drawing.x_range()
-    lines = [line for line in drawing.marks if low <= line.value <= high]
+    scale = drawing.x
+    lines = [line for line in drawing.marks if scale.low <= line.value <= scale.high]
     style, opacity = ((0, (5, 3)), 1.0) if len(lines) <= MANY else ("-", 0.35)
     colour = rgb(canvas.theme.grey)
     for axes in panels:
@@ -222,7 +219,7 @@ def _reference_lines(canvas: Canvas, drawing: Drawing, panels: Sequence[Axes], u
         ends = [-math.inf] * 3  # of the rows of names
         for line in _named(lines):
             text = canvas.shown(line.label)
-            x, width = _share(line.value, low, high, drawing.log_x) * box.width, canvas.measure(text, size)
+            x, width = _share(line.value, scale) * box.width, canvas.measure(text, size)
             x += 0.35 * size if x + width + 0.35 * size <= box.width else -width - 0.35 * size
             row = next((row for row, end in enumerate(ends) if x > end), None)
             if row is not None:
@@ -242,7 +239,7 @@ def _reference_lines(canvas: Canvas, drawing: Drawing, panels: Sequence[Axes], u
 
 
 def _named(lines: Sequence[ReferenceLine]) -> list[ReferenceLine]:
-    """The lines whose names are shown, from left to right: of many with one name the first, with their number."""
+    """Returns the lines to label, from left to right: the first of many with one name, with their number."""
     counts, named = Counter(line.label for line in lines), dict[tuple[str, float], ReferenceLine]()
     for line in sorted(lines, key=lambda line: line.value):
         count = counts[line.label]
@@ -253,8 +250,9 @@ def _named(lines: Sequence[ReferenceLine]) -> list[ReferenceLine]:
     return [line for line in named.values() if line.label]
 
 
-def _share(value: float, low: float, high: float, log: bool) -> float:
-    """Where a value is between two others."""
-    if log:
+def _share(value: float, scale: Scale) -> float:
+    """Returns the position of a value on an axis, from 0 to 1."""
+    low, high = scale.low, scale.high
+    if scale.log:
         value, low, high = (math.log10(v) if v > 0 else -math.inf for v in (value, low, high))
     return min(max((value - low) / (high - low), 0.0), 1.0)

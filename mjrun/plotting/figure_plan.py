@@ -1,4 +1,4 @@
-"""From options and the columns of tables to what is drawn: every name is found before the first row."""
+"""The plan of a figure, from options and the columns of tables: every name is resolved before the first row."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
 from mjrun.probe.available import TableVocabulary
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition
 
-PANELS = 48  # of a figure that nobody asked for
-PAGE_PANELS = 12  # that stand under each other in a page
-EVENTS = 200  # of a condition that are marked in one table
+PANELS = 48  # maximum number of panels that the user did not choose
+PAGE_PANELS = 12  # maximum number of panels in one column of a page
+EVENTS = 200  # maximum number of marked events per condition and table
 
 
 @dataclass(frozen=True)
 class TableColumns:
-    """The columns of a table: what the table is called in a legend, and its units by name."""
+    """The columns of a table: the table's name in a legend, and the units by name."""
 
     name: str
     units: dict[str, str]
@@ -38,7 +38,7 @@ class TableColumns:
 
 @dataclass(frozen=True)
 class EventLines:
-    """A condition whose beginnings are marked."""
+    """A condition whose onsets are marked."""
 
     label: str
     condition: Condition
@@ -48,17 +48,17 @@ class FigurePlan:
     """A figure of tables with known columns.
 
     Args:
-      options: what it shows.
+      options: the content of the figure.
       tables: at least one.
-      panels: those to show unless the options choose some; a panel for each group and unit by default.
+      panels: panels to show unless the options choose some; by default a panel for each group and unit.
 
     Attributes:
-      panels: in order.
-      grid: their size and places.
-      notes: what the user may want to know.
+      panels: the panels, in order.
+      grid: their size and positions.
+      notes: notes for the user.
 
     Raises:
-      UsageError: a name that is not there, an expression that is not well formed, a size too small.
+      UsageError: a name is unknown, an expression malformed, or the size too small.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class FigurePlan:
     ) -> None:
         self.options, self.tables = options, tables
         self.notes: list[str] = []
-        self._units: dict[str, str] = {}  # of the columns of all tables, from the first that has one
+        self._units: dict[str, str] = {}  # of the columns of all tables; the first table with a unit decides
         for table in tables:
             for name, unit in with_units(list(table.units), table.units).items():
                 self._units[name] = self._units.get(name) or unit
@@ -81,24 +81,24 @@ class FigurePlan:
 
     @property
     def columns(self) -> list[str]:
-        """The columns that are read, of any table."""
+        """The columns to read, of any table."""
         texts = [curve.text.expression for panel in self.panels for curve in panel.curves]
         texts += [self.x.expression] if self.x else []
         read = [name for text in texts for name in text.columns]
         return list(dict.fromkeys([*read, *(name for event in self._events for name in event.condition.columns)]))
 
     def page_grid(self) -> PanelGrid:
-        """The grid in a page, which is narrow and may be long: panels stand under each other unless they are many."""
+        """Returns the grid in a page, which is narrow and may be long: a single column unless panels are many."""
         if self.options.size or self.options.columns or len(self.panels) > PAGE_PANELS:
             return self.grid
         return panel_grid(self._count, None, 1)
 
     def collector(self, table: int) -> "TableCollector":
-        """What takes the rows of a table."""
+        """Returns the collector of a table's rows."""
         return TableCollector(self, table, self._events)
 
     def drawing(self, collectors: Sequence["TableCollector"]) -> Drawing:
-        """What is drawn of what the collectors took, one for each table."""
+        """Returns the data of the figure from the collectors, one for each table."""
         points = [collector.points() for collector in collectors]
         panels = [self._drawn(index, panel, points) for index, panel in enumerate(self.panels)]
         events = [mark for collector in collectors for mark in collector.marks]
@@ -109,37 +109,37 @@ class FigurePlan:
     def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], Points]]) -> DrawnPanel:
         several, curves = len(self.tables) > 1, list[DrawnCurve]()
         for number, curve in enumerate(panel.curves):
-            for table, found in enumerate(points):
-                if (index, number) not in found:
+            for table, drawn in enumerate(points):
+                if (index, number) not in drawn:
                     continue
                 label = self.tables[table].name if several else curve.name
                 label = f"{label} {curve.name}" if several and len(panel.curves) > 1 else label
                 colour, variant = (table, number) if several else (number, 0)
-                curves.append(DrawnCurve(label, found[index, number], colour, variant))
+                curves.append(DrawnCurve(label, drawn[index, number], colour, variant))
         marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
         return DrawnPanel(panel.label, curves, index in self.log_y, marks)
 
     def _x_axis(self) -> CurveSpec | None:
-        """The x axis; None for the number of the row."""
+        """Returns the x axis; None for the number of the row."""
         if self.options.x is not None:
-            found = parse_curves(self.options.x, list(self._units), option("x"))
-            if len(found) != 1:
-                raise BadValueError(option("x"), self.options.x, f"one column, it is {len(found)}")
-            return found[0]
+            curves = parse_curves(self.options.x, list(self._units), option("x"))
+            if len(curves) != 1:
+                raise BadValueError(option("x"), self.options.x, f"one column, it is {len(curves)}")
+            return curves[0]
         times = {time_column(table.units) for table in self.tables}
         if len(times) > 1:
             known = ", ".join("none" if time is None else quoted(time) for time in sorted(times, key=str))
-            raise UsageError(f"the tables have different columns of time: {known}; name the x axis with {option('x')}")
+            raise UsageError(f"the tables have different time columns: {known}; choose the x axis with {option('x')}")
         (time,) = times
         if time is None:
             self.notes.append(f"no column is called time: x is the number of the row, from 0 on; see {option('x')}")
             return None
-        (found,) = parse_curves(time, [time], option("x"))
-        return found
+        (curve,) = parse_curves(time, [time], option("x"))
+        return curve
 
     @property
     def breaks(self) -> bool:
-        """Whether a line breaks where x goes back, as a time does in tables that were joined."""
+        """True if a line breaks where x decreases, as time does in joined tables."""
         return self.options.x is None
 
     def _x_label(self) -> str:
@@ -156,7 +156,7 @@ class FigurePlan:
             return list(panels)
         names = [name for name in self._units if not (self.x and name == self.x.column)]
         if not names:
-            raise UsageError(f"there is nothing to plot: the only column is {listing(list(self._units))}")
+            raise UsageError(f"nothing to plot: the only column is {listing(list(self._units))}")
         panels = panels_by_unit(names, self._units, apart=len(self.tables) > 1)
         if len(panels) > PANELS:
             left = [curve.text.name for panel in panels[PANELS:] for curve in panel.curves]
@@ -183,11 +183,11 @@ class FigurePlan:
 
 
 class TableCollector:
-    """Takes the rows of one table, and keeps what can be seen of them.
+    """The visible part of one table's rows, collected block by block.
 
     Attributes:
-      rows: taken so far.
-      marks: events so far, at most `EVENTS` of each condition.
+      rows: number of rows so far.
+      marks: events so far, at most `EVENTS` for each condition.
       has_curves: whether the table has any column of the figure.
     """
 
@@ -221,7 +221,7 @@ class TableCollector:
         return bool(self._curves)
 
     def feed(self, columns: dict[str, np.ndarray]) -> None:
-        """Takes the next rows, `(n,)` each by name."""
+        """Adds rows, `(n,)` each by name."""
         count = len(next(iter(columns.values())))
         if not count or not self._curves:
             self.rows += count
@@ -248,13 +248,13 @@ class TableCollector:
         self._envelope.feed(x, y)
 
     def points(self) -> dict[tuple[int, int], Points]:
-        """The points of every curve, by the indices of its panel and in it."""
+        """Returns the points of every curve, keyed by the indices of its panel and of the curve."""
         return dict(zip(self._curves, self._envelope.curves(), strict=True))
 
     def notes(self) -> list[str]:
-        """What the user may want to know, after the last row."""
+        """Returns notes for the user, after the last row."""
         where = f"{self._name}: " if len(self._plan.tables) > 1 else ""
-        notes = [f"{where}there is no {listing(self._missing)}"] if self._missing and self._curves else []
+        notes = [f"{where}the table lacks {listing(self._missing)}"] if self._missing and self._curves else []
         notes += [f"{where}{_are(count, 'row', what)} left out" for what, count in self._lost.items() if count]
         for curve, count in zip(self._curves.values(), self._negative.tolist(), strict=True):
             if count:
@@ -262,14 +262,14 @@ class TableCollector:
                 notes.append(f"{where}{curve.text.name}: {values} not on a logarithmic axis")
         drawn = zip(self._curves.values(), self._envelope.curves(), strict=True)
         empty = [curve.text.name for curve, points in drawn if not np.isfinite(points.y).any()]
-        notes += [f"{where}{listing(empty)}: no value can be drawn"] if empty and self.rows else []
+        notes += [f"{where}{listing(empty)}: no values to draw"] if empty and self.rows else []
         for event, count in zip(self._events, self._seen, strict=True):
             if count > EVENTS:
                 notes.append(f"{where}{event.label}: the first {EVENTS} of {count} are marked")
             elif not count:
-                notes.append(f"{where}{event.label} does not happen")
+                notes.append(f"{where}{event.label} never happens")
         if self._plan.breaks and not self._envelope.ascends:
-            notes.append(f"{where}the time goes back; curves break there")
+            notes.append(f"{where}time decreases; curves break there")
         return notes
 
     def _mark(self, columns: dict[str, np.ndarray], x: np.ndarray) -> None:
@@ -283,12 +283,12 @@ class TableCollector:
 
 
 def _are(count: int, noun: str, which: str) -> str:
-    """The beginning of a sentence about some of many: `1 row without x is`."""
+    """Returns the beginning of a sentence about some of many: `1 row without x is`."""
     return f"{counted(count, noun)} {which} {'is' if count == 1 else 'are'}"
 
 
 def _named_condition(text: str) -> tuple[str, str]:
-    """The label and the condition of `landed=contact/ncon > 0`; the condition is its own label by default."""
+    """Splits `landed=contact/ncon > 0` into label and condition; by default the condition is its own label."""
     label, equals, condition = text.partition("=")
     name = label.strip()
     if equals and condition[:1] != "=" and name and name[-1] not in "<>!" and not set(name) & set("()'`"):

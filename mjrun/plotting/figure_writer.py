@@ -1,4 +1,4 @@
-"""Writes figures: a drawing becomes one published file, with the same bytes for the same drawing."""
+"""Writing of figures: a drawing becomes one published file, with the same bytes for the same drawing."""
 
 import io
 import re
@@ -26,17 +26,17 @@ def require_matplotlib() -> None:
 
 
 class FigureWriter(OutputWriter):
-    """Writes one figure. Opening it proves that the output can be written.
+    """A writer of one figure. Opening it proves that the output can be written.
 
     Args:
       output: a file, or None for standard output.
-      format: a name from `mjrun.formats.image_format`.
+      format: name of a format in `mjrun.formats.image_format`.
       size: width and height [pixels].
-      tags: title, comment and description, embedded where the format can hold them.
+      tags: title, comment and description, embedded if the format supports them.
 
     Raises:
       FileError: the output cannot be written.
-      BadValueError: the format cannot hold so large a figure.
+      BadValueError: the format does not support a figure of this size.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class FigureWriter(OutputWriter):
         self._name, self._tags = format, {name: clean(text) for name, text in (tags or {}).items()}
         largest = None if format in DRAWINGS else FORMATS["rgb"][format].largest
         if largest and max(size) > largest:
-            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side, as {format} holds")
+            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side for {format}")
         super().__init__(StandardOutput(terminal=format == "svg") if output is None else StagedFile(Path(output)))
 
     def write(self, drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> None:
@@ -57,7 +57,7 @@ class FigureWriter(OutputWriter):
 
         Raises:
           FileError: the disk is full.
-          ClosedPipeError: nobody reads standard output any more.
+          ClosedPipeError: the reader of standard output closed the pipe.
         """
         self.write_file(encoded(drawing, grid, style, self._name, self._tags))
 
@@ -69,7 +69,7 @@ def encoded(
     format: str,  # noqa: A002
     tags: Mapping[str, str],
 ) -> bytes:
-    """Draws a figure, and returns it as the content of a file."""
+    """Draws a figure and returns it as the content of a file."""
     from mjrun.plotting.canvas import Canvas, settings
     from mjrun.plotting.figure_painter import paint
     from mjrun.plotting.study.figure_painter import paint_study
@@ -90,13 +90,13 @@ def encoded(
 
 
 def svg_text(drawing: Drawing | StudyDrawing, grid: PanelGrid, style: str) -> str:
-    """Draws a figure as an `<svg>` element of a page."""
+    """Draws a figure as an `<svg>` element for a page."""
     document = encoded(drawing, grid, style, "svg", {}).decode()
     return document[document.index("<svg") :]
 
 
 def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  # noqa: A002
-    """What matplotlib embeds: our tags, and nothing that changes from day to day."""
+    """Returns the metadata for matplotlib: mjrun's tags, and nothing that changes from day to day."""
     if format == "pdf":
         names = {"title": "Title", "comment": "Creator", "description": "Subject"}
         return {"CreationDate": None, "Producer": None, **{names[key]: text for key, text in tags.items()}}
@@ -105,5 +105,5 @@ def _metadata(format: str, tags: Mapping[str, str]) -> dict[str, str | None]:  #
 
 
 def _svg(document: str) -> str:
-    """The document with fonts to fall back on where DejaVu Sans is not installed."""
+    """Adds fallback fonts for systems without DejaVu Sans."""
     return re.sub(r"'DejaVu Sans'", "'DejaVu Sans', Verdana, sans-serif", document)

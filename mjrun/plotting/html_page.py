@@ -1,4 +1,4 @@
-"""A page about a result: HTML that needs no other file, no script and no network."""
+"""An HTML page about a result, without other files, scripts or network access."""
 
 import base64
 import math
@@ -19,7 +19,7 @@ from mjrun.probe.verdict import Verdict
 _STYLE = Path(__file__).with_name("html_page.css")
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: file: 'self'; media-src data: file: 'self'"
 MEGABYTE = 1_000_000
-# What browsers show, by suffix.
+# Media types of suffixes that browsers display.
 IMAGES = {
     ".png": "image/png",
     ".apng": "image/apng",
@@ -37,10 +37,10 @@ class PageFile:
     """A file that a page shows.
 
     Attributes:
-      path: as it was given.
-      kind: its media type; None for what a browser does not show.
-      address: its content as a data URI, or where it is as seen from the page.
-      size: bytes; None of a folder.
+      path: the path as specified.
+      kind: media type; None if browsers do not display it.
+      address: content as a data URI, or the path relative to the page.
+      size: size [bytes]; None for a folder.
     """
 
     path: str
@@ -50,13 +50,13 @@ class PageFile:
 
     @property
     def is_embedded(self) -> bool:
-        """Whether the page holds it."""
+        """True if the page contains the file."""
         return self.address.startswith("data:")
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure: its `<svg>` element, what it shows in words, and notes about it."""
+    """A figure: its `<svg>` element, a description in words, and notes."""
 
     svg: str
     description: str
@@ -65,7 +65,7 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class PageTable:
-    """A table in numbers."""
+    """The statistics of a table."""
 
     path: str
     rows: int
@@ -74,14 +74,14 @@ class PageTable:
 
 @dataclass(frozen=True)
 class PageFacts:
-    """A table of words and numbers in a section of its own.
+    """A table of words and numbers in a separate section.
 
     Attributes:
-      title: of the section.
-      caption: what the table shows.
-      heads: of its columns.
-      rows: their cells, the first of which is the name of the row.
-      numeric: which columns are numbers.
+      title: title of the section.
+      caption: caption of the table.
+      heads: heads of its columns.
+      rows: cells of each row, the first of which is its name.
+      numeric: indices of the numeric columns.
     """
 
     title: str
@@ -96,10 +96,10 @@ class Page:
     """A page about a result.
 
     Attributes:
-      title: of the page.
+      title: title of the page.
       maker: the program, with its version.
-      facts: what was found, above all else.
-      verdicts: of assertions, each with the file that it is about.
+      facts: the main findings, shown first.
+      verdicts: verdicts of assertions, each with its file.
     """
 
     title: str
@@ -113,13 +113,13 @@ class Page:
 
 
 def page_file(path: str, page: str, limit: float) -> PageFile:
-    """The file at `path` as the page at `page` shows it.
+    """Describes the file at `path` for the page at `page`.
 
     Args:
-      limit: the size up to which it is embedded [MB].
+      limit: maximum size of an embedded file [MB].
 
     Raises:
-      FileError: there is none, or it cannot be read.
+      FileError: the file does not exist or cannot be read.
     """
     file = Path(path)
     kind = (IMAGES | VIDEOS).get(file.suffix.lower())
@@ -136,7 +136,7 @@ def page_file(path: str, page: str, limit: float) -> PageFile:
 
 
 def html_page(page: Page) -> str:
-    """The whole document; the same page gives the same text."""
+    """Returns the whole document; the same page gives the same text."""
     sections = [
         *((facts.title.lower().replace(" ", "-"), facts.title, [_facts(facts)]) for facts in page.facts),
         ("assertions", "Assertions", list(_verdicts(page.verdicts))),
@@ -164,7 +164,7 @@ def html_page(page: Page) -> str:
 
 
 def _header(page: Page, sections: Sequence[tuple[str, str]]) -> Markup:
-    """The title, the verdict in a word, and links to the sections."""
+    """Returns the title, the overall verdict, and links to the sections."""
     failed = sum(not verdict.passed for _, verdict in page.verdicts)
     count = len(page.verdicts)
     badge = Markup()
@@ -194,12 +194,12 @@ def _verdicts(verdicts: Sequence[tuple[str, Verdict]]) -> Iterator[Markup]:
     rows: list[Markup] = []
     for path, verdict in verdicts:
         word, kind = ("✓ passed", "pass") if verdict.passed else ("✗ failed", "fail")
-        found = verdict.message.removeprefix(f"{verdict.text}: ")
+        finding = verdict.message.removeprefix(f"{verdict.text}: ")
         cells = [
             element("td", element("span", word, class_=f"verdict {kind}")),
             element("td", element("code", verdict.text)),
         ]
-        rows.append(element("tr", *cells, element("td", found), *([element("td", path)] if several else [])))
+        rows.append(element("tr", *cells, element("td", finding), *([element("td", path)] if several else [])))
     heads = ["Verdict", "Assertion", "Found", *(["Table"] if several else [])]
     yield table_element("Assertions and what was found", heads, rows)
 
@@ -223,18 +223,18 @@ def _figure(figure: PageFigure, index: int) -> Markup:
 
 
 def inline_svg(svg: str, label: str) -> str:
-    """An `<svg>` element for a page: as wide as there is room, described by the element `label`, without metadata.
+    """Prepares an `<svg>` element for a page: full width, described by the element `label`, without metadata.
 
-    Of its identifiers those are kept that it refers to, and they begin with `label`, so that figures do not clash.
+    Identifiers that the element refers to are prefixed with `label`, so that figures do not clash; others are removed.
     """
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg).replace("xlink:href=", "href=")
     used = set(re.findall(r'(?:href="|url\()#([^")]+)', svg))
-    svg = re.sub(r'\sid="([^"]*)"', lambda found: f' id="{label}-{found[1]}"' if found[1] in used else "", svg)
+    svg = re.sub(r'\sid="([^"]*)"', lambda match: f' id="{label}-{match[1]}"' if match[1] in used else "", svg)
     svg = re.sub(r'(href="|url\()#', rf"\1#{label}-", svg)
     opening, rest = svg.split(">", 1)
     drawn = re.search(r'\swidth="([\d.]+(?:pt|px)?)"', opening)
-    style = f' style="--drawn: {drawn[1]}"' if drawn else ""  # how wide its letters have their size
+    style = f' style="--drawn: {drawn[1]}"' if drawn else ""  # the width at which letters have their nominal size
     opening = re.sub(r'\s(width|height|version|role)="[^"]*"', "", opening)
     return f'{opening}{style} role="img" aria-labelledby="{label}">{rest}'
 
@@ -276,7 +276,7 @@ def _links(files: Sequence[PageFile]) -> Iterator[Markup]:
 
 
 def _columns(table: PageTable) -> Markup:
-    """The columns of a table, folded where they are many."""
+    """Returns the columns of a table, folded if they are many."""
     gaps = any(column.missing for column in table.columns)
     rows: list[Markup] = []
     for column in table.columns:

@@ -1,4 +1,4 @@
-"""HTML, in which no text can be taken for markup."""
+"""HTML elements, in which text is always escaped."""
 
 import html
 from collections.abc import Sequence
@@ -9,16 +9,15 @@ _VOID = frozenset({"img", "link", "meta", "col", "br", "source"})
 
 
 class Markup(str):
-    """Text that is HTML already."""
+    """Text that is already HTML."""
 
     __slots__ = ()
 
 
 def element(name: str, /, *content: str, **attributes: str | bool | None) -> Markup:
-    """An element with its content, of which what is not markup is cleaned and escaped.
+    """Returns an element with its content; content that is not markup is cleaned and escaped.
 
-    Attributes are written as keywords, with `_` at the end of a Python word and for `-`; those that are None or False
-    are left out.
+    Attributes are keywords, with a trailing `_` for reserved words and `_` for `-`; None and False are omitted.
     """
     written = "".join(_attribute(key, value) for key, value in attributes.items() if value not in (None, False))
     if name in _VOID:
@@ -27,24 +26,20 @@ def element(name: str, /, *content: str, **attributes: str | bool | None) -> Mar
 
 
 def joined(*content: str) -> Markup:
-    """Pieces of HTML, and texts that are escaped, one after the other."""
+    """Joins pieces of HTML and texts, which are escaped."""
     return Markup(
         "".join(part if isinstance(part, Markup) else html.escape(clean(part), quote=False) for part in content)
     )
 
 
 def table_element(caption: str, heads: Sequence[str], rows: Sequence[Markup], numeric: Sequence[int] = ()) -> Markup:
-    """A table that scrolls by itself where it is too wide."""
+    """Returns a table that scrolls separately if it is too wide."""
     cells = [
         element("th", head, scope="col", class_="number" if i in numeric else None) for i, head in enumerate(heads)
     ]
     head = element("thead", element("tr", *cells))
     table = element("table", element("caption", caption), head, element("tbody", *rows))
     return element("div", table, class_="scroll", tabindex="0")
-
-
-def _escaped(text: str) -> str:
-    return html.escape(clean(text), quote=False)
 
 
 def _attribute(key: str, value: str | bool | None) -> str:

@@ -1,4 +1,4 @@
-"""What a manifest says, in a page."""
+"""Manifests as sections of a page."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,25 +8,25 @@ from mjrun.plotting.markup import Markup, element, table_element
 
 _VERSIONS = ("mjrun", "mujoco", "numpy", "python")
 _IN_SECONDS = ("timestep", "simulated", "duration", "wall", "simulation_wall", "draw_wall")
-DEEPEST = 8  # mappings in mappings that are taken apart
-# Of a result, what the page shows elsewhere.
+DEEPEST = 8  # maximum depth of nested mappings
+# Facts of a result that other parts of the page show.
 _ELSEWHERE = ("path", "paths", "assertions")
 
 
 @dataclass(frozen=True)
 class PageManifest:
-    """What made a file, as its manifest says, which may say anything."""
+    """The manifest of a file, whose content is not validated."""
 
     path: str
     content: Mapping[str, object]
 
     def is_part_of(self, other: "PageManifest") -> bool:
-        """Whether `other` says all of it, as a manifest beside a table does of the one within."""
+        """Returns whether `other` contains all of it, as a manifest beside a table contains the embedded one."""
         return all(key in other.content and other.content[key] == value for key, value in self.content.items())
 
 
 def manifest_articles(manifests: Sequence[PageManifest]) -> Iterator[Markup]:
-    """What manifests say; what all of them say comes first, and once."""
+    """Yields the content of manifests; facts that all share come first, and only once."""
     every = [_facts(manifest) for manifest in manifests]
     common = {key: value for key, value in every[0].items() if all(f.get(key) == value for f in every)} if every else {}
     if len(manifests) > 1 and common:
@@ -40,7 +40,7 @@ def manifest_articles(manifests: Sequence[PageManifest]) -> Iterator[Markup]:
 
 
 def _facts(manifest: PageManifest) -> dict[str, object]:
-    """What a reader asks first, then everything else but options and hashes; without what says nothing."""
+    """Returns the most important facts first, then all others but options and hashes; empty ones are omitted."""
     content = {key: value for key, value in manifest.content.items() if key not in ("options", "outputs")}
     result, model = _mapping(content.pop("result", None)), _mapping(content.pop("model", None))
     versions = [f"{name} {content.pop(name)}" for name in _VERSIONS if isinstance(content.get(name), str)]
@@ -71,7 +71,7 @@ def _options(options: Mapping[str, object]) -> Iterator[Markup]:
 
 
 def _hashes(outputs: object) -> Iterator[Markup]:
-    files = [_mapping(file) for file in _sequence(outputs)]
+    files = [_mapping(file) for file in cast(list[object], outputs)] if isinstance(outputs, list) else []
     rows: list[Markup] = []
     for file in files:
         head = element("th", element("code", _text(file.get("path", ""))), scope="row")
@@ -83,19 +83,19 @@ def _hashes(outputs: object) -> Iterator[Markup]:
 
 
 def flat(values: Mapping[str, object], above: str = "") -> dict[str, object]:
-    """Values by path, `simulation.duration`; what says nothing, null or empty, is left out."""
-    found: dict[str, object] = {}
+    """Flattens values by path, `simulation.duration`; null and empty ones are omitted."""
+    flattened: dict[str, object] = {}
     for key, value in values.items():
         path = f"{above}{key.removesuffix('_')}"
         if isinstance(value, Mapping) and path.count(".") < DEEPEST:
-            found |= flat(cast(Mapping[str, object], value), f"{path}.")
+            flattened |= flat(cast(Mapping[str, object], value), f"{path}.")
         elif value not in (None, "", [], ()):
-            found[path] = value
-    return found
+            flattened[path] = value
+    return flattened
 
 
 def _named(key: str) -> str:
-    """A fact as a reader calls it: `Wall [s]`."""
+    """Returns a fact's name for readers: `Wall [s]`."""
     return key.replace("_", " ").capitalize() + (" [s]" if key in _IN_SECONDS else "")
 
 
@@ -109,7 +109,7 @@ def _value(key: str, value: object) -> Markup:
 
 
 def _text(value: object) -> str:
-    """A value in one line: lists with commas, numbers as they print shortest."""
+    """Formats a value in one line: lists with commas, numbers in their shortest form."""
     if isinstance(value, list | tuple):
         return ", ".join(map(_text, cast(Sequence[object], value)))
     if isinstance(value, bool):
@@ -119,7 +119,3 @@ def _text(value: object) -> str:
 
 def _mapping(value: object) -> dict[str, object]:
     return dict(cast(Mapping[str, object], value)) if isinstance(value, Mapping) else {}
-
-
-def _sequence(value: object) -> Sequence[object]:
-    return cast(Sequence[object], value) if isinstance(value, list) else []

@@ -1,4 +1,4 @@
-"""Writes pages about results, and gathers what they show."""
+"""Writing of pages about results, and the files that they include."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,11 +18,11 @@ MAKER = f"mjrun {__version__}"
 
 
 class PageWriter(OutputWriter):
-    """Writes one page. Opening it proves that the output can be written.
+    """A writer of one page. Opening it proves that the output can be written.
 
     Raises:
-      BadValueError: the output is not called .html.
-      FileError: it cannot be written.
+      BadValueError: the output does not end with .html.
+      FileError: the output cannot be written.
     """
 
     def __init__(self, output: str) -> None:
@@ -30,29 +30,29 @@ class PageWriter(OutputWriter):
         super().__init__(StagedFile(Path(output)))
 
     def write(self, page: Page) -> None:
-        """Writes the page; the same page is the same bytes.
+        """Writes the page; the same page gives the same bytes.
 
         Raises:
-          FileError: it cannot be written.
+          FileError: the page cannot be written.
         """
         self.write_file(html_page(page).encode())
 
 
 def check_page_name(output: str) -> None:
-    """Raises BadValueError if no page is called `output`."""
+    """Raises BadValueError if `output` is not the name of a page."""
     if Path(output).suffix.lower() not in SUFFIXES:
         with concerning("html"):
             raise BadValueError(option("html"), output, "a file that ends with .html")
 
 
 def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFile], list[PageManifest]]:
-    """The files that a page at `page` shows, and the manifests among them.
+    """Returns the files that a page at `page` shows, and the manifests among them.
 
     Args:
-      limit: the size up to which a file is in the page itself [MB].
+      limit: maximum size of an embedded file [MB].
 
     Raises:
-      FileError: one of them is not there, or cannot be read.
+      FileError: a file does not exist or cannot be read.
     """
     files: list[PageFile] = []
     manifests: list[PageManifest] = []
@@ -66,7 +66,7 @@ def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFi
 
 
 def recorded_verdicts(manifests: Iterable[PageManifest]) -> list[tuple[str, Verdict]]:
-    """The verdicts of assertions that manifests hold, each with the file that it is about."""
+    """Returns the verdicts of assertions in manifests, each with its file."""
     verdicts: list[tuple[str, Verdict]] = []
     for manifest in manifests:
         result = manifest.content.get("result")
@@ -84,7 +84,7 @@ def recorded_verdicts(manifests: Iterable[PageManifest]) -> list[tuple[str, Verd
 
 
 def _manifest(path: str) -> dict[str, object] | None:
-    """What a JSON document says, if it is a manifest of ours."""
+    """Returns the content of a JSON document if it is an mjrun manifest."""
     try:
         content = parse_manifest(Path(path).read_bytes())
     except OSError as error:

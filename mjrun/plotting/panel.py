@@ -1,4 +1,4 @@
-"""What a figure shows: panels of curves, before there are any numbers."""
+"""The panels of a figure and their curves, before any numbers are read."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ from mjrun.model.units import DATA_UNITS
 from mjrun.plotting.curve_syntax import CurveSpec, PanelSpec, parse_curves, parse_panel, split_unit
 from mjrun.probe.fields import DOF_UNITS
 
-CURVES = 12  # in a panel that nobody asked for
+CURVES = 12  # maximum number of curves in a panel that the user did not choose
 _TIMES = ("time", "t")  # names of the x axis
 _GROUPS = DATA_UNITS | {
     "energy": "J",
@@ -26,7 +26,7 @@ _POSITIONS = {name: "m" for name in QPOS_COMPONENTS[FREE] if not name.startswith
 
 @dataclass(frozen=True)
 class PanelCurve:
-    """A curve of a panel: its name in the legend, its unit, and what it is over the columns."""
+    """A curve of a panel: its name in the legend, its unit, and its expression over the columns."""
 
     name: str
     unit: str
@@ -35,7 +35,7 @@ class PanelCurve:
 
 @dataclass(frozen=True)
 class Panel:
-    """A panel: what its y axis shows, in which unit, and its curves."""
+    """A panel: the quantity on its y axis, its unit, and its curves."""
 
     title: str
     unit: str
@@ -48,7 +48,7 @@ class Panel:
 
 
 def time_column(names: Iterable[str]) -> str | None:
-    """The column that is the time, if there is one."""
+    """Returns the column that holds the time, if any."""
     known = list(names)
     if "time" in known:
         return "time"
@@ -56,7 +56,7 @@ def time_column(names: Iterable[str]) -> str | None:
 
 
 def chosen_panels(texts: Sequence[str], units: Mapping[str, str], x: str | None = None) -> list[Panel]:
-    """The panels that texts of the option y describe, over columns with `units`; wildcards leave out the column x."""
+    """Parses the panels in the option y, over columns with `units`; wildcards omit the column x."""
     panels: list[Panel] = []
     for index, text in enumerate(texts):
         with concerning("y", index):
@@ -65,10 +65,10 @@ def chosen_panels(texts: Sequence[str], units: Mapping[str, str], x: str | None 
 
 
 def panels_by_unit(names: Sequence[str], units: Mapping[str, str], *, apart: bool = False) -> list[Panel]:
-    """A panel for each group of the columns `names`, and in it for each unit.
+    """Groups the columns `names` into a panel for each group and unit.
 
     Args:
-      apart: whether every column has a panel of its own.
+      apart: whether every column has a separate panel.
     """
     panels: list[Panel] = []
     for group, members in _by_group(names):
@@ -82,7 +82,7 @@ def panels_by_unit(names: Sequence[str], units: Mapping[str, str], *, apart: boo
 
 
 def _numbered(panels: Sequence[Panel]) -> Iterator[Panel]:
-    """The same panels, with numbers where several have one title: `qpos 1/2`."""
+    """Yields the panels, numbered if several have one title: `qpos 1/2`."""
     counts, seen = Counter(panel.title for panel in panels), Counter[str]()
     for panel in panels:
         seen[panel.title] += 1
@@ -99,7 +99,7 @@ def _by_group(names: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _parts(names: list[str]) -> list[list[str]]:
-    """As few lists of nearly the same length as hold at most `CURVES` each; components of an object stay together."""
+    """Splits names into few lists of similar length, at most `CURVES` each; components of an object stay together."""
     objects = [list(same) for _, same in groupby(names, key=lambda name: name.rpartition("/")[0])]
     objects = [[name] for name in names] if len(objects) == 1 else objects
     count = -(-len(names) // CURVES)
@@ -131,29 +131,29 @@ def _unit(text: CurveSpec, panel: PanelSpec, units: Mapping[str, str]) -> str:
 
 
 def _panel(title: str, unit: str, curves: Sequence[PanelCurve], *, titled: bool = False) -> Panel:
-    """A panel whose legend leaves out what the title says, and the title says what all names begin with."""
+    """Creates a panel whose title holds the common prefix of the names, which the legend then omits."""
     names = [split_unit(curve.name)[0] if curve.text.column else curve.name for curve in curves]
     if len(names) == 1 and not titled:
         return Panel(names[0], unit, tuple(curves))
     prefix = _common(names) if all(curve.text.column == curve.name for curve in curves) else ""
     short = [name.removeprefix(prefix) for name in names]
-    # Where units differ, each curve tells its own.
+    # If units differ, each curve shows its own.
     units = [f" [{curve.unit}]" if curve.unit and curve.unit != unit else "" for curve in curves]
     shown = [replace(c, name=name + u) for c, name, u in zip(curves, short, units, strict=True)]
     return Panel(title if titled else prefix.rstrip("/") or title, unit, tuple(shown))
 
 
 def _common(names: Sequence[str]) -> str:
-    """What all names begin with, up to a slash."""
+    """Returns the common prefix of all names, up to a slash."""
     parents = zip(*(name.split("/")[:-1] for name in names), strict=False)
     return "".join(f"{parts[0]}/" for parts in takewhile(lambda parts: len(set(parts)) == 1, parents))
 
 
 def with_units(names: Sequence[str], units: Mapping[str, str]) -> dict[str, str]:
-    """The unit of every column: that of the table, the one in brackets after the name, or that of mjrun's columns.
+    """Returns the unit of every column: the table's, the one in brackets after the name, or mjrun's for its columns.
 
-    A column of mjrun's has its unit by its name where that is so for every model: `energy/total` is in joules,
-    `qpos/knee` may be in radians or metres. The time is in seconds in a table that has columns of groups.
+    An mjrun column has a unit by its name if that is the same for every model: `energy/total` is in joules,
+    `qpos/knee` may be in radians or metres. Time is in seconds in a table that has grouped columns.
     """
     grouped = any("/" in name for name in names)
     return {name: units.get(name) or split_unit(name)[1] or _usual(name, grouped) for name in names}

@@ -1,19 +1,19 @@
-"""The size of a figure and the places of its panels."""
+"""The size of a figure and the positions of its panels."""
 
 from dataclasses import dataclass
 
 from mjrun.errors import BadValueError, option
 
-WIDTHS = (1280, 1600, 1920)  # of a figure whose size nobody gave, by panels side by side [pixels]
-LEAST_WIDTH, LEAST_HEIGHT = 140, 56  # of a panel with all that belongs to it [pixels]
-LEAST_BELOW = 40  # for the x axis [pixels]
-MOST_SIDE, MOST_PIXELS = 2**16 - 1, 10**8  # that are drawn in some 400 MB
-ABOVE, BELOW = 2.6, 5.0  # what else has to be above the panels, if there is a title, and below them [em]
+WIDTHS = (1280, 1600, 1920)  # default width of a figure, by panels side by side [pixels]
+LEAST_WIDTH, LEAST_HEIGHT = 140, 56  # minimum size of a panel with everything around it [pixels]
+LEAST_BELOW = 40  # minimum height for the x axis [pixels]
+MOST_SIDE, MOST_PIXELS = 2**16 - 1, 10**8  # limits of drawing in about 400 MB
+ABOVE, BELOW = 2.6, 5.0  # room above the panels if there is a title, and below them [em]
 
 
 @dataclass(frozen=True)
 class PanelCount:
-    """How many panels there are, how many names the largest legend has, and whether there is a title."""
+    """The number of panels, the number of names in the largest legend, and whether there is a title."""
 
     panels: int
     names: int
@@ -26,8 +26,8 @@ class PanelGrid:
 
     Attributes:
       size: width and height of the figure [pixels].
-      columns, rows: of panels.
-      em: size of its letters [pixels].
+      columns, rows: numbers of columns and rows.
+      em: size of letters [pixels].
     """
 
     size: tuple[int, int]
@@ -37,10 +37,10 @@ class PanelGrid:
 
 
 def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | None) -> PanelGrid:
-    """The grid of so many panels, in `size` pixels and so many `columns` if they are given.
+    """Returns the grid of these panels, in `size` pixels and `columns` if set.
 
     Raises:
-      BadValueError: they have no room, or the figure has too many pixels.
+      BadValueError: the panels do not fit, or the figure has too many pixels.
     """
     side = min(count.panels, columns or _columns(count.panels, size[0] if size else None))
     rows = -(-count.panels // side)
@@ -62,7 +62,7 @@ def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | N
 
 
 def _columns(panels: int, width: int | None) -> int:
-    """Panels side by side: one while they are few, as many as have room when they are many."""
+    """Returns the number of panels side by side: one if they are few, as many as fit if they are many."""
     if panels <= 4 or (width is not None and width < 700):
         return 1
     return 3 if panels > 15 and (width is None or width >= 1500) else 2

@@ -1,4 +1,4 @@
-"""A figure of tables, which are read once."""
+"""A figure of tables, each read once."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -22,17 +22,17 @@ _WORD = re.compile(r"[^/\\\s_-]+")
 
 
 class TableFigure:
-    """A figure of tables, which are open until `stack` is left.
+    """A figure of tables, which remain open until `stack` is closed.
 
     Raises:
-      UsageError, FileError: a table or a name that is not there.
+      UsageError, FileError: a table or a name is missing.
     """
 
     def __init__(self, tables: Sequence[str], options: FigureOptions, stack: ExitStack) -> None:
         if not tables:
-            raise UsageError("there is nothing to plot: give a table, or - for standard input")
+            raise UsageError("nothing to plot: give a table, or - for standard input")
         if tables.count(STDIN) > 1:
-            raise UsageError("standard input is read once: give - once")
+            raise UsageError("standard input can be read only once: give - once")
         self._paths, names = tables, table_names(tables)
         self._stack, self._options = stack, options
         self._readers = [stack.enter_context(open_table(path, missing="nan")) for path in tables]
@@ -42,7 +42,7 @@ class TableFigure:
 
     @property
     def rows(self) -> list[int]:
-        """Rows of each table that were read."""
+        """The number of rows read from each table."""
         return [collector.rows for collector in self._collectors]
 
     @property
@@ -53,15 +53,15 @@ class TableFigure:
 
     @property
     def manifests(self) -> list[PageManifest]:
-        """What the tables hold about how they were made."""
+        """The manifests embedded in the tables."""
         tables = zip(self._paths, self._readers, strict=True)
         return [PageManifest(path, reader.manifest) for path, reader in tables if reader.manifest]
 
     def read(self, summaries: Sequence[TableSummary] = ()) -> None:
-        """Reads all tables, once, for `summaries` of each too.
+        """Reads all tables once, for `summaries` too.
 
         Raises:
-          FileError: one of them cannot be read, or has no rows.
+          FileError: a table cannot be read, or has no rows.
         """
         for index, (path, collector) in enumerate(zip(self._paths, self._collectors, strict=True)):
             summary = summaries[index] if summaries else None
@@ -79,24 +79,24 @@ class TableFigure:
                 raise FileError(path, "has no rows")
 
     def drawing(self) -> Drawing:
-        """What is drawn of them."""
+        """Returns the data of the figure."""
         return self.plan.drawing(self._collectors)
 
     def notes(self) -> list[str]:
-        """What the user may want to know."""
+        """Returns notes for the user."""
         without = [path for path, c in zip(self._paths, self._collectors, strict=True) if not c.has_curves]
         missing = [f"none of the curves is in {listing(without)}"] if without else []
         return [*self.plan.notes, *missing, *(text for c in self._collectors for text in c.notes())]
 
     def for_page(self) -> PageFigure:
-        """The figure as it stands in a page, which has room below rather than beside."""
+        """Returns the figure for a page, which has room below rather than beside."""
         svg = svg_text(self.drawing(), self.plan.page_grid(), self._options.style)
         svg = adaptive(svg) if self._options.style == "light" else svg
         labels = [panel.label for panel in self.plan.panels]
         return PageFigure(svg, f"{listing(self._paths)}: {listing(labels)}", self.notes())
 
     def _narrowed(self, path: str, reader: TableReader, also: Collection[str]) -> TableReader:
-        """The table with the columns that are read alone, if it can be opened again."""
+        """Returns the table with only the required columns, if it can be opened again."""
         wanted = [name for name in reader.names if name in self.plan.columns or name in also] or list(reader.names[:1])
         if path == STDIN or len(wanted) == len(reader.names):
             return reader
@@ -104,9 +104,9 @@ class TableFigure:
 
 
 def table_names(paths: Sequence[str]) -> list[str]:
-    """A short name for each of several files: `1`, `2` for `kick_1.csv`, `kick_2.csv`; the whole path if need be.
+    """Returns a short name for each of several files: `1`, `2` for `kick_1.csv`, `kick_2.csv`; or the whole path.
 
-    Files of points of a study are called by the values in which the points differ.
+    Files of a study's points are named by the values that differ among them.
     """
     if len(paths) > 1 and (values_of_points := _point_names(paths)):
         return values_of_points
@@ -121,14 +121,14 @@ def table_names(paths: Sequence[str]) -> list[str]:
     least = min(map(len, words))
     before = next((i for i in range(least) if len({w[i][0] for w in words}) > 1), least)
     after = next((i for i in range(least - before) if len({w[-1 - i][0] for w in words}) > 1), least - before)
-    if any(len(found) <= before + after for found in words):  # nothing would be left of one
+    if any(len(parts) <= before + after for parts in words):  # a name would be empty
         return stems
     short = [stem[w[before].start() : w[len(w) - 1 - after].end()] for stem, w in zip(stems, words, strict=True)]
     return short if len(set(short)) == len(short) else stems
 
 
 def _point_names(paths: Sequence[str]) -> list[str]:
-    """The values in which points of a study differ; nothing if a file is of none, or two are the same."""
+    """Returns the values that differ among points of a study; empty if a file is not of a point, or two are equal."""
     points = [point_values(Path(path).parent) for path in paths]
     if any(set(values) != set(points[0]) or not values for values in points):
         return []

@@ -1,25 +1,31 @@
-"""Plots of tables: any that mjrun writes, and those of others."""
+"""Plots of tables and of studies, as images and as pages."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option
+from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option, quoted
 from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.image_format import figure_format
+from mjrun.formats.study_folder import read_study
 from mjrun.formats.table_reader import STDIN
-from mjrun.options.option import options
+from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
-from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib
-from mjrun.plotting.html_page import Page, PageTable
-from mjrun.plotting.page_writer import MAKER, PageWriter, included, recorded_verdicts
+from mjrun.plotting import page_writer
+from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
+from mjrun.plotting.html_page import Page, PageFigure, PageTable
+from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.study.figure_data import study_grid
+from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.theme import adaptive
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 
-SCHEMA = "mjrun-plot-1"  # of the report
+SCHEMA = "mjrun-plot-1"  # schema of the report
+OF_TABLES = ("mark", "mark_event", "assert")  # options that do not apply to a study
 
 
 @options
@@ -28,28 +34,27 @@ class TablePlot(TablePlotOptions):
 
     @property
     def paths(self) -> list[str]:
-        """The tables."""
+        """The tables, or the folders of studies."""
         tables = [self.tables] if isinstance(self.tables, str | Path) else self.tables
         return [str(table) for table in tables]
 
     def run(self, reporter: Reporter | None = None) -> "TablePlotResult":
-        """Makes the plot, and the page.
+        """Writes the plot and the page.
 
         Raises:
-          FailedAssertionError: an assertion does not hold; everything is published all the same.
-          MjrunError: nothing was published, and an existing output is untouched.
+          FailedAssertionError: an assertion fails; everything is published nevertheless.
+          MjrunError: nothing was published, and existing outputs are unchanged.
         """
         reporter = reporter or WarningReporter()
-        require_matplotlib()
-        if self.output is None and self.html is None:
-            raise UsageError(f"there is nothing to make: give {option('output')}, {option('html')} or both")
+        _check_outputs(self)
         if self.output and self.format is None and Path(self.output).suffix.lower() in (".html", ".htm"):
-            raise UsageError(f"{clean(self.output)} is a page, not a picture: {option('html')} makes pages")
+            raise UsageError(f"{clean(self.output)} would be a page, not an image: {option('html')} writes pages")
         if self.include and self.html is None:
-            raise UsageError(f"{option('include')} is of what {option('html')} shows, and there is none")
+            raise UsageError(f"{option('include')} requires {option('html')}")
         with ExitStack() as stack:
             figure = TableFigure(self.paths, self, stack)
-            picture = stack.enter_context(self._picture(figure)) if self.output else None
+            size = figure.plan.grid.size
+            picture = stack.enter_context(_open_picture(self, size)) if self.output else None
             page = stack.enter_context(PageWriter(self.html)) if self.html else None
             summaries = self._summaries(figure)
             figure.read(summaries)
@@ -61,15 +66,20 @@ class TablePlot(TablePlotOptions):
             if page:
                 page.write(self._page(figure, summaries, verdicts))
             publish_together([writer for writer in (picture, page) if writer])
-        return self._result(figure, verdicts)
 
-    def _picture(self, figure: TableFigure) -> FigureWriter:
-        target = None if self.output == STDIN else self.output
-        tags = {"comment": MAKER} | ({"title": self.title} if self.title else {})
-        return FigureWriter(target, figure_format(target, self.format), figure.plan.grid.size, tags)
+        curves = sum(len(panel.curves) for panel in figure.drawing().panels)
+        panels = [panel.label for panel in figure.plan.panels]
+        result = _result(self, size, figure.rows, panels, curves, figure.notes(), [verdict for _, verdict in verdicts])
+        several = len(self.paths) > 1
+        failed = [f"{path}: {each.message}" if several else each.message for path, each in verdicts if not each.passed]
+        if failed:
+            error = FailedAssertionError(failed)
+            error.results = [result]
+            raise error
+        return result
 
     def _summaries(self, figure: TableFigure) -> list[TableSummary]:
-        """Of each table, if they are of use: of the columns that are drawn where the user chose some."""
+        """Returns a summary of each table if needed: of the drawn columns if the user chose some."""
         if not self.html and not self.assert_:
             return []
         columns = figure.plan.columns if self.y else None
@@ -79,60 +89,81 @@ class TablePlot(TablePlotOptions):
         self, figure: TableFigure, summaries: Sequence[TableSummary], verdicts: Sequence[tuple[str, Verdict]]
     ) -> Page:
         assert self.html
-        files, manifests = included(self.include, self.html, self.embed_up_to)
+        files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)
         known = {(path, verdict.text) for path, verdict in verdicts}
-        recorded = [(path, each) for path, each in recorded_verdicts(manifests) if (path, each.text) not in known]
+        recorded = page_writer.recorded_verdicts(manifests)
         embedded = [each for each in figure.manifests if not any(each.is_part_of(other) for other in manifests)]
         return Page(
             title=self.title or listing(self.paths),
             maker=MAKER,
             figures=[figure.for_page()],
-            verdicts=[*verdicts, *recorded],
+            verdicts=[*verdicts, *((path, each) for path, each in recorded if (path, each.text) not in known)],
             files=files,
             tables=[PageTable(each.path, each.rows, each.statistics()) for each in summaries],
             manifests=[*manifests, *embedded],
         )
 
-    def _result(self, figure: TableFigure, verdicts: Sequence[tuple[str, Verdict]]) -> "TablePlotResult":
-        curves = sum(len(panel.curves) for panel in figure.drawing().panels)
-        target = None if self.output == STDIN else self.output
-        result = TablePlotResult(
-            path=self.output or str(self.html),
-            format=figure_format(target, self.format) if self.output else "html",
-            size=figure.plan.grid.size,
-            tables=self.paths,
-            rows=figure.rows,
-            panels=[panel.label for panel in figure.plan.panels],
-            curves=curves,
-            notes=figure.notes(),
-            html=self.html,
-            assertions=[verdict for _, verdict in verdicts],
-        )
-        several = len(self.paths) > 1
-        failed = [f"{path}: {each.message}" if several else each.message for path, each in verdicts if not each.passed]
-        if failed:
-            error = FailedAssertionError(failed)
-            error.results = [result]
-            raise error
-        return result
+
+@options
+class StudyPlot(TablePlot):
+    """A plot of a study, a folder that `mjrun sweep` writes: its options are keywords."""
+
+    def run(self, reporter: Reporter | None = None) -> "TablePlotResult":
+        """Writes the plot and the page: both, or neither.
+
+        Raises:
+          MjrunError: nothing was published, and existing outputs are unchanged.
+        """
+        reporter = reporter or WarningReporter()
+        _check_outputs(self)
+        if len(self.paths) != 1:
+            raise UsageError(f"a plot shows one study, or tables, not {listing(self.paths)}")
+        (folder,) = self.paths
+        for name in OF_TABLES:
+            if is_given(self, name):
+                raise UsageError(f"{option(name)} applies to tables only, and {quoted(folder)} is a study")
+
+        results = read_study(folder)
+        plan = StudyFigurePlan(results, self)
+        drawing = plan.drawing
+        grid = study_grid(drawing, self.size)
+        labels = [panel.label for panel in drawing.panels]
+        for text in plan.notes:
+            reporter.note(text)
+
+        writers: list[FigureWriter | PageWriter] = []
+        with ExitStack() as stack:
+            if self.output:
+                picture = stack.enter_context(_open_picture(self, grid.size))
+                picture.write(drawing, grid, self.style)
+                writers.append(picture)
+            if self.html:
+                page = stack.enter_context(PageWriter(self.html))
+                svg = svg_text(drawing, grid, self.style)
+                figure = PageFigure(adaptive(svg) if self.style == "light" else svg, listing(labels), plan.notes)
+                files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)
+                page.write(Page(self.title or folder, MAKER, [figure], files=files, manifests=manifests))
+                writers.append(page)
+            publish_together(writers)
+        return _result(self, grid.size, [len(results)], labels, sum(each.curves for each in drawing.panels), plan.notes)
 
 
 @dataclass(frozen=True)
 class TablePlotResult:
-    """What plot was made.
+    """The result of a plot.
 
     Attributes:
-      path: where it is; `-` is standard output.
-      format: how it is written.
+      path: path of the plot; `-` is standard output.
+      format: name of the format.
       size: width and height [pixels].
-      tables: that it shows.
+      tables: the tables shown.
       rows: of each table.
       panels: their labels, in order.
-      curves: in all panels together.
-      notes: what the user may want to know: rows and values that cannot be drawn, columns that are left out.
-      html: the page about it; None without one.
-      assertions: each with the value that it has, and whether it holds; of one table after the other.
-      schema: of this document.
+      curves: total number of curves.
+      notes: notes for the user: rows and values that cannot be drawn, columns that are omitted.
+      html: path of the page; None without one.
+      assertions: each assertion with its value and verdict, one table after the other.
+      schema: schema of this document.
     """
 
     path: str
@@ -146,3 +177,43 @@ class TablePlotResult:
     html: str | None = None
     assertions: Sequence[Verdict] = ()
     schema: str = SCHEMA
+
+
+def _check_outputs(plot: TablePlot) -> None:
+    """Raises MjrunError if matplotlib is missing, or no output is requested."""
+    require_matplotlib()
+    if plot.output is None and plot.html is None:
+        raise UsageError(f"nothing to make: give {option('output')}, {option('html')} or both")
+
+
+def _target(plot: TablePlot) -> str | None:
+    """Returns the path of the image; None for standard output."""
+    return None if plot.output == STDIN else plot.output
+
+
+def _open_picture(plot: TablePlot, size: tuple[int, int]) -> FigureWriter:
+    tags = {"comment": MAKER} | ({"title": plot.title} if plot.title else {})
+    return FigureWriter(_target(plot), figure_format(_target(plot), plot.format), size, tags)
+
+
+def _result(
+    plot: TablePlot,
+    size: tuple[int, int],
+    rows: Sequence[int],
+    panels: Sequence[str],
+    curves: int,
+    notes: Sequence[str],
+    assertions: Sequence[Verdict] = (),
+) -> TablePlotResult:
+    return TablePlotResult(
+        path=plot.output or str(plot.html),
+        format=figure_format(_target(plot), plot.format) if plot.output else "html",
+        size=size,
+        tables=plot.paths,
+        rows=rows,
+        panels=panels,
+        curves=curves,
+        notes=notes,
+        html=plot.html,
+        assertions=assertions,
+    )

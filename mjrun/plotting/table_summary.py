@@ -1,4 +1,4 @@
-"""What a table holds, and what assertions say of it, while its rows stream by."""
+"""Statistics and assertions of a table, evaluated while its rows stream by."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from mjrun.probe.verdict import Verdict
 
 @dataclass(frozen=True)
 class ColumnStatistics:
-    """A column in numbers: of those that are not NaN, the least, the largest and the mean; NaN if there are none.
+    """Statistics of a column: minimum, maximum and mean without NaN; NaN if there are no other values.
 
-    Attributes:
-      last: of the last row, NaN or not.
+    last: value in the last row, possibly NaN.
+      missing: number of rows with NaN.
       missing: rows on which it is NaN.
     """
 
@@ -29,7 +29,7 @@ class ColumnStatistics:
 
 
 class ColumnCounter:
-    """Counts the columns of a table, block by block; what it keeps does not grow with the rows."""
+    """A counter of a table's statistics, block by block, whose memory does not grow with the rows."""
 
     def __init__(self, names: Sequence[str]) -> None:
         count = len(names)
@@ -40,7 +40,7 @@ class ColumnCounter:
         self._mean, self._last = np.zeros(count), np.full(count, np.nan)
 
     def feed(self, block: np.ndarray) -> None:
-        """Takes the next rows `(n, columns)`."""
+        """Adds rows `(n, columns)`."""
         if not len(block):
             return
         here = ~np.isnan(block)
@@ -55,7 +55,7 @@ class ColumnCounter:
         self._last, self.rows = block[-1].copy(), self.rows + len(block)
 
     def statistics(self, units: Sequence[str]) -> list[ColumnStatistics]:
-        """Every column, in the order of the table."""
+        """Returns the statistics of every column, in table order."""
         none, missing = self._present == 0, self.rows - self._present
         least, largest, mean = (np.where(none, np.nan, v) for v in (self._least, self._largest, self._mean))
         numbers = np.column_stack([least, largest, mean, self._last]).tolist()
@@ -67,19 +67,19 @@ class ColumnCounter:
 
 
 class TableSummary:
-    """A table, of which it takes all rows once.
+    """A table of which every row is read once.
 
     Args:
-      path: what it is called.
-      units: of all its columns, by name.
+      path: path of the table.
+      units: units of all columns, by name.
       columns: those to summarize; None for all.
-      assertions: what must hold; they may read any column.
+      assertions: assertions, which may read any column.
 
     Attributes:
-      names: of the columns that it takes.
+      names: names of the columns to read.
 
     Raises:
-      UsageError: an assertion is not well formed, or names no column.
+      UsageError: an assertion is malformed, or names no column.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class TableSummary:
         self._checkers = [assertion.checker() for assertion in _parsed(assertions, self.names)]
 
     def feed(self, columns: Mapping[str, np.ndarray]) -> None:
-        """Takes the next rows: `(n,)` of each column by name, of which there may be more."""
+        """Adds rows: `(n,)` of each column by name; extra columns are ignored."""
         block = np.column_stack([columns[name] for name in self.names])
         for checker in self._checkers:
             checker.feed(block, self._counter.rows)
@@ -101,15 +101,15 @@ class TableSummary:
 
     @property
     def rows(self) -> int:
-        """Rows so far."""
+        """The number of rows so far."""
         return self._counter.rows
 
     def statistics(self) -> list[ColumnStatistics]:
-        """What every column holds, after the last row."""
+        """Returns the statistics of every column, after the last row."""
         return self._counter.statistics(self._units)
 
     def verdicts(self) -> list[Verdict]:
-        """The outcome of every assertion; to be asked for once, after the last row."""
+        """Returns the outcome of every assertion; to be called once, after the last row."""
         return [checker.verdict() for checker in self._checkers]
 
 

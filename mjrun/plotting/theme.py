@@ -1,6 +1,6 @@
-"""How figures look: the colours of a style, and the patterns of lines that have the same colour.
+"""The appearance of figures: the colours of each style, and line patterns for curves of the same colour.
 
-The figures of a page follow it: light on light ground, dark on dark.
+Figures in a page follow its colour scheme: light on a light background, dark on a dark one.
 """
 
 import re
@@ -22,14 +22,14 @@ PATTERNS: tuple[tuple[float, ...], ...] = (
 
 @dataclass(frozen=True)
 class Theme:
-    """The look of a style.
+    """The colours and lines of a style.
 
     Attributes:
-      ground, ink, grey, grid, zero: colours of the background, of text, of what is less important, of the grid, and of
-        its line at zero.
-      curves: their colours, in order.
-      dashed: whether curves of different colours have different patterns too.
-      weight: width of lines, as a share of the usual one.
+      ground, ink, grey, grid, zero: colours of the background, of text, of secondary text, of the grid, and of its
+        line at zero.
+      curves: colours of curves, in order.
+      dashed: whether curves of different colours also have different patterns.
+      weight: width of lines, as a share of the usual width.
     """
 
     ground: Colour
@@ -42,11 +42,11 @@ class Theme:
     weight: float = 1.0
 
     def colour(self, index: int) -> Colour:
-        """The colour of a curve."""
+        """Returns the colour of a curve."""
         return self.curves[index % len(self.curves)]
 
     def pattern(self, index: int, variant: int = 0) -> tuple[float, ...]:
-        """The pattern of a curve, a new one when the colours are used up; `variant` takes one further on."""
+        """Returns the pattern of a curve, a new one when the colours repeat; `variant` selects a later one."""
         rounds = index // len(self.curves)
         first = index + rounds if self.dashed else rounds
         return PATTERNS[(first + variant) % len(PATTERNS)]
@@ -61,13 +61,13 @@ _HEX = re.compile(r"#[0-9a-f]{6}\b")
 
 
 def adaptive(svg: str) -> str:
-    """A figure in the light style with variables for its colours, which `theme_style` declares."""
+    """Replaces the colours of a figure in the light style by variables, which `theme_style` declares."""
     names = {_hex(colour): name for name, colour in reversed(_colours(THEMES["light"]).items())}
-    return _HEX.sub(lambda found: f"var({names[found[0]]})" if found[0] in names else found[0], svg)
+    return _HEX.sub(lambda match: f"var({names[match[0]]})" if match[0] in names else match[0], svg)
 
 
 def theme_style() -> str:
-    """The variables of `adaptive`: those of the light style, and on dark screens those of the dark one."""
+    """Declares the variables of `adaptive`: the light style's, and on dark screens the dark style's."""
     dark = f"@media screen and (prefers-color-scheme: dark) {{\n  {_declared(THEMES['dark'])}\n}}"
     return f"{_declared(THEMES['light'])}\n{dark}\n"
 

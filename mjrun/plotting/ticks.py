@@ -1,4 +1,4 @@
-"""Tick labels that can be read by themselves: no offset above the axis, no factor beside it."""
+"""Self-contained tick labels: no offset above the axis, no factor beside it."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ _DIGITS = 15  # that a float has
 
 
 def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> list[float]:
-    """At most about `most` ticks at equal distances between `low` and `high`; at whole numbers alone if need be."""
+    """Returns at most about `most` evenly spaced ticks between `low` and `high`, at whole numbers if `whole`."""
     from matplotlib.ticker import MaxNLocator
 
     locator = MaxNLocator(max(1, int(most)), steps=[1, 2, 2.5, 5, 10], integer=whole)
@@ -18,7 +18,7 @@ def linear_ticks(low: float, high: float, most: float, whole: bool = False) -> l
 
 
 def log_ticks(low: float, high: float, most: float) -> list[float]:
-    """Ticks at powers of ten, and at their multiples where those are few; at equal distances in less than a decade."""
+    """Returns ticks at powers of ten, and at their multiples if those are few; evenly spaced within a decade."""
     if _is_narrow(low, high):
         return linear_ticks(low, high, min(5, most))
     first, last = math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9)
@@ -29,12 +29,12 @@ def log_ticks(low: float, high: float, most: float) -> list[float]:
 
 
 def labels_of(values: Sequence[float], low: float, high: float, *, log: bool) -> list[str]:
-    """The labels of ticks of an axis from `low` to `high`."""
+    """Returns the labels of ticks of an axis from `low` to `high`."""
     return [log_label(value) for value in values] if log and not _is_narrow(low, high) else tick_labels(values)
 
 
 def tick_labels(values: Sequence[float]) -> list[str]:
-    """Labels of ticks at equal distances, with the digits that tell them apart: `−0.5`, `2.5×10⁻⁶`."""
+    """Returns labels of evenly spaced ticks, with the digits that distinguish them: `−0.5`, `2.5×10⁻⁶`."""
     if not values:
         return []
     largest = max(map(abs, values))
@@ -47,7 +47,7 @@ def tick_labels(values: Sequence[float]) -> list[str]:
 
 
 def log_label(value: float) -> str:
-    """The label of a tick on a logarithmic axis: `0.01`, `200`, `10⁻⁶`, `2×10⁷`."""
+    """Returns the label of a tick on a logarithmic axis: `0.01`, `200`, `10⁻⁶`, `2×10⁷`."""
     power = math.floor(math.log10(value) + 1e-9)
     if -4 < power < 5:
         return f"{value:.{max(0, -power)}f}"
@@ -56,7 +56,7 @@ def log_label(value: float) -> str:
 
 
 def value_labels(values: Sequence[float]) -> list[str]:
-    """Labels of any values, with the digits that tell them apart: `0.001`, `0.00316`, `10`."""
+    """Returns labels of any values, with the digits that distinguish them: `0.001`, `0.00316`, `10`."""
     labels: list[str] = []
     for digits in range(3, _DIGITS + 3):
         labels = [_short(value, digits) for value in values]
@@ -66,12 +66,12 @@ def value_labels(values: Sequence[float]) -> list[str]:
 
 
 def _is_narrow(low: float, high: float) -> bool:
-    """Whether a logarithmic axis has about a decade at most, over which ticks at equal distances read better."""
+    """Returns whether a logarithmic axis has a decade at most, over which evenly spaced ticks read better."""
     return high < 8 * low
 
 
 def _decimals(step: float) -> int:
-    """The fewest decimals that show multiples of `step`."""
+    """Returns the fewest decimals that show multiples of `step`."""
     for decimals in range(_DIGITS + 1):
         scaled = step * 10.0**decimals
         if abs(scaled - round(scaled)) < 1e-6 * scaled and round(scaled):

@@ -1,1 +1,1 @@
-"""Drawing: the OpenGL backend, cameras, visual options, the classic renderer."""
+"""Rendering: OpenGL backends, visual options, renderers, and everything drawn onto images."""

@@ -1,43 +1,73 @@
-"""What draws: the OpenGL backends of MuJoCo, and Vulkan; which there are, and which one the user asks for."""
+"""Rendering backends: MuJoCo's OpenGL backends and Vulkan, and the detection of one that works.
+
+Each is tried in a child process, since a broken driver may hang, print or crash.
+"""
 
 import importlib
+import json
 import os
 import platform
-from collections.abc import Sequence
+import sys
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
-from mjrun.errors import NoRendererError, UnknownNameError
+from mjrun.child_process import ChildProcess
+from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError, option
+from mjrun.rendering.worker_process import memory_file
 
 AUTO = "auto"
-GL, DEVICE = "MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID"  # variables of the environment
+GL, DEVICE = "MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID"  # environment variables
 BACKENDS = ("egl", "osmesa", "glfw", "cgl")
-# What MuJoCo accepts in MUJOCO_GL beside the names of its backends.
+# Values that MuJoCo accepts in MUJOCO_GL in addition to the names of its backends.
 ALIASES = {"": AUTO, "enable": AUTO, "enabled": AUTO, "on": AUTO, "true": AUTO, "1": AUTO, "glx": "glfw", "wgl": "glfw"}
 OFF = ("disable", "disabled", "off", "false", "0")
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")
 
+# Commands that install each library, by family of distribution.
+OPENGL = {
+    "debian": "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri",
+    "fedora": "sudo dnf install mesa-libEGL mesa-dri-drivers libglvnd-opengl",
+    "arch": "sudo pacman -S mesa libglvnd",
+    "": "install your distribution's packages for libEGL, libOpenGL and Mesa's software renderer (llvmpipe)",
+}
+OSMESA = {
+    "debian": "sudo apt-get install libosmesa6 (gone from Mesa 25.1 on)",
+    "fedora": "sudo dnf install mesa-libOSMesa (gone from Mesa 25.1 on)",
+    "": "install your distribution's package for libOSMesa (gone from Mesa 25.1 on)",
+}
+DISPLAY = {"": "run it in a desktop session, or under xvfb-run"}
+VULKAN = {
+    "debian": "sudo apt-get install mesa-vulkan-drivers libvulkan1",
+    "fedora": "sudo dnf install mesa-vulkan-drivers vulkan-loader",
+    "arch": "sudo pacman -S vulkan-swrast vulkan-icd-loader",
+    "": "install your distribution's packages for the Vulkan loader and Mesa's software driver (lavapipe)",
+}
+ADVICE = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
+TIMEOUT = 60  # [s], for a driver that hangs
+
 
 class OpenGLContext(Protocol):
-    """A context of one of MuJoCo's backends."""
+    """An OpenGL context of one of MuJoCo's backends."""
 
     def make_current(self) -> None:
-        """Directs this thread's OpenGL calls to it."""
+        """Directs this thread's OpenGL calls to the context."""
         ...
 
     def free(self) -> None:
-        """Frees what the driver holds for it."""
+        """Frees the driver's resources."""
         ...
 
 
 @dataclass(frozen=True)
 class Backend:
-    """A backend that works here.
+    """A backend that works on this machine.
 
     Attributes:
       name: `egl`, `osmesa`, `glfw` or `cgl`; or `vulkan`, which has no OpenGL context.
-      renderer, vendor, version: OpenGL's own strings; Vulkan's device, driver and version.
-      max_size: the largest width or height it can draw [pixels].
+      renderer, vendor, version: OpenGL's strings, or Vulkan's device, driver and version.
+      max_size: the largest width or height that it can render [pixels].
     """
 
     name: str
@@ -48,18 +78,18 @@ class Backend:
 
     @property
     def software(self) -> bool:
-        """Whether a CPU draws."""
+        """True if a CPU renders."""
         return self.name == "osmesa" or any(mark in self.renderer.lower() for mark in SOFTWARE)
 
     def context(self, width: int, height: int) -> OpenGLContext:
-        """A new OpenGL context, current in this thread; the caller frees it."""
+        """Creates an OpenGL context and makes it current in this thread; the caller frees it."""
         context: OpenGLContext = importlib.import_module(f"mujoco.{self.name}").GLContext(width, height)
         context.make_current()
         return context
 
 
 def candidates() -> tuple[str, ...]:
-    """The backends worth trying on this system, best first."""
+    """Returns the backends worth trying on this system, best first."""
     if platform.system() == "Darwin":
         return ("cgl", "glfw")
     if platform.system() == "Windows":
@@ -69,18 +99,18 @@ def candidates() -> tuple[str, ...]:
 
 
 def requested_backends(requested: str | None = None) -> Sequence[str]:
-    """The backends to try, best first.
+    """Returns the backends to try, best first.
 
     Args:
-      requested: `auto` for those worth trying, else the only one; as MUJOCO_GL says when None.
+      requested: `auto` for those worth trying, else the only one; None for the value of MUJOCO_GL.
 
     Raises:
-      UnknownNameError: no such backend.
-      NoRendererError: rendering is switched off by MUJOCO_GL.
+      UnknownNameError: the backend is unknown.
+      NoRendererError: MUJOCO_GL switches rendering off.
     """
     text = (os.environ.get(GL, "") if requested is None else requested).strip().lower()
     if text in OFF:
-        raise NoRendererError({GL: f"is {text!r}, which switches rendering off"}, "unset it to draw")
+        raise NoRendererError({GL: f"is {text!r}, which switches rendering off"}, "unset it to enable rendering")
     name = ALIASES.get(text, text)
     if name == AUTO:
         return candidates()
@@ -90,5 +120,145 @@ def requested_backends(requested: str | None = None) -> Sequence[str]:
 
 
 def is_from_environment(requested: str | None) -> bool:
-    """Whether the environment requested it, as the default of an option too."""
+    """Returns whether the environment requested the backend, possibly as an option's default."""
     return GL in os.environ and requested in (None, os.environ[GL])
+
+
+class BackendTrialProcess:
+    """A backend, `vulkan`, or EGL's `devices`, being tried in a child process, which starts at once.
+
+    Args:
+      draw: whether an image is also rendered and checked.
+      device: the EGL device, as in MUJOCO_EGL_DEVICE_ID.
+      unset: environment variables to remove.
+    """
+
+    def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
+        self.name = name
+        environment = {**dict.fromkeys(unset), GL: "disable"}
+        if device is not None:
+            environment[DEVICE] = str(device)
+        script = Path(__file__).with_name("try_backend.py")
+        command = [sys.executable, "-P", str(script), name, *(["draw"] if draw else [])]
+        self._log = os.fdopen(memory_file(), "w+b")  # a file, since the child reads Filament's log from it
+        self._process = ChildProcess(command, environment=environment, stdout="capture", stderr=self._log)
+
+    def answer(self) -> dict[str, Any]:
+        """Waits for the child's answer, which has an `error` if the backend fails."""
+        with self._log:
+            ending = self._process.wait(TIMEOUT)
+            if ending.cause == "time":
+                return {"error": f"did not answer within {TIMEOUT} s"}
+            try:
+                return json.loads(self._process.stdout)
+            except ValueError:
+                self._log.seek(0)
+                last = self._log.read().decode(errors="replace").strip().rpartition("\n")[2]
+                return {"error": f"its process {ending}{last and f' ({last})'}"}
+
+    def result(self) -> Backend | str:
+        """Returns the backend, or the reason why it does not work."""
+        answer = self.answer()
+        return answer["error"] if "error" in answer else Backend(self.name, **answer)
+
+    def cancel(self) -> None:
+        """Ends the child."""
+        self._log.close()
+        self._process.end()
+
+
+class BackendDetection:
+    """The search for a working backend, started at once so that it runs while the model loads.
+
+    Args:
+      requested: `auto` or None for the best that works, else the only one to try.
+
+    Raises:
+      UnknownNameError: the backend is unknown.
+      NoRendererError: MUJOCO_GL switches rendering off.
+    """
+
+    def __init__(self, requested: str | None = None) -> None:
+        self._requested, self._names = requested, requested_backends(requested)
+        self._first = BackendTrialProcess(self._names[0])
+
+    def result(self, require_gpu: bool = False) -> Backend:
+        """Returns the first backend that works.
+
+        Raises:
+          NoRendererError: none works; the message gives the reasons and the packages to install.
+          SoftwareRendererError: `require_gpu` is set, and only software renders.
+        """
+        reasons: dict[str, str] = {}
+        software: Backend | None = None
+        for name in self._names:
+            answer = (self._first if name == self._first.name else BackendTrialProcess(name)).result()
+            if isinstance(answer, str):
+                reasons[name] = answer
+            elif not (require_gpu and answer.software):
+                return answer
+            else:
+                software = software or answer
+        if software:
+            raise SoftwareRendererError(software.renderer)
+        raise NoRendererError(reasons, self._advice(reasons))
+
+    def cancel(self) -> None:
+        """Ends the child that is still running."""
+        self._first.cancel()
+
+    def _advice(self, reasons: Mapping[str, str]) -> str:
+        """Returns advice on how to render although these backends do not work."""
+        return alternative(reasons, self._requested) or f"to draw in software: {install_advice()}"
+
+
+class VulkanDetection(BackendDetection):
+    """The search for the Vulkan device of Filament, started at once."""
+
+    def __init__(self) -> None:
+        self._requested, self._names = None, ("vulkan",)
+        self._first = BackendTrialProcess("vulkan")
+
+    def _advice(self, reasons: Mapping[str, str]) -> str:
+        install = f"to draw with filament in software: {install_advice(VULKAN)}"
+        return f"{install}\n{option('renderer')} classic needs no Vulkan"
+
+
+def alternative(tried: Collection[str], requested: str | None = None) -> str:
+    """Returns advice on a backend that works instead of the tried ones; empty if none does.
+
+    Args:
+      requested: as in `requested_backends`.
+    """
+    for name in candidates():
+        if name not in tried and isinstance(BackendTrialProcess(name).result(), Backend):
+            unset = f"unset {GL}, or " if is_from_environment(requested) else ""
+            return f"{name} draws: {unset}give {option('gl')} {name}"
+    if _draws_on_another_device():
+        variables = DEVICE if "egl" in tried else f"{GL} and {DEVICE}"
+        return f"egl draws on another device: unset {variables}"
+    return ""
+
+
+def repair_advice(name: str) -> str:
+    """Returns advice on how to make the backend `name` work."""
+    if name == "egl" and _draws_on_another_device():
+        return f"unset {DEVICE}: egl draws on another device"
+    return install_advice(ADVICE.get(name, OPENGL))
+
+
+def _draws_on_another_device() -> bool:
+    """Returns whether EGL works on a device other than the one that the environment selects."""
+    return DEVICE in os.environ and isinstance(BackendTrialProcess("egl", unset=(DEVICE,)).result(), Backend)
+
+
+def install_advice(commands: Mapping[str, str] = OPENGL) -> str:
+    """Returns the command among `commands` for this system's distribution."""
+    if platform.system() != "Linux":
+        return "install a graphics driver"
+    try:
+        system = platform.freedesktop_os_release()
+    except OSError:
+        system = {}
+    family = next((name for name in [system.get("ID"), *system.get("ID_LIKE", "").split()] if name in commands), "")
+    return commands[family or ""]

@@ -1,4 +1,4 @@
-"""MuJoCo's classic OpenGL renderer, drawing recorded states."""
+"""MuJoCo's classic OpenGL renderer, applied to recorded states."""
 
 import contextlib
 import time
@@ -19,28 +19,28 @@ from mjrun.model.state import restore
 from mjrun.rendering.backend import Backend, OpenGLContext
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.segmentation import Segmentation
-from mjrun.rendering.visual import Visual, updated_scene
+from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
-GEOMS = 10_000  # room in the scene to begin with; it grows
+GEOMS = 10_000  # initial capacity of the scene; it grows
 FONTS = (50, 100, 150, 200, 250, 300)  # percent
 COSTLY = ("shadow", "reflection")
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 
 
 class ClassicRenderer(Closable):
-    """Draws states of one model at one size. To be used in the thread that made it, and closed.
+    """A renderer of one model at one size. To be used in the thread that created it, and closed.
 
     Args:
-      model: read only; its framebuffer size is ignored, any `size` can be drawn.
+      model: read only; its framebuffer size is ignored, any `size` can be rendered.
       size: width and height of a frame [pixels].
-      backend: one that works, from `BackendDetection`.
+      backend: a working backend, from `BackendDetection`.
       visual: flags, groups, frames, labels and quality.
-      segmentation: what ids distinguish.
-      decorations: added to colour images.
+      segmentation: the grouping of ids.
+      decorations: geoms added to colour images.
 
     Raises:
-      UsageError: the frame is larger than the backend can draw.
-      DrawError: OpenGL refused.
+      UsageError: the frame is larger than the backend's maximum.
+      DrawError: OpenGL failed.
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class ClassicRenderer(Closable):
             raise DrawError(f"{backend.renderer} cannot draw {width}x{height}: {error}") from error
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Moves the model to an integration `state`, which `picture` then shows.
+        """Moves the model to an integration `state`, which `picture` then renders.
 
-        Everything drawn, contacts and forces included, belongs to that state.
+        Everything in the image, contacts and forces included, belongs to that state.
 
         Args:
-          index: of the frame, for decorations.
+          index: index of the frame, for decorations.
 
         Raises:
           DrawError: MuJoCo ran out of memory.
@@ -94,7 +94,7 @@ class ClassicRenderer(Closable):
         self._index = index
 
     def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
-        """The views from `pose`, of `rgb`, `depth` and `seg`. The array of colours is reused by the next call."""
+        """Renders the views from `pose`: `rgb`, `depth` or `seg`. The array of colours is reused by the next call."""
         self._update_scene(pose)
         seen = RenderedView(lens(pose, self.size))
         if "depth" in views or "seg" in views:
@@ -103,7 +103,8 @@ class ClassicRenderer(Closable):
             for decoration in self._decors:
                 decoration.add(self._scene, self._index)
             self._render()
-            seen = replace(seen, rgb=self._shown())
+            upright = self._pixels[::-1]  # OpenGL's rows run upward
+            seen = replace(seen, rgb=downsampled(upright, self._visual.samples))
         return seen
 
     def make_current(self) -> None:
@@ -114,7 +115,7 @@ class ClassicRenderer(Closable):
         mujoco.mjr_setBuffer(OFFSCREEN, self._context)
 
     def draft_cost(self) -> float:
-        """Seconds to draw the last scene once more without shadows and reflections."""
+        """Returns the time to render the last scene again without shadows and reflections [s]."""
         with self._flags(**dict.fromkeys(COSTLY, False)):
             self._render()  # the first draw of a kind compiles shaders
             start = time.perf_counter()
@@ -122,7 +123,7 @@ class ClassicRenderer(Closable):
             return time.perf_counter() - start
 
     def close(self) -> None:
-        """Frees the resources of the graphics driver; EGL prints tracebacks at exit if this is forgotten."""
+        """Frees the driver's resources; without it, EGL prints tracebacks at exit."""
         if self._buffer is not None:
             self._buffer.free()
         if self._context is not None:
@@ -136,7 +137,7 @@ class ClassicRenderer(Closable):
         self._scene = updated_scene(self._model, self._data, self._options, pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """Depth and ids, from one pass without shading."""
+        """Renders depth and ids in one pass without shading."""
         if self._buffer is None:
             self._buffer = ExactFramebuffer(self.size)
         with self._flags(segment=True, idcolor=True, **dict.fromkeys(COSTLY, False)):
@@ -151,7 +152,7 @@ class ClassicRenderer(Closable):
 
     @contextlib.contextmanager
     def _flags(self, **wanted: bool) -> Iterator[None]:
-        """Sets rendering flags for a while."""
+        """Sets rendering flags within the block."""
         previous, indices = self._scene.flags.copy(), enum_members(mujoco.mjtRndFlag)
         for name, value in wanted.items():
             self._scene.flags[indices[name]] = value
@@ -164,18 +165,9 @@ class ClassicRenderer(Closable):
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(self._pixels, None, self._rect, self._context)
 
-    def _shown(self) -> np.ndarray:
-        upright = self._pixels[::-1]  # OpenGL's rows run upward
-        n = self._visual.samples
-        if n == 1:
-            return upright
-        width, height = self.size
-        blocks = upright.reshape(height, n, width, n, 3)
-        return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
-
 
 def _segments(colors: np.ndarray, most: int) -> np.ndarray:
-    """Segment ids `(h, w)` of colours `(h, w, 3)`, the lowest byte first, none of them above `most`."""
+    """Decodes segment ids `(h, w)` from colours `(h, w, 3)`, lowest byte first; none exceeds `most`."""
     segments = colors[:, :, 0]
     for channel in (1, 2):
         if most >= 2 ** (8 * channel):
@@ -184,25 +176,25 @@ def _segments(colors: np.ndarray, most: int) -> np.ndarray:
 
 
 def check_size(size: tuple[int, int], backend: Backend, visual: Visual) -> None:
-    """Raises UsageError when the backend cannot draw that large."""
+    """Raises UsageError if the size exceeds the backend's maximum."""
     if max(size) * visual.samples > backend.max_size:
         raise UsageError(
-            f"{option('size')} {size[0]}x{size[1]} is too large: {backend.renderer} draws at most "
+            f"{option('size')} {size[0]}x{size[1]} is too large: {backend.renderer} renders at most "
             f"{backend.max_size // visual.samples} pixels a side at {option('quality')} {visual.quality}"
         )
 
 
 def _check_shadows(model: mujoco.MjModel, backend: Backend) -> None:
-    """Raises DrawError when the model's maps of shadows are larger than the backend has them: some drivers crash."""
+    """Raises DrawError if the model's shadow maps exceed the backend's maximum, which crashes some drivers."""
     if (size := model.vis.quality.shadowsize) > backend.max_size:
         raise DrawError(
-            f"vis.quality.shadowsize of the model, {size}, is too large: {backend.renderer} draws at most "
-            f"{backend.max_size} pixels a side\n{option('set')} vis.quality.shadowsize=4096 makes it smaller"
+            f"vis.quality.shadowsize of the model, {size}, is too large: {backend.renderer} renders at most "
+            f"{backend.max_size} pixels a side\n{option('set')} vis.quality.shadowsize=4096 reduces it"
         )
 
 
 def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> mujoco.MjrContext:
-    """A context whose offscreen buffer has exactly this size, whatever the model's is."""
+    """Creates a context whose offscreen buffer has exactly this size, regardless of the model's."""
     view, detail = model.vis.global_, model.vis.quality
     previous = view.offwidth, view.offheight, detail.offsamples
     view.offwidth, view.offheight = width, height
@@ -218,17 +210,17 @@ def _offscreen(model: mujoco.MjModel, width: int, height: int, quality: str) -> 
 
 
 class ExactFramebuffer:
-    """A framebuffer for one image in the current OpenGL context. To be used in the thread of that context, and freed.
+    """A framebuffer for one image in the current OpenGL context. To be used in that context's thread, and freed.
 
     Args:
       size: width and height [pixels].
 
     Raises:
-      DrawError: OpenGL refused.
+      DrawError: OpenGL failed.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
-        from OpenGL import GL  # which looks for its platform when it is imported
+        from OpenGL import GL  # which detects its platform when it is imported
 
         self._gl: Any = GL
         width, height = size
@@ -243,18 +235,18 @@ class ExactFramebuffer:
             GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, kind, width, height)
             GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, part)
         if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
-            raise DrawError(f"OpenGL has no framebuffer of {width}x{height} with a depth of 32 bits")
+            raise DrawError(f"OpenGL cannot create a framebuffer of {width}x{height} with 32-bit depth")
 
     def draw(self, scene: mujoco.MjvScene, context: mujoco.MjrContext) -> tuple[np.ndarray, np.ndarray]:
-        """Draws `scene`, whose flags ask for ids as colours.
+        """Renders `scene`, whose flags request ids as colours.
 
         Returns:
           Colours `(h, w, 3)` uint8, and OpenGL's depth `(h, w)` float32, 1 near and 0 far, as MuJoCo reverses it. Both
-          are reused by the next call.
+          arrays are reused by the next call.
         """
         self._bind()
         mujoco.mjr_render(self._rect, scene, context)
-        self._bind()  # a shadow map may have come between
+        self._bind()  # rendering a shadow map may have bound another
         place = (0, 0, self._rect.width, self._rect.height)
         self._gl.glPixelStorei(self._gl.GL_PACK_ALIGNMENT, 1)
         self._gl.glReadPixels(*place, self._gl.GL_RGB, self._gl.GL_UNSIGNED_BYTE, self._colors)
@@ -263,7 +255,7 @@ class ExactFramebuffer:
         return self._colors[::-1], self._depth[::-1]  # OpenGL's rows run upward
 
     def free(self) -> None:
-        """Frees the resources of the graphics driver."""
+        """Frees the driver's resources."""
         self._gl.glDeleteFramebuffers(1, [self._frame])
         self._gl.glDeleteRenderbuffers(2, self._parts)
 

@@ -1,4 +1,4 @@
-"""Frames from states: views through cameras, in colour, laid out side by side, with captions, text and plots."""
+"""Composition of frames: views through cameras, side by side, with captions, text and plots."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -27,27 +27,27 @@ NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 
 
 class Renderer(Protocol):
-    """Draws states of one model."""
+    """A renderer of one model's states."""
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
         """Moves the model to an integration `state`, which belongs to the frame `index`."""
         ...
 
     def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """The views of that instant from `pose`."""
+        """Renders the views of that instant from `pose`."""
         ...
 
     def draft_cost(self) -> float | None:
-        """Wall time to draw the last scene as a draft [s]; None if it cannot be drawn as one."""
+        """Returns the wall time to render the last scene as a draft [s]; None if it cannot be rendered as one."""
         ...
 
     def close(self) -> None:
-        """Frees the resources of the graphics driver."""
+        """Frees the driver's resources."""
         ...
 
 
 @dataclass(frozen=True)
-class Panel:
+class CameraPanel:
     """One view through the camera with this index."""
 
     camera: int
@@ -59,12 +59,12 @@ class Overlay:
     """Text over a frame, and plots under or beside it.
 
     Attributes:
-      texts: the text of each frame; no text when empty.
-      corner: of the frame, where the text is placed.
+      texts: the text of each frame; empty for no text.
+      corner: the corner of the frame that holds the text.
       plots: width and height of each plot [pixels].
-      side: where the plots are, `under` the frame or `beside` it.
+      side: position of the plots: `under` the frame or `beside` it.
       graphs: the plots, once their values are known.
-      times: of each frame [s], for the plots.
+      times: the time of each frame [s], for the plots.
     """
 
     texts: Sequence[str] = ()
@@ -84,13 +84,13 @@ class Overlay:
 
 @dataclass(frozen=True)
 class FrameStyle:
-    """How panels are composed into a frame.
+    """The composition of panels into a frame.
 
     Attributes:
       layout: `row`, `column` or `grid`.
-      captions: whether each panel has a caption that names what it shows.
-      legend: whether a segmentation lists the segments in view; pixels are then no longer colours of segments alone.
-      overlay: text and plots; only for frames of colours.
+      captions: whether each panel has a caption.
+      legend: whether a segmentation lists the segments in view; not all pixels are colours of segments then.
+      overlay: text and plots; only for colour frames.
     """
 
     layout: str = "row"
@@ -108,7 +108,7 @@ class FrameStream:
       exact: whether frames are numbers `(h, w)` uint16: millimetres or ids + 1; 0 is the background.
     """
 
-    panels: Sequence[Panel]
+    panels: Sequence[CameraPanel]
     size: tuple[int, int]
     style: FrameStyle
     exact: bool = False
@@ -133,7 +133,7 @@ class FrameStream:
 
 @dataclass(frozen=True)
 class DrawingCosts:
-    """The wall time to draw a frame [s], and its last scene as a draft; None if it cannot be drawn as one."""
+    """The wall time to render a frame [s], and its last scene as a draft; None if it cannot be rendered as one."""
 
     frame: float
     draft: float | None
@@ -141,18 +141,18 @@ class DrawingCosts:
 
 @dataclass
 class SceneCompositor:
-    """Paints the frames of all streams of one state, one after the other, into flat bytes.
+    """A painter that renders the frames of all streams for one state, one after the other, into flat bytes.
 
-    Picklable while closed.
+    It can be pickled while closed.
 
     Args:
       size: width and height of a panel [pixels].
-      names: of the cameras, for captions.
+      names: names of the cameras, for captions.
       poses: for each frame, the pose of each camera.
-      segmentation: what ids distinguish.
-      decorations: added to colour images.
-      ranges: for each camera, the depths [m] of the first and the last colour; needed for depth in colour.
-      renderer: makes the renderer, with the arguments of `ClassicRenderer`.
+      segmentation: the grouping of ids.
+      decorations: geoms added to colour images.
+      ranges: for each camera, the depths [m] of the first and the last colour; required for depth in colour.
+      renderer: creates the renderer, with the arguments of `ClassicRenderer`.
     """
 
     model: mujoco.MjModel
@@ -178,23 +178,23 @@ class SceneCompositor:
 
     @property
     def bytes(self) -> int:
-        """The size of the frames of all streams of one state [bytes]."""
+        """The size of the frames of all streams for one state [bytes]."""
         return sum(prod(stream.shape) * stream.dtype.itemsize for stream in self.streams)
 
     def open(self) -> None:
-        """Makes a renderer, unless there is one already."""
+        """Creates a renderer unless one is open."""
         if self._open_renderer is None:
             self._open_renderer = self.renderer(
                 self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations
             )
 
     def look_ahead(self, states: Mapping[int, np.ndarray]) -> None:
-        """Sets the `ranges` that suit these states, by index of their frames."""
+        """Sets the `ranges` that suit these states, given by frame index."""
         by_frame = [self.see(state, index, ["depth"]) for index, state in states.items()]
         self.ranges = [depth_range([seen.depth for seen in frames]) for frames in zip(*by_frame, strict=True)]
 
     def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
-        """Fills `into`, `bytes` long, with the frames of all streams, in the layout of `parts`."""
+        """Fills `into`, `bytes` long, with the frames of all streams, laid out as in `parts`."""
         start = time.perf_counter()
         views = self.see(state, index)
         for stream, part in zip(self.streams, self.parts(into), strict=True):
@@ -202,19 +202,19 @@ class SceneCompositor:
         self._frame_cost = time.perf_counter() - start
 
     def costs(self) -> DrawingCosts:
-        """The costs of the last frame."""
+        """Returns the costs of the last frame."""
         assert self._open_renderer
         draft = None if self.visual.quality == "draft" else self._open_renderer.draft_cost()
         return DrawingCosts(self._frame_cost, draft)
 
     def close(self) -> None:
-        """Closes the renderer, if there is one."""
+        """Closes the renderer, if open."""
         if self._open_renderer:
             self._open_renderer.close()
             self._open_renderer = None
 
     def parts(self, frames: np.ndarray) -> list[np.ndarray]:
-        """Views of the frame of each stream in the flat bytes that `paint` fills."""
+        """Returns a view of each stream's frame in the flat bytes that `paint` fills."""
         parts, start = [], 0
         for stream in self.streams:
             end = start + prod(stream.shape) * stream.dtype.itemsize
@@ -223,19 +223,19 @@ class SceneCompositor:
         return parts
 
     def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
-        """What each camera sees of a state: the views that its panels show, or `views`."""
+        """Renders the view of each camera in a state: the views that its panels show, or `views`."""
         assert self._open_renderer
         self._open_renderer.look(state, index)
         by_camera = []
         for camera, pose in enumerate(self.poses[index]):
             shown = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]
             seen = self._open_renderer.picture(pose, shown if views is None else views)
-            # Colours outlast the next picture, and are written on.
+            # Colours must survive the next call, and are drawn on.
             by_camera.append(seen if seen.rgb is None else replace(seen, rgb=np.array(seen.rgb)))
         return by_camera
 
     def frame(self, stream: FrameStream, views: Sequence[RenderedView], index: int) -> np.ndarray:
-        """The frame of `stream`, composed of what each camera sees."""
+        """Composes the frame of `stream` from the view of each camera."""
         if stream.exact:
             (panel,) = stream.panels
             return _numbers(panel, views[panel.camera])
@@ -252,12 +252,12 @@ class SceneCompositor:
             frame = np.concatenate([frame, *plots], axis=0 if overlay.side == "under" else 1)
         return frame
 
-    def caption(self, panel: Panel) -> str:
-        """The camera of a panel, and its view where streams show several."""
+    def caption(self, panel: CameraPanel) -> str:
+        """Returns the caption of a panel: its camera, and its view if streams show several views."""
         several = len({other.view for stream in self.streams for other in stream.panels}) > 1
         return f"{self.names[panel.camera]} · {NAMES[panel.view]}" if several else self.names[panel.camera]
 
-    def _colored(self, panel: Panel, seen: RenderedView, with_legend: bool) -> np.ndarray:
+    def _colored(self, panel: CameraPanel, seen: RenderedView, with_legend: bool) -> np.ndarray:
         if panel.view == "rgb":
             assert seen.rgb is not None
             return seen.rgb
@@ -277,7 +277,7 @@ class SceneCompositor:
         return image
 
 
-def _numbers(panel: Panel, seen: RenderedView) -> np.ndarray:
+def _numbers(panel: CameraPanel, seen: RenderedView) -> np.ndarray:
     if panel.view == "depth":
         assert seen.depth is not None
         return depth_millimetres(seen.depth)

@@ -1,7 +1,7 @@
-"""MuJoCo's physically based renderer, Filament, drawing recorded states through Vulkan, in a process of its own.
+"""MuJoCo's physically based renderer, Filament, rendering recorded states through Vulkan in a separate process.
 
-Filament aborts on errors, prints on stdout and leaks memory with every image. What it cannot draw is refused, or
-reported by `omissions` where nobody asked for it: never left out silently.
+Filament aborts on errors, prints on stdout and leaks memory with every image. Unsupported features are refused if
+requested, and otherwise reported by `omissions`: never omitted silently.
 """
 
 import warnings
@@ -24,41 +24,41 @@ from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker, WorkerEndedError
 
-# Images drawn by one process: each leaks 1.5 MB with Mesa 22.3, less or nothing with drivers for GPUs. Counted,
-# not measured, so that a video is the same each time.
+# Images per process: each leaks 1.5 MB with Mesa 22.3, less or nothing with drivers for GPUs. A count rather than a
+# measured size, so that a video is the same each time.
 LIFETIME = 200
-MIRRORS = False  # under Vulkan, MuJoCo 4.0.0 draws reflections upside down
+MIRRORS = False  # under Vulkan, MuJoCo 4.0.0 renders reflections upside down
 
 CLASSIC = f"{option('renderer')} classic can"
-# What to do instead of changing a flag that Filament does not know.
+# Alternatives to a flag that Filament does not support.
 REFUSED = {
     **dict.fromkeys(("additive", "cull_face", "flexvert", "flexedge", "flexface", "flexskin"), CLASSIC),
     **dict.fromkeys(("segment", "idcolor"), f"{option('view')} seg can"),
     "depth": f"{option('view')} depth can",
     "fog": f"{CLASSIC}; its own fog is the model's: <custom><numeric name='filament.fog.enabled' data='1'/></custom>",
 }
-# Ways to draw the whole image, and the value of the flag that asks for each.
+# Modes of rendering the whole image, and the flag value that selects each.
 MODES = {"wireframe": (1, "WIREFRAME"), "island": (1, "ISLANDS"), "texture": (0, "DEFAULT_NO_TEXTURES")}
 
 
 class FilamentRenderer(Closable):
-    """Draws states of one model at one size. To be closed.
+    """A renderer of one model at one size. To be closed.
 
-    Filament's colours carry noise, whose sequence continues from image to image: drawn again, a pixel differs by one
+    Filament's colours carry noise, whose sequence continues from image to image: rendered again, a pixel differs by one
     grey level, rarely by more at an edge. Depth and ids carry none. A video is the same each time if a single renderer
-    draws all of it.
+    renders all of it.
 
     Args:
       model: read only.
       size: width and height of a frame [pixels].
-      backend: of `VulkanDetection`.
+      backend: from `VulkanDetection`.
       visual: flags, groups, frames and quality.
-      segmentation: the objects of the model that ids distinguish, whatever decorations there are.
-      decorations: added to colour images.
+      segmentation: the grouping of ids, which applies to objects of the model and never to decorations.
+      decorations: geoms added to colour images.
 
     Raises:
-      UsageError: Filament cannot draw what `visual` asks for, or not that large.
-      DrawError: Vulkan refused.
+      UsageError: Filament does not support an option in `visual`, or this size.
+      DrawError: Vulkan failed.
     """
 
     def __init__(
@@ -86,15 +86,15 @@ class FilamentRenderer(Closable):
             raise
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
-        """Moves the model to an integration `state`, which `picture` then shows.
+        """Moves the model to an integration `state`, which `picture` then renders.
 
-        Everything drawn, contacts and forces included, belongs to that state.
+        Everything in the image, contacts and forces included, belongs to that state.
 
         Args:
-          index: of the frame, for decorations.
+          index: index of the frame, for decorations.
 
         Raises:
-          DrawError: MuJoCo ran out of memory, or Filament ended its process.
+          DrawError: MuJoCo ran out of memory, or Filament's process ended.
         """
         self._index = index
         if self._drawn >= LIFETIME:
@@ -104,13 +104,13 @@ class FilamentRenderer(Closable):
         self._ask("look", state, index)
 
     def picture(self, pose: Pose, views: Sequence[str] = ("rgb",)) -> RenderedView:
-        """The views from `pose`, of `rgb`, `depth` and `seg`.
+        """Renders the views from `pose`: `rgb`, `depth` or `seg`.
 
-        Depth and ids end at the far plane, as MuJoCo's do; colours do not.
+        Depth and ids end at the far plane, as in MuJoCo; colours do not.
 
         Raises:
-          UsageError: a decoration adds a geom that Filament cannot draw.
-          DrawError: Filament ended its process.
+          UsageError: a decoration adds a geom that Filament cannot render.
+          DrawError: Filament's process ended.
         """
         self._drawn += 1
         picture = self._ask("picture", pose, tuple(views))
@@ -119,7 +119,7 @@ class FilamentRenderer(Closable):
         return picture
 
     def draft_cost(self) -> float:
-        """Seconds to draw the last scene once more without shadows."""
+        """Returns the time to render the last scene again without shadows [s]."""
         return self._ask("draft_cost")
 
     def close(self) -> None:
@@ -131,15 +131,15 @@ class FilamentRenderer(Closable):
         try:
             reply = self._worker.receive()
         except WorkerEndedError as death:
-            raise DrawError(f"filament's process {death}\n{option('renderer')} classic may do better") from None
+            raise DrawError(f"filament's process {death}\n{option('renderer')} classic may work instead") from None
         for text in reply.warnings:
             if text not in self._shown_warnings:
                 self._shown_warnings.add(text)
                 warnings.warn(text, stacklevel=3)
         if reply.failure and name == "open":
-            raise reply.failure.error("a drawing process cannot start", DrawError)
+            raise reply.failure.error("a rendering process cannot start", DrawError)
         if reply.failure:
-            raise reply.failure.error(f"a bug in mjrun, drawing frame {self._index}")
+            raise reply.failure.error(f"a bug in mjrun, rendering frame {self._index}")
         return reply.value
 
 
@@ -151,41 +151,41 @@ def _started() -> Worker:
 
 
 def check_visual(model: mujoco.MjModel, visual: Visual) -> None:
-    """Refuses what Filament cannot draw.
+    """Checks that Filament supports the visual options.
 
     Raises:
-      UsageError: names the option, and what to do instead.
+      UsageError: names the option and an alternative.
     """
     if visual.label != "none":
-        raise UsageError(f"{option('label')} {visual.label}: filament cannot draw text\n{CLASSIC}")
+        raise UsageError(f"{option('label')} {visual.label}: filament cannot render text\n{CLASSIC}")
     if "reflection" in visual.show and not MIRRORS:
-        raise UsageError(f"{option('show')} reflection: filament draws reflections upside down\n{CLASSIC}")
+        raise UsageError(f"{option('show')} reflection: filament renders reflections upside down\n{CLASSIC}")
     usual, wanted = flags(mujoco.MjvOption(), mujoco.MjvScene(model, 1)), _wanted(model, visual)
     for name, instead in REFUSED.items():
         if wanted[name] != usual[name]:
             raise UsageError(f"{_option_text(name, wanted)}: filament cannot do that\n{instead}")
     modes = [_option_text(name, wanted) for name, (value, _) in MODES.items() if wanted[name] == value]
     if len(modes) > 1:
-        raise UsageError(f"{' and '.join(modes)}: filament can do one at a time\n{CLASSIC} do both")
+        raise UsageError(f"{' and '.join(modes)}: filament supports only one at a time\n{CLASSIC} do both")
 
 
 def omissions(model: mujoco.MjModel, visual: Visual) -> list[str]:
-    """Warnings of what Filament leaves out of images of `model` although nobody has hidden it."""
+    """Returns warnings about what Filament omits from images of `model` although it is not hidden."""
     if MIRRORS or not _wanted(model, visual)["reflection"] or not _reflects(model):
         return []
     advice = f"{option('hide')} reflection, or {option('renderer')} classic"
-    return [f"filament leaves out reflections, which it draws upside down; {advice}"]
+    return [f"filament omits reflections, which it would render upside down; {advice}"]
 
 
 def check_segmentation(segmentation: Segmentation | None) -> None:
-    """Raises UsageError when Filament can draw none of the objects that a segmentation is to distinguish."""
+    """Raises UsageError if Filament renders none of the objects that a segmentation distinguishes."""
     kinds = {segment.type for segment in segmentation.legend} if segmentation else set()
     if kinds and kinds <= {"joint", "camera", "light"}:
-        raise UsageError(f"filament cannot draw a {min(kinds)} in a segmentation\n{CLASSIC}")
+        raise UsageError(f"filament cannot render a {min(kinds)} in a segmentation\n{CLASSIC}")
 
 
 def flags(options: mujoco.MjvOption, scene: mujoco.MjvScene) -> dict[str, int]:
-    """All flags of the visualizer and of rendering, by name."""
+    """Returns all flags of the visualizer and of rendering, by name."""
     visual, rendering = enum_members(mujoco.mjtVisFlag), enum_members(mujoco.mjtRndFlag)
     return {name: int(options.flags[i]) for name, i in visual.items()} | {
         name: int(scene.flags[i]) for name, i in rendering.items()
@@ -203,7 +203,7 @@ def _option_text(name: str, wanted: dict[str, int]) -> str:
 
 
 def _reflects(model: mujoco.MjModel) -> bool:
-    """Whether the material of a plane or a box mirrors."""
+    """Returns whether the material of a plane or a box is reflective."""
     flat = np.isin(model.geom_type, [mujoco.mjtGeom.mjGEOM_PLANE.value, mujoco.mjtGeom.mjGEOM_BOX.value])
     materials = model.geom_matid[flat]
     return bool(model.mat_reflectance[materials[materials >= 0]].any())

@@ -1,6 +1,6 @@
-"""Filament's scene of a model: renderables that are moved, lights, and render targets.
+"""Filament's scene of a model: movable renderables, lights, and render targets.
 
-The only module that uses `mujoco.mjrf`, which aborts the process where others raise. To be used in one thread.
+Only this module uses `mujoco.mjrf`, which aborts the process on errors. To be used in one thread.
 """
 
 import copy
@@ -18,7 +18,7 @@ from mjrun.errors import UsageError, option
 from mjrun.model.names import COUNTS, KINDS, enum_members
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
-# Of Filament, for models made for the classic renderer, whose lights have no intensity.
+# Settings of Filament for models made for the classic renderer, whose lights have no intensity.
 LIGHTS, HEADLIGHT = 80_000.0, 40_000.0  # [lux] of all lights together, and of the headlight
 _GEOMS = enum_members(mujoco.mjtGeom)
 SHAPELESS, MESHES = {_GEOMS["label"], _GEOMS["none"]}, {_GEOMS["mesh"], _GEOMS["sdf"]}
@@ -29,7 +29,7 @@ FRUSTUM = ("center", "width", "bottom", "top", "near", "far")
 
 
 class PixelFormat(NamedTuple):
-    """The format of pixels, by mjrf's names of the format and of the draw mode."""
+    """A format of pixels, by mjrf's names of the format and of the draw mode."""
 
     pixel: str
     mode: str
@@ -53,7 +53,7 @@ class FilamentScene:
         self._renderables = mjrf.ModelRenderables(self._scene, resources)
         self._renderables.set_options(_tendons_in_groups(options))
         self._intensities, self._headlight = fallback_lighting(model)
-        self._decorations: dict[tuple[int, int], list[Any]] = defaultdict(list)  # of each kind, to be used again
+        self._decorations: dict[tuple[int, int], list[Any]] = defaultdict(list)  # reusable renderables of each kind
         self._meshes: dict[int, tuple[Any, ...]] = {}
         self._targets: dict[tuple[int, int, PixelFormat], tuple[Any, Any, np.ndarray]] = {}
 
@@ -66,9 +66,9 @@ class FilamentScene:
         self._renderables.update(data)
 
     def hide_all_but(self, shown: Set[tuple[int, int]]) -> None:
-        """Hides the objects of the model that are not in `shown`, pairs of object type and id: those MuJoCo would draw.
+        """Hides the model's objects that MuJoCo would not render: those whose object type and id are not in `shown`.
 
-        Filament heeds groups, but ignores some flags, and draws static and fully transparent objects all the same.
+        Filament respects groups but ignores some flags, and renders static and fully transparent objects regardless.
         """
         for kind in NUMBERED:
             for index in range(getattr(self._model, COUNTS[kind])):
@@ -77,14 +77,14 @@ class FilamentScene:
                         self._scene.remove_renderable(renderable)
 
     def decorate(self, geoms: Iterable[mujoco.MjvGeom]) -> None:
-        """Adds these geoms to the model, in place of those added before: in colour images only, without shadows.
+        """Replaces the added geoms by these, which appear in colour images only, without shadows.
 
         Raises:
-          UsageError: one has a type that Filament can draw only as a part of the model.
+          UsageError: a geom has a type that Filament renders only as a part of the model.
         """
         used: Counter[tuple[int, int]] = Counter()
         for geom in geoms:
-            if geom.type not in SHAPELESS and geom.size[0] < mujoco.mjMAXVAL:  # a plane's bounding box
+            if geom.type not in SHAPELESS and geom.size[0] < mujoco.mjMAXVAL:  # not a plane's bounding box
                 kind = (geom.type, geom.dataid if geom.type in MESHES else -1)
                 self._show(geom, kind, used[kind])
                 used[kind] += 1
@@ -93,11 +93,11 @@ class FilamentScene:
                 self._scene.remove_renderable(spare)
 
     def draw(self, size: tuple[int, int], pose: Pose, pixel_format: PixelFormat, **flags: bool) -> np.ndarray:
-        """The pixels `(height, width, channels)`, which the next image of that format overwrites.
+        """Renders pixels `(height, width, channels)`, which the next image of that format overwrites.
 
         Args:
           size: width and height [pixels].
-          flags: of mjrf.RenderRequest; those not mentioned are on.
+          flags: flags of mjrf.RenderRequest; those not given are on.
         """
         target, reading, pixels = self._target(*size, pixel_format)
         light = self._model.vis.headlight
@@ -116,7 +116,7 @@ class FilamentScene:
         return pixels
 
     def _target(self, width: int, height: int, pixel_format: PixelFormat) -> tuple[Any, Any, np.ndarray]:
-        """A render target, the request that reads it, and the pixels that are read."""
+        """Returns a render target, the request that reads it, and the pixels that are read."""
         if (width, height, pixel_format) not in self._targets:
             pixels = np.empty((height, width, pixel_format.channels), pixel_format.dtype)
             formats = self._mjrf.PixelFormat
@@ -134,12 +134,12 @@ class FilamentScene:
         return self._targets[width, height, pixel_format]
 
     def _seen_from(self, pose: Pose) -> Any:
-        """The pose as mjrf's camera."""
+        """Returns the pose as mjrf's camera."""
         ends = {f"frustum_{name}": getattr(pose.frustum, name) for name in FRUSTUM}
         return self._mjrf.Camera(pose.position, pose.forward, pose.up, **ends, orthographic=pose.frustum.orthographic)
 
     def _parts(self, kind: str, index: int) -> Iterable[Any]:
-        """The renderables of one object: a single one, or one for each part."""
+        """Returns the renderables of one object: a single one, or one for each part."""
         renderable = self._renderables.get_renderable
         if kind in WHOLE:
             return [renderable(KINDS[kind], index)]
@@ -158,7 +158,7 @@ class FilamentScene:
     def _renderable(self, shape: int, data: int) -> Any:
         if shape not in SHAPES | MESHES:
             name = next(name for name, value in _GEOMS.items() if value == shape)
-            message = f"filament cannot draw a {name} that is not the model's own"
+            message = f"filament cannot render a {name} that is not part of the model"
             raise UsageError(f"{message}\n{option('renderer')} classic can")
         shadeless = self._mjrf.RenderableParams(cast_shadow=False, receive_shadow=False)
         renderable = self._context.create_renderable(shadeless)
@@ -170,7 +170,7 @@ class FilamentScene:
         return renderable
 
     def _mesh(self, index: int) -> Any:
-        """A mesh of the model, each corner of each face a vertex of its own; Filament does not give out its copies."""
+        """Uploads a mesh of the model with unshared vertices, since Filament does not expose its copies."""
         if index in self._meshes:
             return self._meshes[index][0]
         model, mjrf = self._model, self._mjrf
@@ -196,7 +196,7 @@ class FilamentScene:
         content.set_indices(config, indices)
         mesh = self._context.create_mesh(config)
         mesh.upload(content)
-        self._meshes[index] = mesh, content, vertices, indices  # it may be read later
+        self._meshes[index] = mesh, content, vertices, indices  # kept alive: it may be read later
         return mesh
 
 
@@ -208,7 +208,7 @@ class LightIntensity(NamedTuple):
 
 
 def _tendons_in_groups(options: mujoco.MjvOption) -> mujoco.MjvOption:
-    """The same options, in which hidden tendons are hidden by their groups: Filament ignores their flag."""
+    """Returns the options with hidden tendons hidden by their groups, since Filament ignores their flag."""
     filament_options = copy.copy(options)
     if not options.flags[mujoco.mjtVisFlag.mjVIS_TENDON]:
         filament_options.tendongroup[:] = 0
@@ -216,12 +216,12 @@ def _tendons_in_groups(options: mujoco.MjvOption) -> mujoco.MjvOption:
 
 
 def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity], float]:
-    """The intensities of spot and point lights, by index, and that of the headlight [lux].
+    """Returns the intensities of spot and point lights, by index, and that of the headlight [lux].
 
     Filament gives lights without an intensity the same number of candela, however far away they are, and a range of
     10 m: large scenes stay dark, and small ones burn out. Here a light of full diffuse colour sheds its share of
-    `LIGHTS` [lux] on what it shines on at `qpos0`: by the inverse square law, that times its squared distance [cd].
-    Intensities that the model itself gives are left alone.
+    `LIGHTS` [lux] on the surface that it lights at `qpos0`: by the inverse square law, that times its squared distance
+    [cd]. Intensities that the model itself sets are unchanged.
     """
     if model.light_intensity.sum():
         return {}, 0.0
@@ -241,7 +241,7 @@ def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity],
 
 
 def _lit_distance(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> float:
-    """The distance from a light to what it shines on [m]: the centre of the model, or what its axis hits beyond."""
+    """Returns the distance from a light to what it lights [m]: the model's centre, or what its axis hits beyond it."""
     start, body, hit = data.light_xpos[light], int(model.light_bodyid[light]), np.zeros(1, np.int32)
     centre = float(np.linalg.norm(model.stat.center - start))
     ahead = mujoco.mj_ray(model, data, start, data.light_xdir[light], None, 1, body or -1, hit)  # -1 for nothing
@@ -249,7 +249,7 @@ def _lit_distance(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> flo
 
 
 def _custom(model: mujoco.MjModel, name: str, default: Sequence[float]) -> Sequence[float]:
-    """The numbers of a <custom> element of the model."""
+    """Returns the numbers of a <custom> element of the model."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, name)
     if index < 0:
         return default

@@ -1,4 +1,4 @@
-"""What runs in Filament's process: it draws what `filament.FilamentRenderer` requests."""
+"""The server in Filament's process, which renders what `filament.FilamentRenderer` requests."""
 
 import time
 from collections.abc import Sequence
@@ -17,16 +17,16 @@ from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
 from mjrun.rendering.filament_scene import NUMBERED, FilamentScene, PixelFormat
 from mjrun.rendering.segmentation import NOTHING, Segmentation
-from mjrun.rendering.visual import Visual, updated_scene
+from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
-GEOMS = 2_000  # room in the scene to begin with; it grows
+GEOMS = 2_000  # initial capacity of the scene; it grows
 DECORATION = mujoco.mjtCatBit.mjCAT_DECOR.value
 DEPTH = PixelFormat("R32F", "DEPTH", 1, np.float32)
 SEGMENTS = PixelFormat("RGB8", "SEGMENTATION_BY_ID", 3, np.uint8)
 
 
 class FilamentServer:
-    """Draws states of one model; methods and arguments are those of `FilamentRenderer`."""
+    """A renderer of one model's states; methods and arguments are those of `FilamentRenderer`."""
 
     def open(
         self,
@@ -50,7 +50,7 @@ class FilamentServer:
         self._filament_scene = FilamentScene(model, self._options)
 
         mujoco.mjv_updateCamera(model, self._data, mujoco.MjvCamera(), self._scene)
-        self._pose = pose_of(self._scene)  # from anywhere
+        self._pose = pose_of(self._scene)  # any pose
         self._update_scene()
         geoms = self._scene.geoms[: self._scene.ngeom]
         self._filament_scene.hide_all_but({(geom.objtype, geom.objid) for geom in geoms})
@@ -65,7 +65,7 @@ class FilamentServer:
         self._filament_scene.update(self._data)
 
     def picture(self, pose: Pose, views: Sequence[str]) -> RenderedView:
-        """The views from `pose`, without the legend, which the other process knows."""
+        """Renders the views from `pose`, without the legend, which the other process has."""
         self._pose = pose
         self._update_scene()
         seen = RenderedView(lens(pose, self._size))
@@ -90,7 +90,7 @@ class FilamentServer:
         self._scene = updated_scene(self._model, self._data, self._options, self._pose, self._scene, room)
 
     def _exact(self, seen: RenderedView, views: Sequence[str]) -> RenderedView:
-        """Depth and ids. Ids have no far plane, so depth decides what lies beyond it."""
+        """Renders depth and ids. Ids have no far plane, so depth decides what lies beyond it."""
         depth = planar_depth(self._filament_scene.draw(self._size, self._pose, DEPTH)[:, :, 0], self._pose.frustum)
         if "depth" in views:
             seen = replace(seen, depth=depth)
@@ -102,7 +102,7 @@ class FilamentServer:
         return seen
 
     def _ids(self, segmentation: Segmentation) -> np.ndarray:
-        """The id of each of Filament's numbers; number 0 is nothing."""
+        """Returns the id of each of Filament's numbers; number 0 is the background."""
         known = segmentation.ids(self._scene)
         counts = [getattr(self._model, COUNTS[kind]) for kind in NUMBERED]
         first = {int(KINDS[kind]): 1 + sum(counts[:i]) for i, kind in enumerate(NUMBERED)}
@@ -122,14 +122,11 @@ class FilamentServer:
             reflections=MIRRORS and bool(self._wanted["reflection"]),
             **{name: bool(self._wanted[name]) for name in ("skybox", "haze", "post_processing")},
         )
-        if n == 1:
-            return pixels
-        blocks = pixels.reshape(height, n, width, n, 3)
-        return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + n * n // 2) // (n * n)).astype(np.uint8)
+        return downsampled(pixels, n)
 
 
 def planar_depth(buffer: np.ndarray, frustum: Frustum) -> np.ndarray:
-    """Planar depth [m] of Filament's depth buffer: 1 at the near plane, 0 at the far one, where depth is infinite."""
+    """Converts Filament's depth buffer, 1 at the near plane and 0 at the far one, to planar depth [m]; 0 means inf."""
     near, far, values = frustum.near, frustum.far, buffer.astype(np.float64)
     depth = far - (far - near) * values if frustum.orthographic else near * far / (near + (far - near) * values)
     return np.where(values > 0, depth, np.inf).astype(np.float32)

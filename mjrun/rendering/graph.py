@@ -14,15 +14,15 @@ from mjrun.rendering.text import INK, LINE, baseline, blend, crisp, fitted, lett
 
 _GREY = (166, 170, 178)  # of marks and units
 _GRID, _ZERO, _FAINT, _HAIR = 22, 64, 70, 120  # opacities, of 255
-_SAMPLES = 4  # lines are drawn larger, and averaged
-_LARGEST = 1e200  # beyond, a value counts as infinite; below its inverse as zero
+_SAMPLES = 4  # factor by which lines are drawn larger before averaging
+_LARGEST = 1e200  # larger values count as infinite, and values below the inverse as zero
 _FLATTEST = 1e-4  # the smallest range of an axis, as a share of the largest value
-# How a legend is shortened until it fits: the width of names [em], and whether units are shown.
+# Stages of shortening a legend until it fits: the width of names [em], and whether units are shown.
 _SHORTER = ((40, True), (14, True), (14, False), (9, False), (6, False), (4, False))
 
 
 def graph_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
-    """The width and height of a graph that suits a video of a size (width, height)."""
+    """Returns the width and height of a graph that suits a video of a size (width, height)."""
     width, height = size
     if side == "under":
         return width, max(80, 2 * round(0.13 * height))
@@ -31,11 +31,11 @@ def graph_size(size: tuple[int, int], side: str = "under") -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Axes:
-    """Where times and values are in an image.
+    """The positions of times and values in an image.
 
     Attributes:
       box: left, top, right and bottom edge of the plot [pixels].
-      times, values: what its edges stand for.
+      times, values: the values at its edges.
     """
 
     box: tuple[int, int, int, int]
@@ -43,21 +43,21 @@ class Axes:
     values: tuple[float, float]
 
     def x(self, time: float | np.ndarray) -> np.ndarray:
-        """Pixels from the left edge of the image; times outside are moved to the nearest edge."""
+        """Returns pixels from the left edge of the image; times outside are moved to the nearest edge."""
         share = (np.asarray(time) - self.times[0]) / (self.times[1] - self.times[0])
         return self.box[0] + np.clip(share, 0, 1) * (self.box[2] - self.box[0])
 
     def y(self, value: float | np.ndarray) -> np.ndarray:
-        """Pixels from the top of the image."""
+        """Returns pixels from the top of the image."""
         share = (np.asarray(value) - self.values[0]) / (self.values[1] - self.values[0])
         return self.box[3] - share * (self.box[3] - self.box[1])
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A series in the legend: where it begins, where its value ends [pixels; 0: not shown], and its row.
+class LegendEntry:
+    """An entry of the legend: where it begins, where its value ends [pixels; 0: not shown], and its row.
 
-    Without a name it is only what `unit` says.
+    Without a name it consists of `unit` alone.
     """
 
     name: str
@@ -71,15 +71,15 @@ class Entry:
 class Graph:
     """Curves over time in fixed axes, of which `draw` shows an instant.
 
-    All series share the vertical axis. As many are named, with their values, as there is room for.
+    All series share the vertical axis. As many as fit are named, with their values.
 
     Args:
       times: ascending [s], `(n,)`, at least one.
-      values: `(n, k)`; what is not finite is a gap.
+      values: `(n, k)`; values that are not finite are gaps.
       names, units: of the k series.
       size: width and height of the image [pixels].
-      em: size of the letters [pixels]; what is legible in a video when None.
-      left: the least distance of the vertical axis from the left edge [pixels].
+      em: size of the letters [pixels]; the size legible in a video when None.
+      left: the minimum distance of the vertical axis from the left edge [pixels].
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class Graph:
         low, high = _padded(self._values)
         self._step = 10.0 ** (math.floor(math.log10(high - low)) - 2)  # a hundredth or less of the range
         colours = _colours(len(names))
-        entries = [Entry(letters(n), letters(u), c) for n, u, c in zip(names, units, colours, strict=True)]
+        entries = [LegendEntry(letters(n), letters(u), c) for n, u, c in zip(names, units, colours, strict=True)]
         self._entries = self._legend(entries, size)
         first, last = float(self._times[0]), float(self._times[-1])
         span = first, (last if last > first else first + 1)
@@ -113,7 +113,7 @@ class Graph:
         self._colours = colours
 
     def draw(self, time: float) -> np.ndarray:
-        """The image `(h, w, 3)` uint8 at `time` [s]: curves bright up to it and faint after, values as they are."""
+        """Draws the image `(h, w, 3)` uint8 at `time` [s]: curves are bright up to it and faint after."""
         x, (_, top, _, bottom) = float(self.axes.x(time)), self.axes.box
         image = self._later.copy()
         image[:, : round(x)] = self._now[:, : round(x)]
@@ -129,11 +129,11 @@ class Graph:
         return image
 
     def moved(self, left: int) -> "Graph":
-        """The same graph with its vertical axis at least `left` [pixels] from the left edge."""
+        """Returns the same graph with its vertical axis at least `left` [pixels] from the left edge."""
         return Graph(*self._arguments, left)
 
     def head(self, series: int, time: float) -> float:
-        """The value of a series at `time`, on the line between two samples; nan in a gap."""
+        """Returns the value of a series at `time`, on the line between two samples; nan in a gap."""
         column, times = self._values[:, series], self._times
         after = int(np.searchsorted(times, time))
         if after == 0 or after == len(times) or times[after] == time:
@@ -145,7 +145,7 @@ class Graph:
         return letters(figures([value], self._step)[0]) if math.isfinite(value) else "…"
 
     def _dot(self, image: np.ndarray, x: float, y: float, colour: tuple[int, int, int]) -> None:
-        """A disc centred at `x`, `y`, ringed with the ground."""
+        """Draws a disc centred at `x`, `y`, ringed with the background."""
         for radius, tint in ((0.44 * self._em, BACKGROUND), (0.3 * self._em, colour)):
             reach = math.ceil(radius) + 1
             column, row = math.floor(x) - reach, math.floor(y) - reach
@@ -154,34 +154,34 @@ class Graph:
             blend(image, np.round(np.clip(inside, 0, 1) * 255).astype(np.uint8), column, row, tint)
 
     def _baseline(self, row: int) -> int:
-        """Of a row of the legend."""
+        """Returns the baseline of a row of the legend [pixels]."""
         line = round(LINE * self._em)
         return baseline(round(0.6 * self._em) + row * line, line, self._em)
 
-    def _legend(self, entries: list[Entry], size: tuple[int, int]) -> list[Entry]:
-        """The entries that fit, in rows above a plot that stays at least as high as they are, and 3.5 lines."""
+    def _legend(self, entries: list[LegendEntry], size: tuple[int, int]) -> list[LegendEntry]:
+        """Returns the entries that fit, in rows above a plot that remains at least as high as they, and 3.5 lines."""
         lines = size[1] / (LINE * self._em) - 2
         rows = max(1, int(min(lines / 2, lines - 3.5))) if lines > 1 else 0
-        placed: list[Entry] = []
+        placed: list[LegendEntry] = []
         for room, with_units in _SHORTER:
             placed = list(self._flow(entries, room * self._em, size[0], with_units))
             if not placed or placed[-1].row < rows:
                 break
         return self._counted([entry for entry in placed if entry.row < rows], len(entries), size[0])
 
-    def _counted(self, placed: list[Entry], count: int, width: int) -> list[Entry]:
-        """The entries that leave room to say how many there are beside them, and an entry that says so."""
+    def _counted(self, placed: list[LegendEntry], count: int, width: int) -> list[LegendEntry]:
+        """Returns the entries that leave room for a count of the omitted ones, and an entry with that count."""
         for shown in range(len(placed), 0, -1):
             if shown == count:
                 break
             last, more = placed[shown - 1], f"… {count - shown} more"
             x = last.end + width_of(last.unit, self._em) + 1.6 * self._em
             if last.end and x + width_of(more, self._em) <= width - round(0.7 * self._em):
-                return [*placed[:shown], Entry("", more, INK, x, x, last.row)]
+                return [*placed[:shown], LegendEntry("", more, INK, x, x, last.row)]
         return placed
 
-    def _flow(self, entries: list[Entry], room: float, width: int, with_units: bool) -> Iterator[Entry]:
-        """Entries placed in as many rows as they need."""
+    def _flow(self, entries: list[LegendEntry], room: float, width: int, with_units: bool) -> Iterator[LegendEntry]:
+        """Yields the entries, placed in as many rows as they need."""
         em, row, inset = self._em, 0, round(0.7 * self._em)
         pen: float = inset
         for series, entry in enumerate(entries):
@@ -199,7 +199,7 @@ class Graph:
             pen = end + after + 1.6 * em
 
     def _box(self, size: tuple[int, int], values: tuple[float, float], least_left: int) -> tuple[int, int, int, int]:
-        """The edges of the plot: what legend and tick labels leave."""
+        """Returns the edges of the plot within the space that legend and tick labels leave."""
         width, height = size
         em, inset = self._em, round(0.7 * self._em)
         rows = self._entries[-1].row + 1 if self._entries else 0
@@ -212,7 +212,7 @@ class Graph:
         return left, top, max(left + 1, width - inset - round(0.3 * em)), bottom
 
     def _ground(self, size: tuple[int, int]) -> np.ndarray:
-        """Everything that does not change: the grid, its marks, and the names."""
+        """Draws everything that does not change: the grid, its marks, and the names."""
         em, (left, top, right, bottom), (first, last) = self._em, self.axes.box, self.axes.times
         image = np.full((size[1], size[0], 3), BACKGROUND, np.uint8)
         hair = max(1, round(em / 16))
@@ -242,7 +242,7 @@ class Graph:
         return image
 
     def _curve(self, values: np.ndarray) -> tuple[np.ndarray, tuple[int, int]]:
-        """The coverage of a curve, uint8, and the x, y of its corner in the image."""
+        """Returns the coverage of a curve, uint8, and the x, y of its corner in the image."""
         left, top, right, bottom = self.axes.box
         thick = max(1.2, self._em / 8)
         pad = math.ceil(thick)
@@ -261,13 +261,13 @@ class Graph:
 
 
 def aligned(graphs: Sequence[Graph]) -> list[Graph]:
-    """The same graphs with their vertical axes at one distance from the left, that of the widest tick labels."""
+    """Returns the graphs with their vertical axes aligned at the distance that the widest tick labels require."""
     left = max((graph.axes.box[0] for graph in graphs), default=0)
     return [graph if graph.axes.box[0] == left else graph.moved(left) for graph in graphs]
 
 
 def _padded(values: np.ndarray) -> tuple[float, float]:
-    """The range of an axis: that of the values, and a little more."""
+    """Returns the range of an axis: that of the values with a margin."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     span = max(high - low, _FLATTEST * max(abs(low), abs(high)))
@@ -276,27 +276,27 @@ def _padded(values: np.ndarray) -> tuple[float, float]:
 
 
 def _shortened(name: str, em: float, room: float) -> str:
-    """`name`, without its first parts if need be, in the room [pixels] there is."""
+    """Shortens `name` to the available room [pixels], dropping its first parts if necessary."""
     while width_of(name, em) > room and "/" in name:
         name = name.partition("/")[2]
     return fitted(name, em, room)
 
 
 def _colours(count: int) -> list[tuple[int, int, int]]:
-    """A colour for each series."""
+    """Returns a colour for each series."""
     if count <= len(ON_DARK):
         return list(ON_DARK[:count])
     return [(r, g, b) for r, g, b in segmentation_palette(count).tolist()]
 
 
 def _runs(present: np.ndarray) -> Iterator[slice]:
-    """Stretches without a gap."""
+    """Yields the stretches without a gap."""
     edges = np.flatnonzero(np.diff(present, prepend=False, append=False))
     yield from (slice(a, b) for a, b in edges.reshape(-1, 2).tolist())
 
 
 def _thinned(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Points `(m, 2)` that draw the same line: of each column the first, lowest, highest and last.
+    """Returns points `(m, 2)` that draw the same line: the first, lowest, highest and last of each pixel column.
 
     U. Jugel and others, "M4: a visualization-oriented time series data aggregation", 2014.
     """

@@ -1,4 +1,4 @@
-"""The layout of several images of one size in one."""
+"""The layout of several images of one size in one image."""
 
 import math
 from collections.abc import Sequence
@@ -9,17 +9,17 @@ from mjrun.errors import UnknownNameError
 from mjrun.options.view import LAYOUTS
 from mjrun.rendering.text import stamp
 
-BACKGROUND = (24, 25, 28)  # between images, and where a grid has none
-ASPECT = 16 / 9  # width to height that a grid aims at, without leaving many cells empty
+BACKGROUND = (24, 25, 28)  # between images, and in empty cells of a grid
+ASPECT = 16 / 9  # target ratio of width to height of a grid, unless many cells would be empty
 
 
 def gap(height: int) -> int:
-    """The space between images of a height [pixels]: 2 at 240, 8 at 1080; even, so that even sizes stay even."""
+    """Returns the gap between images of a height [pixels]: 2 at 240, 8 at 1080; even, so that even sizes stay even."""
     return 2 * max(1, round(height / 240))
 
 
 def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
-    """How many images of a size (width, height) stand in a row.
+    """Returns the number of images of a size (width, height) in a row.
 
     Raises:
       UnknownNameError: the layout is not one of `LAYOUTS`.
@@ -28,7 +28,7 @@ def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
         raise UnknownNameError("layout", layout, LAYOUTS)
     if layout != "grid":
         return count if layout == "row" else 1
-    # Off from the shape, and partly empty: both as a factor, in logarithms. Of those alike: the fullest, the widest.
+    # Deviation from the target shape, and share of empty cells, as logarithms. Ties: the fullest, then the widest.
     costs: dict[int, tuple[float, int, int]] = {}
     for across in range(1, count + 1):
         width, height = _extent(count, size, across)
@@ -38,21 +38,21 @@ def columns(count: int, size: tuple[int, int], layout: str = "row") -> int:
 
 
 def layout_size(count: int, size: tuple[int, int], layout: str = "row") -> tuple[int, int]:
-    """The width and height of `count` images of a size (width, height) composed."""
+    """Returns the width and height of `count` composed images of a size (width, height)."""
     return _extent(count, size, columns(count, size, layout))
 
 
 def places(count: int, size: tuple[int, int], layout: str = "row") -> list[tuple[int, int]]:
-    """The upper left corners x, y of the images, row by row."""
+    """Returns the upper left corners x, y of the images, row by row."""
     across, between = columns(count, size, layout), gap(size[1])
     return [((i % across) * (size[0] + between), (i // across) * (size[1] + between)) for i in range(count)]
 
 
 def compose(images: Sequence[np.ndarray], layout: str = "row", labels: Sequence[str] | None = None) -> np.ndarray:
-    """One image `(H, W, 3)` uint8 of several, each `(h, w, 3)` and of one size; the size is `layout_size`.
+    """Composes images `(h, w, 3)` of one size into one image `(H, W, 3)` uint8 of size `layout_size`.
 
     Args:
-      labels: what each image shows, written in its upper left corner; an empty one is left out.
+      labels: text for the upper left corner of each image; empty for none.
 
     Raises:
       ValueError: images differ in size, or in number from labels.

@@ -1,4 +1,4 @@
-"""One image of a state, in one call."""
+"""Rendering of a state in one call."""
 
 import atexit
 import contextlib
@@ -16,13 +16,12 @@ from mjrun.camera.rigs.rig import ModelCameras, compute_positions
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save
 from mjrun.options.view import VIEWS
-from mjrun.rendering.backend import Backend
-from mjrun.rendering.backend_detection import BackendDetection
+from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segmentation import Segmentation
 from mjrun.rendering.visual import Visual
 
-CACHED = 4  # renderers that are kept for the next call, in all threads together
+CACHED = 4  # renderers kept for the next call, in all threads together
 
 
 def render(
@@ -33,27 +32,27 @@ def render(
     view: str = "rgb",
     visual: Visual | None = None,
 ) -> np.ndarray:
-    """An image of the state in `data`, which is not changed.
+    """Renders the state in `data`, which is not changed.
 
-    Positions, contacts and forces are computed anew from the state (mjSTATE_INTEGRATION). The renderer is kept for
-    the next call with the same model, size and `visual`: changed positions and colours of the model are seen,
-    changed meshes and textures are not.
+    Positions, contacts and forces are computed again from the state (mjSTATE_INTEGRATION). The renderer is cached for
+    calls with the same model, size and `visual`: changed positions and colours of the model take effect, changed
+    meshes and textures do not.
 
     Args:
       camera: as on the command line: a camera of the model by name or index, `free`, `orbit:lookat=box,distance=2`,
         `track:hand`; or MuJoCo's own structure.
       size: width and height [pixels].
       view: `rgb`, `depth` or `seg`.
-      visual: what is drawn and how; as MuJoCo does when None.
+      visual: visual options; MuJoCo's defaults when None.
 
     Returns:
-      `rgb`: `(height, width, 3)` uint8. `depth`: `(height, width)` float32, along the axis of view [m], infinite where
-      there is nothing. `seg`: `(height, width)` int32, indices into `mjrun.Segmentation(model).legend`, -1 for nothing.
+      `rgb`: `(height, width, 3)` uint8. `depth`: `(height, width)` float32, along the axis of view [m], infinite for
+      the background. `seg`: `(height, width)` int32, indices into `mjrun.Segmentation(model).legend`, -1 for none.
 
     Raises:
-      UsageError: there is no such camera or view, or the size is too large.
-      NoRendererError: nothing can draw here; the message says what to install.
-      DrawError: OpenGL refused.
+      UsageError: the camera or the view is unknown, or the size is too large.
+      NoRendererError: no backend works; the message gives the packages to install.
+      DrawError: OpenGL failed.
     """
     if view not in VIEWS:
         raise UnknownNameError(option("view"), view, VIEWS, plural="views")
@@ -70,7 +69,7 @@ def render(
 
 
 class _CachedRenderer:
-    """A renderer with what finds its cameras."""
+    """A renderer with the cameras that it has already resolved."""
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> None:
         self.model, self.size = model, size
@@ -80,7 +79,7 @@ class _CachedRenderer:
         self._motions: dict[str, CameraMotion] = {}
 
     def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> Pose:
-        """Where the camera is in `state`."""
+        """Returns the pose of the camera in `state`."""
         if isinstance(camera, mujoco.MjvCamera):
             restore(self.model, self._data, state)
             compute_positions(self.model, self._data)
@@ -91,7 +90,7 @@ class _CachedRenderer:
         return self._motions[text].pose(state)
 
     def close(self) -> None:
-        """Frees the renderer: what it holds is of its own context."""
+        """Frees the renderer in its OpenGL context."""
         self.renderer.make_current()
         self.renderer.close()
 
@@ -106,14 +105,14 @@ def _backend() -> Backend:
 
 
 def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> _CachedRenderer:
-    """A renderer of this thread. It holds the model, so that no other model can have the same id."""
+    """Returns a renderer of this thread. It holds the model, so that no other model can have the same id."""
     width, height = size
     key = threading.get_ident(), id(model), (width, height), repr(visual)
     with _lock:
         if key not in _renderers:
             _renderers[key] = _CachedRenderer(model, (width, height), visual)
             atexit.unregister(close_renderers)
-            atexit.register(close_renderers)  # after the backend's own, and so run before them
+            atexit.register(close_renderers)  # after the backend's handlers, and so run before them
         _renderers.move_to_end(key)
         oldest = next((other for other in _renderers if other[0] == key[0]), key)
         if len(_renderers) > CACHED and oldest != key:
@@ -122,8 +121,8 @@ def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visua
 
 
 def close_renderers() -> None:
-    """Frees the renderers that are kept for the next call."""
+    """Frees all cached renderers."""
     while _renderers:
         _, cached = _renderers.popitem()
-        with contextlib.suppress(Exception):  # of a thread that has ended, as it may be
+        with contextlib.suppress(Exception):  # its thread may have ended
             cached.close()

@@ -1,10 +1,11 @@
 """Segmentation: the object, body or tree of bodies that each geom of a scene belongs to."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
+from mjrun.errors import UnknownNameError
 from mjrun.model.names import KINDS, names
 from mjrun.model.rendered_view import Segment
 
@@ -15,14 +16,14 @@ DRAWN = ("geom", "site", "tendon", "flex", "skin", "joint", "actuator", "camera"
 
 
 class Segmentation:
-    """Assigns ids by object, by body or by tree of bodies.
+    """The assignment of ids to objects, bodies or trees of bodies.
 
     Args:
-      by: `object`, an id for every geom, site, tendon, flex, skin, …; one of these kinds, all others being background;
-        `body`; or `root-body`, a child of the world with all its descendants.
+      by: `object`, an id for every geom, site, tendon, flex, skin, …; one of these kinds, with all others as
+          background; `body`; or `root-body`, a child of the world with all its descendants.
 
     Attributes:
-      legend: what the ids mean: the same for every frame, whatever is in view.
+      legend: the segment of each id: the same for every frame, whatever is in view.
     """
 
     def __init__(self, model: mujoco.MjModel, by: str = "object") -> None:
@@ -31,7 +32,7 @@ class Segmentation:
         (self._by_body if by in ("body", "root-body") else self._by_object)(model, by)
 
     def ids(self, scene: mujoco.MjvScene) -> np.ndarray:
-        """The id of each segment number of the scene, `(ngeom + 1,)` int32; number 0 is the background."""
+        """Returns the id of each segment number of the scene, `(ngeom + 1,)` int32; number 0 is the background."""
         ids = np.full(scene.ngeom + 1, NOTHING, np.int32)
         for geom in scene.geoms[: scene.ngeom]:
             by_object = self._ids_by_type.get(geom.objtype)
@@ -59,21 +60,20 @@ class Segmentation:
         self._ids_by_type[int(KINDS["body"])] = index.astype(np.int32)
         for kind, owners in BODY_OF.items():
             self._ids_by_type[int(KINDS[kind])] = index[getattr(model, owners)].astype(np.int32)
-        for kind, body in (("flex", _flex_body(model)), ("skin", _skin_body(model))):
-            ids = [index[body(i)] if body(i) >= 0 else NOTHING for i in range(len(names(model, kind)))]
+        # A flex belongs to the body of its first vertex, a skin to that of its first bone.
+        flexes = zip(model.flex_vertadr, model.flex_vertnum, strict=True)
+        skins = zip(model.skin_boneadr, model.skin_bonenum, strict=True)
+        for kind, parts, owners in (("flex", flexes, model.flex_vertbodyid), ("skin", skins, model.skin_bonebodyid)):
+            ids = [index[owners[first]] if count else NOTHING for first, count in parts]
             self._ids_by_type[int(KINDS[kind])] = np.array(ids, np.int32)
 
 
-def _flex_body(model: mujoco.MjModel) -> Callable[[int], int]:
-    """The body of a flex: that of its first vertex."""
-    return lambda i: int(model.flex_vertbodyid[model.flex_vertadr[i]]) if model.flex_vertnum[i] else NOTHING
-
-
-def _skin_body(model: mujoco.MjModel) -> Callable[[int], int]:
-    """The body of a skin: that of its first bone."""
-    return lambda i: int(model.skin_bonebodyid[model.skin_boneadr[i]]) if model.skin_bonenum[i] else NOTHING
-
-
 def groupings() -> Sequence[str]:
-    """What a segmentation can distinguish."""
+    """Returns the valid groupings of a segmentation."""
     return ("object", *DRAWN[:-1], "body", "root-body")
+
+
+def check_segmentation_name(name: str) -> None:
+    """Raises UnknownNameError if `name` is not a valid segmentation."""
+    if name not in groupings():
+        raise UnknownNameError("segmentation", name, list(groupings()))

@@ -1,9 +1,9 @@
 """Text on images: antialiased, legible on any background, with digits of equal width.
 
 The font is Inter (SIL Open Font License), which comes with mjrun, so that text looks the same everywhere. It has
-Latin, Greek, Cyrillic and common symbols; a character that it lacks is drawn without its accents, or as a box. Letters
+Latin, Greek, Cyrillic and common symbols; a missing character is drawn without its accents, or as a box. Letters
 are drawn at eight times their size and averaged, and placed at quarters of a pixel, for even spacing: hinting would
-spoil it at small sizes.
+degrade it at small sizes.
 """
 
 import math
@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mjrun.errors import UnknownNameError, clean
 
-# Where text may be placed: the shares of the free width and height that are to the left of it and above it.
+# Positions for text: the shares of the free width and height to the left of it and above it.
 CORNERS = {
     "top-left": (0.0, 0.0),
     "top": (0.5, 0.0),
@@ -30,12 +30,12 @@ CORNERS = {
 INK = (242, 243, 245)
 DARK = (14, 15, 18)
 SHADE = 0.7  # opacity of the plate behind text
-MISSING = "□"  # drawn for a character that the font lacks
+MISSING = "□"  # replaces a character that the font lacks
 SMALLEST = 5  # x-height [pixels] below which letters fill in
 
 _FILE = Path(__file__).parent / "fonts" / "Inter.ttf"  # made by scripts/make_font.py
 _X_HEIGHT, _DIGIT_HEIGHT, _ASCENT, _DESCENT, LINE = 0.546, 0.727, 1.11, 0.33, 1.32  # [em]
-_OVERHANG = 0.12  # how far a letter may extend beyond its advance [em]
+_OVERHANG = 0.12  # maximum extent of a letter beyond its advance [em]
 _SAMPLES, _PHASES = 8, 4
 _WEIGHT = 0.75  # exponent of coverage: light letters on a dark background look thinner than they are
 _SHRINK = (1.0, 0.86, 0.72, 0.6)
@@ -47,29 +47,29 @@ _PADDING = re.compile(r"(?<=\s)\s|^\s", re.MULTILINE)
 
 
 def text_size(height: int) -> float:
-    """The text size that suits an image `height` pixels high [pixels per em]: 12 at 240, 29 at 1080."""
+    """Returns the text size that suits an image `height` pixels high [pixels per em]: 12 at 240, 29 at 1080."""
     return 11.6 * (height / 240) ** 0.6
 
 
 def crisp(size: float) -> float:
-    """The size closest to `size` whose x-height is a whole number of pixels."""
+    """Returns the size closest to `size` whose x-height is a whole number of pixels."""
     return max(SMALLEST, round(size * _X_HEIGHT)) / _X_HEIGHT
 
 
 def letters(text: str) -> str:
-    """One line of text as the font can show it: cleaned, with true minus signs, and padding as wide as digits."""
+    """Prepares one line of text for the font: cleaned, with true minus signs, and padding as wide as digits."""
     shown = unicodedata.normalize("NFC", clean(text)).translate(_SUBSTITUTES)
     shown = _PADDING.sub("\u2007", _MINUS.sub("−", shown))
     return "".join(map(_available, shown))
 
 
 def width_of(text: str, size: float) -> float:
-    """The width of `text`, from `letters` [pixels]."""
+    """Returns the width of `text`, from `letters` [pixels]."""
     return sum(_advance(c) for c in text) * size
 
 
 def fitted(text: str, size: float, width: float) -> str:
-    """`text`, from `letters`, cut off with `…` where it is wider than `width` [pixels]; empty if nothing fits."""
+    """Cuts off `text`, from `letters`, with `…` if it is wider than `width` [pixels]; empty if nothing fits."""
     text = text[: max(0, int(width)) + 1]  # no letter is narrower than a pixel
     if width_of(text, size) <= width:
         return text
@@ -93,8 +93,8 @@ def write(
 
     Args:
       at: x and the baseline's y [pixels].
-      size: from `crisp` [pixels per em].
-      align: which point of the text is at x: 0 its beginning, 0.5 its middle, 1 its end.
+      size: text size from `crisp` [pixels per em].
+      align: the point of the text at x: 0 its beginning, 0.5 its middle, 1 its end.
     """
     pen = round((at[0] - align * width_of(text, size)) * _PHASES)
     blend(image, _line(text, size, pen % _PHASES), pen // _PHASES - _margin(size), round(at[1]) - _above(size), colour)
@@ -120,7 +120,7 @@ def plate(image: np.ndarray, box: tuple[int, int, int, int], radius: int) -> Non
 
 @lru_cache(maxsize=64)
 def rounded(width: int, height: int, radius: float, opacity: float = 1.0) -> np.ndarray:
-    """The coverage `(height, width)` uint8 of a rectangle with rounded corners, or of a disc."""
+    """Returns the coverage `(height, width)` uint8 of a rectangle with rounded corners, or of a disc."""
     v, u = (np.abs(np.arange(n) + 0.5 - n / 2)[s] for n, s in ((height, np.s_[:, None]), (width, np.s_[None])))
     beyond = np.hypot(np.maximum(u - width / 2 + radius, 0), np.maximum(v - height / 2 + radius, 0))
     return np.round(np.clip(radius - beyond + 0.5, 0, 1) * opacity * 255).astype(np.uint8)
@@ -130,19 +130,19 @@ def stamp(image: np.ndarray, text: str, corner: str = "top-left", scale: float =
     """Writes lines of `text` into a corner of `image` `(h, w, 3)` uint8, on a dark translucent plate.
 
     Text that is too wide or too high is made smaller, down to 60 %, and then cut off. The margin of the image is left
-    free; an image too small for a single letter is not changed.
+    free; an image too small for a single letter is left unchanged.
 
     Args:
       corner: one of `CORNERS`; lines are aligned with that side.
-      scale: text size as a multiple of the one that suits the image's height.
+      scale: text size as a multiple of the usual one for the image's height.
 
     Raises:
-      UnknownNameError: there is no such corner.
+      UnknownNameError: the corner is unknown.
     """
     if corner not in CORNERS:
         raise UnknownNameError("corner", corner, list(CORNERS))
     height, width = image.shape[:2]
-    # There is never room for more lines or letters than pixels.
+    # More lines or letters than pixels never fit.
     lines = [letters(line[:width]) for line in text.split("\n")[:height]]
     sizes = [crisp(text_size(height) * scale * shrink) for shrink in _SHRINK]
     size = next((size for size in sizes if _fits(image, lines, size)), sizes[-1])
@@ -155,12 +155,12 @@ def stamp(image: np.ndarray, text: str, corner: str = "top-left", scale: float =
 
 
 def spacing(size: float) -> tuple[int, int, int, int]:
-    """Spacing of text of a size [pixels]: margin, horizontal and vertical padding, distance between baselines."""
+    """Returns the spacing of text [pixels]: margin, horizontal and vertical padding, distance between baselines."""
     return round(0.6 * size), round(0.5 * size), round(0.3 * size), round(LINE * size)
 
 
 def place(image: np.ndarray, width: int, height: int, corner: str, margin: int) -> tuple[int, int]:
-    """The upper left corner x, y of a box placed in a `corner` of `image`."""
+    """Returns the upper left corner x, y of a box placed in a `corner` of `image`."""
     right, down = CORNERS[corner]
     return (
         round(margin + right * (image.shape[1] - 2 * margin - width)),
@@ -169,12 +169,12 @@ def place(image: np.ndarray, width: int, height: int, corner: str, margin: int) 
 
 
 def baseline(top: float, height: float, size: float) -> int:
-    """The baseline at which digits are vertically centred between `top` and `top + height`."""
+    """Returns the baseline at which digits are vertically centred between `top` and `top + height`."""
     return round(top + height / 2 + _DIGIT_HEIGHT / 2 * size)
 
 
 def _room(image: np.ndarray, size: float) -> tuple[int, int]:
-    """The width [pixels] and the number of lines available."""
+    """Returns the width [pixels] and the number of lines available."""
     margin, across, down, line = spacing(size)
     height, width = image.shape[:2]
     return width - 2 * (margin + across), (height - 2 * (margin + down)) // line
@@ -199,7 +199,7 @@ def _panel(image: np.ndarray, lines: list[str], size: float, corner: str) -> Non
 
 @lru_cache(maxsize=4096)
 def _available(letter: str) -> str:
-    """The letter itself, or where the font lacks it, the letter without accents, or a box."""
+    """Returns the letter; if the font lacks it, the letter without accents, or a box."""
     if _has(letter):
         return letter
     base = "".join(c for c in unicodedata.normalize("NFKD", letter) if not unicodedata.combining(c))
@@ -207,7 +207,7 @@ def _available(letter: str) -> str:
 
 
 def _has(letter: str) -> bool:
-    """Whether the font has the letter: its shape is not the one drawn for what no font has."""
+    """Returns whether the font has the letter, by comparing its shape to the one for missing letters."""
     return _shape(letter) != _shape("\uffff")
 
 
@@ -219,13 +219,13 @@ def _shape(letter: str) -> bytes:
 
 @lru_cache(maxsize=256)
 def _font(size: float) -> ImageFont.FreeTypeFont:
-    # Letters are placed one by one: the layout engine that shapes words has nothing to do.
+    # Letters are placed singly, so the layout engine that shapes words is not needed.
     return ImageFont.truetype(_FILE, size, layout_engine=ImageFont.Layout.BASIC)
 
 
 @lru_cache(maxsize=1024)
 def _advance(letter: str) -> float:
-    """The advance of a letter [em]; digits, signs and padding all have the same."""
+    """Returns the advance of a letter [em]; digits, signs and padding all have the same."""
     return _font(1000).getlength(letter) / 1000
 
 
@@ -239,7 +239,7 @@ def _above(size: float) -> int:
 
 @lru_cache(maxsize=512)
 def _line(text: str, size: float, phase: int) -> np.ndarray:
-    """The coverage of a line of text, as `_glyph` gives that of a letter."""
+    """Returns the coverage of a line of text, laid out like that of `_glyph`."""
     clusters = _CLUSTER.findall(text)
     pens = [phase + round(x) for x in accumulate((_advance(c[0]) * size * _PHASES for c in clusters), initial=0.0)]
     height, margin = _above(size) + math.ceil(_DESCENT * size), _margin(size)
@@ -255,9 +255,9 @@ def _line(text: str, size: float, phase: int) -> np.ndarray:
 
 @lru_cache(maxsize=8192)
 def _glyph(cluster: str, size: float, phase: int) -> np.ndarray:
-    """The coverage of a letter, with its accents, that begins `phase` quarters of a pixel after a margin.
+    """Returns the coverage of a letter, with its accents, that begins `phase` quarters of a pixel after a margin.
 
-    All are equally high.
+    All coverages are equally high.
     """
     letter, accents = cluster[0], cluster[1:]
     above, below, margin = _above(size), math.ceil(_DESCENT * size), _margin(size)
@@ -270,7 +270,7 @@ def _glyph(cluster: str, size: float, phase: int) -> np.ndarray:
     for accent in accents:
         left, top, right = _ink(letter, font)
         first, highest, last = _ink(accent, font)
-        # Accents are made for low letters; those above a letter (highest < 0) rise with it.
+        # Accents are designed for low letters; those above a letter (highest < 0) rise with it.
         rise = max(0.0, -top - _X_HEIGHT * size * _SAMPLES) if highest < 0 else 0.0
         pen.text((x + (left + right - first - last) / 2, y - rise), accent, 255, font, anchor="ls")
 
@@ -279,7 +279,7 @@ def _glyph(cluster: str, size: float, phase: int) -> np.ndarray:
 
 
 def _ink(letter: str, font: ImageFont.FreeTypeFont) -> tuple[int, int, int]:
-    """The left, top and right of what is drawn of a letter, from where it begins on the baseline [pixels]."""
+    """Returns the left, top and right of a letter's ink, from its origin on the baseline [pixels]."""
     mask, (across, down) = font.getmask2(letter, anchor="ls")
     left, top, right, _ = mask.getbbox() or (0, 0, 0, 0)
     return across + left, down + top, across + right

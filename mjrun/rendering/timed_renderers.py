@@ -1,4 +1,4 @@
-"""Renderers that measure what each part of drawing an image costs."""
+"""Renderers that measure the cost of each part of rendering an image."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,10 +17,10 @@ UPDATE, DRAW, READ = "update", "draw", "read"
 
 
 class Stopwatch:
-    """The wall time of nested parts, each without those inside it.
+    """A stopwatch for nested parts, each counted without the parts inside it.
 
     Attributes:
-      spent: by name of the part [s].
+      spent: time by name of the part [s].
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -30,7 +30,7 @@ class Stopwatch:
 
     @contextmanager
     def part(self, name: str) -> Iterator[None]:
-        """Counts the time of the block as that of `name`."""
+        """Counts the time of the block towards `name`."""
         self._switch()
         self._inside.append(name)
         try:
@@ -48,10 +48,10 @@ class Stopwatch:
 
 
 class TimedClassicRenderer(ClassicRenderer):
-    """Draws as its base does, and waits for OpenGL, which would otherwise still be drawing when the clock is read.
+    """A classic renderer that waits for OpenGL, which would otherwise still be rendering when the clock is read.
 
     Attributes:
-      watch: counts `update` (derived fields and scene), `draw`, and `read` (pixels, and what is made of them).
+      watch: counts `update` (derived fields and scene), `draw`, and `read` (pixels and their conversion).
     """
 
     def __init__(self, *arguments: Any, watch: Stopwatch) -> None:
@@ -93,7 +93,7 @@ class _TimedBuffer(ExactFramebuffer):
 
 
 class _TimedReading:
-    """OpenGL, in which reading pixels counts as such and not as drawing."""
+    """A wrapper of OpenGL that counts reading pixels separately from drawing."""
 
     def __init__(self, gl: Any, watch: Stopwatch) -> None:
         self._gl, self._watch = gl, watch
@@ -108,7 +108,7 @@ class _TimedReading:
 
 
 class TimedFilamentRenderer(FilamentRenderer):
-    """Draws as its base does. Filament draws an image when it is read, so `draw` is both.
+    """A Filament renderer that counts its time. Filament renders an image when it is read, so `draw` covers both.
 
     Attributes:
       watch: counts `update` and `draw`.

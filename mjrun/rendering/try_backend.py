@@ -1,9 +1,9 @@
-"""Run as a script in a child process: does this graphics library work, and what draws behind it?
+"""A script, run in a child process, that tests a graphics library and reports its renderer.
 
-A broken driver may hang, print or crash, so drivers are never tried in the process that needs one.
-Prints one JSON object: `renderer`, `vendor`, `version`, `max_size` [pixels]; or `error`. With `draw` a picture is drawn
-and looked at. For `vulkan` that is done in any case, by MuJoCo's Filament, the only one here that uses it; what it
-prints on the way must go to a file on stderr. For `devices` it prints those that EGL knows, under `devices`.
+A broken driver may hang, print or crash, so drivers are never tried in the main process.
+Prints one JSON object: `renderer`, `vendor`, `version`, `max_size` [pixels]; or `error`. With `draw` an image is
+rendered and checked. `vulkan` always does so, using MuJoCo's Filament, its only user here, whose log must go to a
+file on stderr. `devices` prints the devices that EGL knows, under `devices`.
 """
 
 import ctypes
@@ -17,7 +17,7 @@ import sys
 import types
 
 LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa", "vulkan": "vulkan"}
-# In VkPhysicalDeviceProperties, which is smaller than PROPERTIES.
+# Fields of VkPhysicalDeviceProperties, which is smaller than PROPERTIES.
 API_VERSION, DEVICE_NAME, LARGEST_IMAGE = slice(0, 4), slice(20, 276), slice(300, 304)
 PROPERTIES = 1024  # bytes
 SIDE = 16  # [pixels]
@@ -42,7 +42,7 @@ class InstanceInfo(ctypes.Structure):
 
 
 def vulkan() -> dict[str, str | int]:
-    """Draws a ball with Filament, and asks Vulkan about the device that Filament has chosen."""
+    """Renders a ball with Filament, and queries Vulkan about the device that Filament has chosen."""
     library, instance = ctypes.CDLL("libvulkan.so.1"), ctypes.c_void_p()
     info = InstanceInfo(type=1)  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
     code = library.vkCreateInstance(ctypes.byref(info), None, ctypes.byref(instance))
@@ -61,26 +61,26 @@ def vulkan() -> dict[str, str | int]:
 
 
 def devices(library: ctypes.CDLL, instance: ctypes.c_void_p) -> dict[str, dict[str, str | int]]:
-    """The version of Vulkan and the largest image, by name of the device."""
+    """Returns the Vulkan version and the maximum image size, by name of the device."""
     count = ctypes.c_uint32()
     library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
     handles = (ctypes.c_void_p * count.value)()
     library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles)
-    found: dict[str, dict[str, str | int]] = {}
+    by_name: dict[str, dict[str, str | int]] = {}
     for handle in handles:
         properties = ctypes.create_string_buffer(PROPERTIES)
         library.vkGetPhysicalDeviceProperties(ctypes.c_void_p(handle), properties)
         name = properties.raw[DEVICE_NAME].partition(b"\0")[0].decode(errors="replace")
         version = int.from_bytes(properties.raw[API_VERSION], sys.byteorder)
-        found[name] = {
+        by_name[name] = {
             "version": f"{version >> 22}.{version >> 12 & 0x3FF}.{version & 0xFFF}",
             "max_size": int.from_bytes(properties.raw[LARGEST_IMAGE], sys.byteorder),
         }
-    return found
+    return by_name
 
 
 def ball_is_seen() -> bool:
-    """Whether Filament draws what it is given, in the middle and nowhere else."""
+    """Returns whether Filament renders the ball, in the middle and nowhere else."""
     import mujoco
     import numpy as np
 
@@ -110,24 +110,24 @@ def ball_is_seen() -> bool:
 
 
 def egl_devices() -> dict[str, list[dict[str, str | int | None]]]:
-    """Every device that EGL knows: its index, that of CUDA, and its file; None for what the driver does not say."""
+    """Returns every EGL device: its index, its CUDA index, and its file; None if the driver does not report one."""
     stand_in()
     egl = importlib.import_module("mujoco.egl.egl_ext")
     address = ctypes.cast(egl.eglGetProcAddress("eglQueryDeviceStringEXT"), ctypes.c_void_p).value or 0
     query = ctypes.CFUNCTYPE(ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)(address)
-    found: list[dict[str, str | int | None]] = []
+    reports: list[dict[str, str | int | None]] = []
     for index, device in enumerate(egl.eglQueryDevicesEXT()):
         try:
             cuda = int(egl.eglQueryDeviceAttribEXT(device, egl.EGL_CUDA_DEVICE_NV))
-        except Exception:  # an extension that this driver has not
+        except Exception:  # the driver lacks the extension
             cuda = None
         file = query(ctypes.cast(device, ctypes.c_void_p), DRM_DEVICE_FILE)
-        found.append({"index": index, "cuda": cuda, "file": file.decode(errors="replace") if file else None})
-    return {"devices": found}
+        reports.append({"index": index, "cuda": cuda, "file": file.decode(errors="replace") if file else None})
+    return {"devices": reports}
 
 
 def frame_is_right() -> bool:
-    """Whether MuJoCo draws what it is given in the current context, in the middle and nowhere else."""
+    """Returns whether MuJoCo renders the ball in the current context, in the middle and nowhere else."""
     import mujoco
     import numpy as np
 
@@ -148,7 +148,7 @@ def frame_is_right() -> bool:
 
 
 def opengl(name: str, draw: bool = False) -> dict[str, str | int]:
-    """Makes a context of the backend `name`, asks OpenGL who draws, and lets it draw if wanted."""
+    """Creates a context of the backend `name`, queries the OpenGL renderer, and tests it with an image if requested."""
     if not draw:
         stand_in()
     context = importlib.import_module(f"mujoco.{name}").GLContext(64, 64)
@@ -180,7 +180,7 @@ def stand_in() -> None:
 
 
 def reason(name: str, error: BaseException) -> str:
-    """Why the backend `name` does not work; a missing library shows up as any kind of error."""
+    """Returns the reason why the backend `name` does not work; a missing library may raise any kind of error."""
     library = LIBRARIES.get(name)
     if library and not ctypes.util.find_library(library):
         return f"lib{library} is not installed"
@@ -193,8 +193,8 @@ if __name__ == "__main__":
     try:
         what = {"vulkan": vulkan, "devices": egl_devices}.get(sys.argv[1])
         answer = what() if what else opengl(sys.argv[1], draw="draw" in sys.argv[2:])
-    except BaseException as error:  # a probe reports whatever happens
+    except BaseException as error:  # reported, whatever it is
         answer = {"error": reason(sys.argv[1], error)}
     json.dump(answer, out)
     out.close()
-    os._exit(0)  # drivers take their time to end, and may crash
+    os._exit(0)  # drivers may be slow to shut down, or crash

@@ -1,16 +1,17 @@
-"""What is drawn and how: visualizer and rendering flags, groups, frames, labels, quality, and the abstract scene."""
+"""Visual options: visualizer and rendering flags, groups, frames, labels and quality; and the abstract scene."""
 
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import mujoco
+import numpy as np
 
 from mjrun.camera.pose import Pose, user_camera
 from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import enum_members, enum_value
-from mjrun.options.view import QUALITIES
+from mjrun.options.view import QUALITIES, ViewOptions
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value
 GROUPS = {
@@ -26,15 +27,15 @@ GROUPS = {
 
 @dataclass(frozen=True)
 class Visual:
-    """MuJoCo's visualizer by its own names; what is not mentioned stays as MuJoCo has it.
+    """Options of MuJoCo's visualizer, by MuJoCo's names; anything not set keeps MuJoCo's default.
 
     Args:
       show, hide: names of mjtVisFlag and mjtRndFlag: `contactpoint`, `transparent`, `shadow`, …
-      groups: kinds (`geom`, `site`, …) to the groups to draw, `0`–`5`; the others are hidden.
-      frame: of mjtFrame: `none`, `body`, `geom`, `site`, `camera`, `light`, `contact`, `world`.
-      label: of mjtLabel: `none`, `body`, `joint`, `geom`, …
-      quality: `draft` drops shadows, reflections and multisampling; `model` draws what the model asks
-        for; `high` draws at twice the size and averages.
+      groups: kinds (`geom`, `site`, …) to the groups to show, `0`–`5`; other groups are hidden.
+      frame: a name of mjtFrame: `none`, `body`, `geom`, `site`, `camera`, `light`, `contact`, `world`.
+      label: a name of mjtLabel: `none`, `body`, `joint`, `geom`, …
+      quality: `draft` drops shadows, reflections and multisampling; `model` follows the model; `high` renders at
+          twice the size and averages.
     """
 
     show: Sequence[str] = ()
@@ -65,11 +66,11 @@ class Visual:
 
     @property
     def samples(self) -> int:
-        """How many times wider and higher the image is drawn than shown."""
+        """The factor by which the image is rendered wider and higher than shown."""
         return 2 if self.quality == "high" else 1
 
     def options(self) -> mujoco.MjvOption:
-        """The visualizer's options."""
+        """Returns the visualizer's options."""
         options = mujoco.MjvOption()
         visualizer = enum_members(mujoco.mjtVisFlag)
         for names, value in ((self.show, 1), (self.hide, 0)):
@@ -94,19 +95,54 @@ class Visual:
                     scene.flags[rendering[name]] = value
 
 
+def visual_of(options: ViewOptions) -> Visual:
+    """Returns the flags, groups, frames, labels and quality in `options`.
+
+    Raises:
+      UsageError: MuJoCo has no such name, or a flag is both shown and hidden.
+    """
+    groups = {
+        "geom": options.geomgroup,
+        "site": options.sitegroup,
+        "joint": options.jointgroup,
+        "tendon": options.tendongroup,
+        "actuator": options.actuatorgroup,
+        "flex": options.flexgroup,
+        "skin": options.skingroup,
+    }
+    return Visual(
+        show=options.show,
+        hide=options.hide,
+        groups={kind: drawn for kind, drawn in groups.items() if drawn is not None},
+        frame=options.frame_axes,
+        label=options.label,
+        quality=options.quality,
+    )
+
+
 def flags() -> list[str]:
-    """Every name that the options show and hide take."""
+    """Returns every name that the options show and hide accept."""
     return [*enum_members(mujoco.mjtVisFlag), *enum_members(mujoco.mjtRndFlag)]
 
 
 def frames() -> list[str]:
-    """Every kind of object whose axes the option frame_axes draws."""
+    """Returns every kind of object whose axes the option frame_axes can show."""
     return [*enum_members(mujoco.mjtFrame)]
 
 
 def labels() -> list[str]:
-    """Every kind of object whose names the option label draws."""
+    """Returns every kind of object whose names the option label can show."""
     return [*enum_members(mujoco.mjtLabel)]
+
+
+def downsampled(pixels: np.ndarray, factor: int) -> np.ndarray:
+    """Averages blocks of `factor` x `factor` pixels of an image `(h, w, 3)` uint8."""
+    if factor == 1:
+        return pixels
+    height, width, channels = pixels.shape
+    blocks = pixels.reshape(height // factor, factor, width // factor, factor, channels)
+    count = factor * factor
+    return ((blocks.sum(axis=(1, 3), dtype=np.uint16) + count // 2) // count).astype(np.uint8)
 
 
 def updated_scene(
@@ -117,10 +153,10 @@ def updated_scene(
     scene: mujoco.MjvScene,
     room: int = 0,
 ) -> mujoco.MjvScene:
-    """`scene` with all that is visible from `pose`, or a larger one with the same flags if it does not fit.
+    """Updates `scene` with all that is visible from `pose`, and returns it, or a larger one if it was full.
 
     Args:
-      room: geoms for which there must be room beside.
+      room: geoms that must still fit afterwards.
     """
     previous = mujoco.get_mju_user_warning()
     while True:
@@ -132,7 +168,7 @@ def updated_scene(
         larger = mujoco.MjvScene(model, max(2 * scene.maxgeom, scene.ngeom + room + 1))
         larger.flags[:] = scene.flags
         scene = larger
-    for text in texts:  # but not that an earlier, smaller scene was full
+    for text in texts:  # except those about an earlier, smaller scene
         if previous:
             previous(text)
         else:

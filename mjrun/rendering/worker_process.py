@@ -1,7 +1,7 @@
-"""What runs in a drawing process, and the anonymous memory that it shares with its parent.
+"""The server in a rendering process, and the anonymous memory that it shares with its parent.
 
-The painter, the states and the frames lie in memory that only descriptors refer to: whatever happens, nothing is left
-behind in /dev/shm, and its size, 64 MB in many containers, is no limit.
+The painter, the states and the frames lie in memory that only descriptors refer to: nothing can remain in /dev/shm,
+and its size, 64 MB in many containers, is no limit.
 """
 
 import contextlib
@@ -22,27 +22,27 @@ ArraySpec = tuple[tuple[int, ...], np.dtype]  # shape and dtype of an array
 
 
 class Painter(Protocol):
-    """Draws frames from states. Picklable until opened; opened, used and closed in one thread of one process."""
+    """A painter of frames. Picklable until opened; opened, used and closed in one thread of one process."""
 
     def open(self) -> None:
-        """Acquires what drawing needs, such as an OpenGL context.
+        """Acquires the resources that rendering needs, such as an OpenGL context.
 
         Raises:
-          MjrunError: it is not available.
+          MjrunError: a resource is not available.
         """
         ...
 
     def paint(self, state: np.ndarray, index: int, into: np.ndarray) -> None:
-        """Fills `into` with frame `index`, which depends on `state` and `index` alone."""
+        """Fills `into` with frame `index`, which depends only on `state` and `index`."""
         ...
 
     def close(self) -> None:
-        """Releases what `open` acquired."""
+        """Releases the resources."""
         ...
 
 
 class Slot(NamedTuple):
-    """Memory for one state and the frame that is drawn from it."""
+    """Memory for one state and the frame rendered from it."""
 
     state: np.ndarray
     frame: np.ndarray
@@ -50,7 +50,7 @@ class Slot(NamedTuple):
 
 @dataclass(frozen=True)
 class SharedMemoryLayout:
-    """The layout of `count` slots in shared memory, each array on pages of its own."""
+    """The layout of `count` slots in shared memory, each array on separate pages."""
 
     count: int
     state: ArraySpec
@@ -58,11 +58,11 @@ class SharedMemoryLayout:
 
     @property
     def size(self) -> int:
-        """Bytes of all slots."""
+        """The size of all slots [bytes]."""
         return self.count * (_page_bytes(self.state) + _page_bytes(self.frame))
 
     def slots(self, memory: int) -> list[Slot]:
-        """The slots in the memory behind a descriptor; it stays mapped as long as one of their arrays is referenced."""
+        """Maps the slots in the memory behind a descriptor, for as long as one of their arrays is referenced."""
         shared = mmap.mmap(memory, self.size)
         starts = itertools.accumulate(itertools.cycle((_page_bytes(self.state), _page_bytes(self.frame))), initial=0)
         return [
@@ -72,13 +72,13 @@ class SharedMemoryLayout:
 
 
 def _page_bytes(spec: ArraySpec) -> int:
-    """The size of an array [bytes], rounded up to whole pages."""
+    """Returns the size of an array [bytes], rounded up to whole pages."""
     shape, dtype = spec
     return -(-math.prod(shape) * dtype.itemsize // mmap.PAGESIZE) * mmap.PAGESIZE
 
 
 def memory_file() -> int:
-    """The descriptor of an empty file without a name, in memory or, where the system does not offer that, on disk."""
+    """Returns the descriptor of an empty nameless file, in memory or, if the system does not support that, on disk."""
     if hasattr(os, "memfd_create"):
         return os.memfd_create("mjrun")
     with tempfile.TemporaryFile() as file:
@@ -86,26 +86,26 @@ def memory_file() -> int:
 
 
 class PaintServer:
-    """Draws in a drawing process.
+    """The painter's server in a rendering process.
 
     Args:
-      description: the descriptor of a file with the pickle of the painter.
-      memory: that of the memory of the slots.
+      description: descriptor of the file with the pickled painter.
+      memory: descriptor of the memory of the slots.
     """
 
     def __init__(self, description: int, memory: int) -> None:
         self._description, self._memory = description, memory
         self._described: Painter
-        self._painter: Painter | None = None  # which is open
+        self._painter: Painter | None = None  # open, if any
         self._slots: list[Slot] = []
 
     def load(self, module: str) -> None:
-        """Imports a module that painters will need."""
+        """Imports a module that painters need."""
         with contextlib.suppress(ImportError):  # reported when the painter cannot be loaded
             importlib.import_module(module)
 
     def unpickle(self) -> None:
-        """Takes the described painter in place of the current one."""
+        """Loads the described painter in place of the current one."""
         if self._painter is not None:
             self._painter.close()
             self._painter = None
@@ -118,15 +118,15 @@ class PaintServer:
         self._painter = self._described
 
     def lay_out(self, layout: SharedMemoryLayout) -> None:
-        """Lays out the slots."""
+        """Maps the slots."""
         self._slots = layout.slots(self._memory)
 
     def paint(self, frame: int, slot: int) -> None:
-        """Draws a frame in a slot."""
+        """Renders a frame in a slot."""
         assert self._painter
         state, into = self._slots[slot]
         self._painter.paint(state, frame, into)
 
     def ask(self, question: Callable[[Any], object]) -> object:
-        """Returns the result of a method of the painter's class."""
+        """Calls a method of the painter's class and returns its result."""
         return question(self._painter)

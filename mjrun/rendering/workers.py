@@ -1,11 +1,10 @@
-"""Drawing on all cores: the same frames in the same order, whether one process draws them or many.
+"""Rendering on all cores: the same frames in the same order, whether one process renders them or many.
 
-The processes are new interpreters: forks hang once EGL is in use.
+The processes are new interpreters, since forks hang once EGL is in use.
 """
 
 import contextlib
 import itertools
-import math
 import os
 import pickle
 import selectors
@@ -18,8 +17,7 @@ import numpy.typing as npt
 
 from mjrun.child_process import ExitStatus
 from mjrun.closable import Closable
-from mjrun.errors import BadValueError, DrawError, option
-from mjrun.options.number_kinds import AUTO
+from mjrun.errors import DrawError, option
 from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
 from mjrun.shared_status import doing
 from mjrun.worker import ENVIRONMENT, Failure, Worker, WorkerEndedError
@@ -27,50 +25,18 @@ from mjrun.worker import ENVIRONMENT, Failure, Worker, WorkerEndedError
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
 SLOTS = 3  # frames in memory per process; the third waits for its turn
 
-# Mesa reads this as it is loaded: one thread each, since there is a process per core.
+# Mesa reads this while loading: one thread each, since there is a process per core.
 ONE_THREAD = {**ENVIRONMENT, "LP_NUM_THREADS": "1"}
-
-WORTH = 2.0  # [s] of drawing above which more processes save more time than they take to start
-FRAME, PIXEL = 0.03, 1e-7  # [s] that llvmpipe takes, roughly, for the shadows of a frame and for each pixel
 
 P = TypeVar("P", bound=Painter)
 
 
-def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:
-    """An estimate of the wall time of a frame [s], before one is measured; `size` is that of a panel [pixels]."""
-    return panels * (FRAME + PIXEL * math.prod(size))
-
-
-def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: int) -> int:
-    """The number of processes that draw a video.
-
-    `auto` means one on a GPU, which processes would only share, and one for a video that it draws within `WORTH`
-    seconds; else one per core. A process takes half a second of its core to start, and llvmpipe has threads of its
-    own: on two cores, two processes save a tenth to a sixth of the time, on more cores more. There are never more
-    processes than frames.
-
-    Args:
-      asked: a number from 1 on, or `auto`.
-      software: whether a CPU draws.
-      cost: wall time to draw one frame in one process [s].
-      cores: that may be used, from `available_cores`.
-
-    Raises:
-      BadValueError: `asked` is neither.
-    """
-    if asked == AUTO:
-        asked = cores if software and frames * cost > WORTH else 1
-    if not isinstance(asked, int) or asked < 1:
-        raise BadValueError(option("jobs"), asked, f"a number of processes from 1 on, or {AUTO}")
-    return max(1, min(asked, frames))
-
-
 class PainterProcesses(Closable):
-    """Processes that draw for one pool after another. The constructor does not wait for them to start. To be closed.
+    """Processes that render for one pool after another. The constructor does not wait for them to start. To be closed.
 
     Args:
-      count: how many.
-      module: the one that painters need, imported as the processes start.
+      count: number of processes.
+      module: the module that painters need, imported as the processes start.
 
     Raises:
       DrawError: processes cannot be started.
@@ -92,7 +58,7 @@ class PainterProcesses(Closable):
         """Starts processes until there are `count`.
 
         Raises:
-          DrawError: they cannot be started.
+          DrawError: the processes cannot be started.
         """
         with _system_errors():
             while len(self._workers) < count:
@@ -119,12 +85,12 @@ class PainterProcesses(Closable):
             file.truncate()
             pickle.dump(painter, file, pickle.HIGHEST_PROTOCOL)
         for worker in self._workers[:count]:
-            worker.send("unpickle")  # which imports what it needs, so that warnings can be collected as it opens
+            worker.send("unpickle")  # which imports modules, so that warnings can be collected during open
             worker.send("open")
         return self._workers[:count]
 
     def discard(self, worker: Worker) -> None:
-        """Kills a process that is no longer of use; `grow` starts another."""
+        """Kills a process that is no longer needed; `grow` starts another."""
         self._workers.remove(worker)
         worker.close()
 
@@ -141,22 +107,22 @@ class PainterProcesses(Closable):
 
 
 class ParallelPainter(Closable, Generic[P]):
-    """Draws frames in `jobs` processes, or in this one if that is 1. To be closed.
+    """A pool that renders frames in `jobs` processes, or in this process if that is 1. To be closed.
 
-    The constructor opens the painter, or tells the processes to, without waiting for them.
+    The constructor opens the painter, or requests it from the processes, without waiting for them.
 
     Args:
       shape, dtype: of a frame.
       jobs: number of processes.
-      workers: the processes to use, whose next pool reuses the memory of frames; when None, processes are started that
-        end with the pool.
+      workers: the processes to use, whose next pool reuses the memory of frames; when None, the pool starts processes
+        and ends them when it closes.
 
     Attributes:
-      answer: to the last question, once it is known; None before.
+      answer: the answer to the last question; None until it is known.
 
     Raises:
       DrawError: processes cannot be started.
-      MjrunError: the painter cannot be opened here.
+      MjrunError: the painter cannot be opened in this process.
     """
 
     answer: object = None
@@ -196,19 +162,19 @@ class ParallelPainter(Closable, Generic[P]):
             stack.pop_all()
 
     def frames(self, states: Iterable[np.ndarray], first: int = 0) -> Iterator[np.ndarray]:
-        """The frame of each of `states`, in order; an array is valid until the next one is requested.
+        """Yields the frame of each of `states`, in order; an array is valid until the next one is requested.
 
-        At most `SLOTS` states per process are read ahead. Warnings of MuJoCo in other processes are repeated in this
+        At most `SLOTS` states per process are read ahead. MuJoCo's warnings in other processes are repeated in this
         one, each text once. After an error, and when the iterator is closed early, the pool is closed.
 
         Args:
-          states: all of one shape and dtype.
+          states: states of one shape and dtype.
           first: the index of the first frame.
 
         Raises:
-          DrawError: a process died; raised at once, with its frame and how it ended.
-          MjrunError: the painter raised it, and it has the same class, in the frame's turn. Any other exception in
-            another process arrives as an MjrunError, a bug.
+          DrawError: a process died; raised at once, with its frame and exit status.
+          MjrunError: the painter raised it; raised with the same class in the frame's turn. Any other exception in
+              another process becomes an MjrunError that reports a bug.
         """
         try:
             self._check_open()
@@ -234,7 +200,7 @@ class ParallelPainter(Closable, Generic[P]):
         """Releases the processes; busy ones are killed."""
         self._is_open = False
         self._resources.close()
-        self._slots = []  # the memory lasts as long as a frame is referenced
+        self._slots = []  # the memory remains as long as a frame is referenced
 
     def _discard_busy(self) -> None:
         for worker in self._workers:
@@ -261,7 +227,7 @@ class ParallelPainter(Closable, Generic[P]):
             if assigned == turn:
                 break
             if failure := self._drawn.pop(turn):
-                raise failure.error(f"a bug in mjrun, drawing frame {turn}")
+                raise failure.error(f"a bug in mjrun, rendering frame {turn}")
             yield self._slots[turn % len(self._slots)].frame
         while _awaits(self._workers[0], "ask"):
             self._receive(wait=True)
@@ -288,14 +254,14 @@ class ParallelPainter(Closable, Generic[P]):
     def _lay_out(self, state: np.ndarray) -> None:
         layout = SharedMemoryLayout(SLOTS * len(self._workers), (state.shape, state.dtype), self._frame)
         with _system_errors():
-            if os.fstat(self._group.memory).st_size < layout.size:  # never less, while a frame is referenced
+            if os.fstat(self._group.memory).st_size < layout.size:  # never shrunk while a frame is referenced
                 os.ftruncate(self._group.memory, layout.size)
             self._slots = layout.slots(self._group.memory)
         for worker in self._workers:
             worker.send("lay_out", layout)
 
     def _receive(self, *, wait: bool) -> bool:
-        """Receives one reply from each process that has any; whether there was one."""
+        """Receives one reply from each process that has any, and returns whether there was one."""
         events = self._selector.select(None if wait else 0)
         for key, _ in events:
             try:
@@ -305,46 +271,46 @@ class ParallelPainter(Closable, Generic[P]):
             for text in reply.warnings:
                 if text not in self._warnings:
                     self._warnings.add(text)
-                    warnings.warn(text, stacklevel=4)  # where the frame was asked for
+                    warnings.warn(text, stacklevel=4)  # at the line that requested the frame
 
             request, failure = reply.request, reply.failure
             if request.name == "paint":
                 self._drawn[request.arguments[0]] = failure
             elif failure and request.name in ("unpickle", "open"):
-                raise failure.error("a drawing process cannot start", DrawError)
+                raise failure.error("a rendering process cannot start", DrawError)
             elif failure:
-                raise failure.error("a bug in mjrun, in a drawing process")
+                raise failure.error("a bug in mjrun, in a rendering process")
             elif request.name == "ask":
                 self.answer = reply.value
         return bool(events)
 
 
 def _drawing(worker: Worker) -> list[int]:
-    """Returns the frames that are assigned to a process and not drawn yet, oldest first."""
+    """Returns the frames that are assigned to a process and not yet rendered, oldest first."""
     return [request.arguments[0] for request in worker.pending if request.name == "paint"]
 
 
 def _awaits(worker: Worker, *names: str) -> bool:
-    """Whether a process has not answered a request with one of these names."""
+    """Returns whether a process has not yet answered a request with one of these names."""
     return any(request.name in names for request in worker.pending)
 
 
 def _death(worker: Worker, ending: ExitStatus) -> DrawError:
-    """The error that tells of a process that has ended."""
+    """Creates the error about a process that has ended."""
     if _awaits(worker, "open"):
-        which = "a drawing process, as it started,"
+        which = "a rendering process, as it started,"
     else:
         frames = _drawing(worker)
-        which = f"the process drawing frame {frames[0]}" if frames else "a drawing process"
+        which = f"the process rendering frame {frames[0]}" if frames else "a rendering process"
     fewer = f"\nthe system does that when memory runs out; fewer {option('jobs')} need less"
     return DrawError(f"{which} {ending}{fewer if ending.out_of_memory else ''}")
 
 
 @contextlib.contextmanager
 def _system_errors() -> Iterator[None]:
-    """Turns the system's refusal of a process, a descriptor or memory into a DrawError."""
+    """Turns an OSError about a process, a descriptor or memory into a DrawError."""
     try:
         yield
     except OSError as error:
         alone = f"{option('jobs')} 1 needs only this one"
-        raise DrawError(f"cannot draw in several processes: {error}\n{alone}") from error
+        raise DrawError(f"cannot render in several processes: {error}\n{alone}") from error

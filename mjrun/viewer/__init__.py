@@ -1,1 +1,1 @@
-"""A simulation, looked at live."""
+"""Live view of a simulation."""

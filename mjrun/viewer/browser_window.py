@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from mjrun.viewer.studio_page import StudioPage
 
 HOST = "127.0.0.1"
-PORTS = range(8080, 8100)  # that are tried
+PORTS = range(8080, 8100)  # tried in order
 
 
 def obstacle() -> str:
-    """Why no page can be served here; empty if one can."""
+    """Returns the reason why no page can be served; empty if one can."""
     try:
         _studio_page()
     except ImportError as error:
@@ -27,20 +27,20 @@ def obstacle() -> str:
 
 
 class BrowserWindow:
-    """MuJoCo Studio's page. The browser draws a copy of the model; what is done in it comes as messages.
+    """MuJoCo Studio's page. The browser renders a copy of the model; the user's actions arrive as messages.
 
-    The server listens to this machine alone, and answers only those who know the token in the address.
+    The server listens on this machine only, and answers only requests with the token in the address.
 
     Args:
-      model: what is shown.
-      port: of the page; the first free one of `PORTS` when None.
-      speed: simulated seconds per second of wall time, at the beginning.
+      model: the model to show.
+      port: port of the page; the first free one of `PORTS` when None.
+      speed: initial simulated seconds per second of wall time.
 
     Attributes:
-      url: where the page is, with its token.
+      url: address of the page, with its token.
 
     Raises:
-      UsageError: the port cannot be had.
+      UsageError: the port is not available.
     """
 
     kind = "browser"
@@ -62,7 +62,7 @@ class BrowserWindow:
 
     def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
         mujoco.mj_copyData(self._data, self._model, instant)
-        self._data.xfrc_applied[:] = 0  # the page sends back what it gets, with the forces of the mouse
+        self._data.xfrc_applied[:] = 0  # the page returns its input, with the forces of the mouse
         shown = state.save(self._model, self._data)
         actions = self._page.sync(status)
         now = state.save(self._model, self._data)
@@ -81,10 +81,10 @@ def _studio_page() -> "type[StudioPage]":
 
 
 def _free_port(wanted: int | None) -> int:
-    """A port of this machine that nobody listens at.
+    """Returns a free port of this machine.
 
     Raises:
-      UsageError: the one that is wanted cannot be had, or none.
+      UsageError: the requested port, or every port, is in use.
     """
     reason = ""
     for port in PORTS if wanted is None else (wanted,):
@@ -96,7 +96,7 @@ def _free_port(wanted: int | None) -> int:
             except OSError as error:
                 reason = error.strerror or str(error)
     if wanted is None:
-        raise UsageError(f"ports {PORTS[0]} to {PORTS[-1]} are all in use; give another {option('port')}")
+        raise UsageError(f"ports {PORTS[0]} to {PORTS[-1]} are all in use; set another {option('port')}")
     raise UsageError(
-        f"{option('port')}: {wanted} cannot be had: {reason}\ngive another one, or none to have one chosen"
+        f"{option('port')}: {wanted} is not available: {reason}\nset another port, or none to have one chosen"
     )

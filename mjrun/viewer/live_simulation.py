@@ -1,4 +1,4 @@
-"""A simulation under the hands of somebody who looks at it."""
+"""A simulation that users perturb, edit and reset while it runs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,12 +21,12 @@ from mjrun.viewer.window import Edit, Pull, Refuse
 
 
 class SessionRecording:
-    """A recording that can be begun anew; only the last one is ever published.
+    """A recording that can be restarted; only the last one is published.
 
     Args:
-      path: a .npz file, which is proven to be writable at once.
+      path: a .npz file, whose location is checked to be writable at once.
       size: numbers in a state.
-      facts: what made it; `steps`, of the simulation, is added in the end.
+      facts: facts about its origin; `steps`, of the simulation, is added at the end.
 
     Raises:
       UsageError: the path has another suffix.
@@ -41,23 +41,23 @@ class SessionRecording:
 
     @property
     def count(self) -> int:
-        """States that it holds."""
+        """The number of recorded states."""
         return self._writer.count
 
     def write(self, step: int, state: np.ndarray) -> None:
-        """Adds the state `(size,)` at `step`, unless it is there already: 0 at first, then ever greater."""
+        """Adds the state `(size,)` at `step`, unless already recorded: 0 at first, then increasing."""
         if step > self._last:
             self._writer.write(step, state)
             self._last = step
 
     def restart(self) -> None:
-        """Drops all states."""
+        """Discards all states."""
         if self._last >= 0:
             self._writer.close()
             self._writer, self._last = RecordingWriter(self.path, self._size, self._facts), -1
 
     def publish(self) -> list[Path]:
-        """Puts the recording where it belongs, if there is any state in it."""
+        """Publishes the recording if it holds any state."""
         if self._last < 0:
             return []
         self._facts["steps"] = self._last
@@ -73,22 +73,22 @@ class SessionRecording:
 
 
 class LiveSimulation:
-    """Steps a simulation one by one, and lets people pull at bodies, set controls and positions, and reset it.
+    """An interactive simulation: users can perturb bodies, set controls and positions, and reset it.
 
-    Without that it is bit for bit the simulation that every other command makes. What is recorded is always true
-    physics: the state of each step from time 0, with the inputs that act from there on. Forces of the mouse and
-    controls are such inputs; positions that are set by hand are not, and are refused while a recording is made.
+    Without interaction it is bit for bit the simulation of every other command. A recording always holds true physics:
+    the state of each step from time 0, with the inputs that act from then on. Forces of the mouse and controls are such
+    inputs; positions set by hand are not, and are refused during a recording.
 
     Args:
-      recording: where the states of all steps go, if anywhere.
+      recording: receives the states of all steps, if set.
 
     Attributes:
-      last: the last step; None for none.
-      ends_by_itself: whether it was said how long it lasts.
-      failure: why the simulation cannot go on from its step, if it cannot.
+      last: the last step; None without an end.
+      ends_by_itself: whether the user set its duration.
+      failure: the error that prevents further steps, if any.
 
     Raises:
-      UsageError: the recording to go through lacks steps.
+      UsageError: the replayed recording lacks steps.
     """
 
     def __init__(
@@ -103,14 +103,14 @@ class LiveSimulation:
         self._is_state = np.ones(state.size(model), bool)  # rather than an input
         for field in self._layout.keys() & INPUTS:
             self._is_state[self._layout[field]] = False
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self.ends_by_itself = simulation.duration is not None or simulation.steps is not None
         has_end = self.ends_by_itself or simulation.replay is not None  # an episode ends when it does
         self.last = simulation.timeline(model).steps if has_end else None
         self.reset()
 
     def reset(self, key: int | None = None) -> None:
-        """Starts again from time 0, at the simulation's own start or at the keyframe with this index."""
+        """Restarts from time 0, at the simulation's start or at the keyframe with this index."""
         simulation = self._simulation
         if key is not None and simulation.policy is not None:
             self.refuse(EPISODE)
@@ -126,56 +126,56 @@ class LiveSimulation:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The model as it is stepped."""
+        """The model that is stepped."""
         return self._stepper.model
 
     @property
     def step(self) -> int:
-        """Where the simulation stands."""
+        """The current step."""
         return self._stepper.step
 
     @property
     def is_over(self) -> bool:
-        """Whether there is no next step."""
+        """True if there is no next step."""
         return self.failure is not None or self.step == self.last or (self.ending is not None and self.last is None)
 
     @property
     def ending(self) -> Ending | None:
-        """How the episode of a policy has ended, if it has."""
+        """The ending of the policy's episode, if it has ended."""
         return self._stepper.now().ending if isinstance(self._stepper, EpisodeStepper) else None
 
     @property
     def episode(self) -> EpisodeResult | None:
-        """What came of the episode of a policy up to here; None without a policy."""
+        """The result of the policy's episode so far; None without a policy."""
         episode, stepper = self._simulation.episode, self._stepper
         return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 
     def instant(self) -> mujoco.MjData:
-        """An MjData in which every field belongs to the step; not to be kept or written to."""
+        """Returns an MjData in which every field belongs to the step; not to be stored or modified."""
         return self._stepper.instant()
 
     def take_step(self) -> None:
-        """Takes a step, unless there is none; what keeps it from being taken becomes the `failure`."""
+        """Takes a step unless the simulation is over; an error that prevents it becomes the `failure`."""
         if self.is_over:
             return
         try:
             if isinstance(self._stepper, EditableStepper) and self._pull is not None:
                 self._take_step_under(self._stepper, self._pull)
             else:
-                self._keep_state()
+                self.record_state()
                 self._stepper.advance(self.step + 1)
         except SimulationError as error:
             self.failure = error
 
     def pull(self, action: Pull) -> None:
-        """Lets the mouse pull at bodies from this step on."""
+        """Applies the forces of the mouse to bodies from this step on."""
         if action.forces.any() and not isinstance(self._stepper, EditableStepper):
             self._refuse_hands()
             return
         self._pull = action.forces if action.forces.any() else None
 
     def edit(self, action: Edit) -> None:
-        """Takes over what somebody has set, if that can be."""
+        """Applies an edit, if allowed."""
         if not isinstance(self._stepper, EditableStepper):
             self._refuse_hands()
         elif self._recording and (action.changed & self._is_state).any():
@@ -186,29 +186,26 @@ class LiveSimulation:
             self._stepper.edit(values, state.STATE)
 
     def refuse(self, action: Refuse) -> None:
-        """Says once what a view does not do."""
-        if action.what not in self._told:
-            self._told.add(action.what)
+        """Reports an unsupported action, once."""
+        if action.what not in self._reported:
+            self._reported.add(action.what)
             self._reporter.note(action.what)
 
     def _refuse_hands(self) -> None:
         self.refuse(REPLAY if isinstance(self._stepper, ReplayStepper) else ENVIRONMENT)
 
-    def finish(self) -> None:
-        """Records the last state."""
-        self._keep_state()
-
-    def _keep_state(self) -> None:
+    def record_state(self) -> None:
+        """Adds the current state to the recording, if any."""
         if self._recording:
             self._recording.write(self.step, self._stepper.state())
 
     def _take_step_under(self, stepper: EditableStepper, pull: np.ndarray) -> None:
-        """Takes a step with the forces of the mouse on top of those that act anyway, which act alone after it."""
+        """Takes a step with the forces of the mouse added to the others, and removes them afterwards."""
         spec, where = state.APPLIED_FORCES, self._layout["xfrc_applied"]
         own = stepper.state()[where]
         applied = own + pull.ravel()
         stepper.edit(applied, spec)
-        self._keep_state()
+        self.record_state()
         try:
             stepper.advance(self.step + 1)
         finally:
@@ -216,12 +213,12 @@ class LiveSimulation:
             stepper.edit(np.where(now == applied, own, now), spec)
 
 
-# Fields of MjData that are set from outside, and move the state.
+# Fields of MjData that are set from outside and affect the state.
 INPUTS = {"ctrl", "qfrc_applied", "xfrc_applied", "eq_active", "mocap_pos", "mocap_quat", "userdata"}
-REPLAY = Refuse("a replay goes through recorded states: nothing in it can be pulled at or set")
-ENVIRONMENT = Refuse("an environment steps itself: nothing in it can be pulled at or set")
-EPISODE = Refuse("an episode of a policy starts as its task says, and not at a keyframe")
+REPLAY = Refuse("a replay shows recorded states: bodies cannot be pulled or edited")
+ENVIRONMENT = Refuse("an environment steps itself: bodies cannot be pulled or edited")
+EPISODE = Refuse("an episode of a policy starts as its task defines, not at a keyframe")
 RECORDED = Refuse(
-    "positions and velocities cannot be set by hand while a recording is made, which holds physics alone: "
-    "pull at bodies, or set controls"
+    "positions and velocities cannot be edited during a recording, which holds only physics: "
+    "pull bodies or set controls instead"
 )

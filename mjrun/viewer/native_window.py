@@ -1,4 +1,4 @@
-"""MuJoCo's own viewer, in a window of the desktop."""
+"""MuJoCo's native viewer, in a desktop window."""
 
 import copy
 import importlib
@@ -13,45 +13,35 @@ import numpy as np
 
 from mjrun.confinement.confinement import confinement
 from mjrun.model import state
-from mjrun.rendering.backend_detection import BackendTrialProcess
-from mjrun.viewer.window import (
-    PHYSICS_SETTINGS,
-    Action,
-    Edit,
-    Pull,
-    Reset,
-    SetPaused,
-    SetSpeed,
-    Status,
-    TakeStep,
-)
+from mjrun.rendering.backend import BackendTrialProcess
+from mjrun.viewer import window
 
-# Keys of GLFW, whose numbers are those of ASCII as far as there are some.
+# Key codes of GLFW, equal to those of ASCII where one exists.
 SPACE, RIGHT = 32, 262
 SLOWER, FASTER = (45, 333), (61, 334)  # - and =, - and + of the number pad
 KEYS = "space\nright arrow\nbackspace\n- / =\nctrl + mouse\ntab", "pause\nstep\nreset\nspeed\npull or turn\nsettings"
-BEGINNING = 1e-300  # [s] stands for time 0, which MuJoCo's viewer sets on a reset
-SLOW = 0.9  # the share of the speed below which it is shown what is reached
+BEGINNING = 1e-300  # [s] represents time 0, which MuJoCo's viewer sets on a reset
+SLOW = 0.9  # share of the speed below which the achieved speed is shown
 END = 10.0  # [s] for the window to close
 
 
 def obstacle() -> str:
-    """Why no window can be opened here; empty if one can. A window is tried in a process of its own."""
+    """Returns the reason why no window can be opened; empty if one can. The test runs in a separate process."""
     if sys.platform == "darwin":
-        return "MuJoCo's window needs the program mjpython on macOS"
+        return "MuJoCo's window requires the program mjpython on macOS"
     if confinement():
-        return "a confined process reaches no display"
+        return "a confined process cannot access a display"
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return "there is no display: neither DISPLAY nor WAYLAND_DISPLAY is set"
+        return "no display: neither DISPLAY nor WAYLAND_DISPLAY is set"
     answer = BackendTrialProcess("glfw").answer()
     return answer.get("error", "")
 
 
 class NativeWindow:
-    """MuJoCo's passive viewer: it draws a copy of the model, and writes what is done in it into a copy of the data.
+    """MuJoCo's passive viewer, which renders a copy of the model and writes user actions into a copy of the data.
 
     Args:
-      model: what is shown.
+      model: the model to show.
     """
 
     kind = "window"
@@ -73,9 +63,9 @@ class NativeWindow:
     def is_open(self) -> bool:
         return self._handle.is_running()
 
-    def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
+    def show(self, instant: mujoco.MjData, status: window.Status) -> list[window.Action]:
         mujoco.mj_copyData(self._data, self._model, instant)
-        self._data.xfrc_applied[:] = 0  # the viewer puts those of the mouse there, and nothing else
+        self._data.xfrc_applied[:] = 0  # the viewer stores only the mouse's forces there
         self._data.time = max(instant.time, BEGINNING)
         shown = state.save(self._model, self._data)
         self._handle.set_texts([(None, None, *KEYS), (None, mujoco.mjtGridPos.mjGRID_TOPRIGHT, *_lines(status))])
@@ -87,37 +77,37 @@ class NativeWindow:
         for thread in self._threads:
             thread.join(END)
 
-    def _key_actions(self, status: Status) -> Iterator[Action]:
+    def _key_actions(self, status: window.Status) -> Iterator[window.Action]:
         paused, speed = status.paused, status.speed
         while not self._keys.empty():
             key = self._keys.get()
             if key == SPACE:
                 paused = not paused
-                yield SetPaused(paused)
+                yield window.SetPaused(paused)
             elif key == RIGHT:
                 paused = True
-                yield TakeStep()
+                yield window.TakeStep()
             elif key in (*SLOWER, *FASTER):
                 speed *= 0.5 if key in SLOWER else 2
-                yield SetSpeed(speed)
+                yield window.SetSpeed(speed)
 
-    def _changes(self, shown: np.ndarray) -> Iterator[Action]:
-        """What the viewer has changed in the state `shown` `(nstate,)`."""
+    def _changes(self, shown: np.ndarray) -> Iterator[window.Action]:
+        """Yields the viewer's changes to the state `shown` `(nstate,)`."""
         now = state.save(self._model, self._data)
         if now[0] != shown[0]:  # time is first
-            yield Reset(self._loaded_keyframe())
+            yield window.Reset(self._loaded_keyframe())
             return
-        yield Pull(self._data.xfrc_applied.copy())
+        yield window.Pull(self._data.xfrc_applied.copy())
         changed = now != shown
         changed[self._layout["xfrc_applied"]] = False
         if changed.any():
-            yield Edit(now, changed)
+            yield window.Edit(now, changed)
         if self._model.opt != self._options:
             self._model.opt = copy.deepcopy(self._options)
-            yield PHYSICS_SETTINGS
+            yield window.PHYSICS_SETTINGS
 
     def _loaded_keyframe(self) -> int | None:
-        """The keyframe in the data; None for the state that `mj_resetData` sets."""
+        """Returns the keyframe in the data; None for the state that `mj_resetData` sets."""
         model, data = self._model, self._data
         if np.array_equal(data.qpos, model.qpos0) and not data.qvel.any():
             return None
@@ -125,8 +115,8 @@ class NativeWindow:
         return same[0] if same else None
 
 
-def _lines(status: Status) -> tuple[str, str]:
-    """What is said of the simulation, in two columns; MuJoCo's font knows ASCII alone."""
+def _lines(status: window.Status) -> tuple[str, str]:
+    """Returns the status in two columns; MuJoCo's font supports only ASCII."""
     rows = {"time": f"{status.time:.3f} s", "speed": f"{status.speed:g} x"}
     if status.paused:
         rows["state"] = status.message or "paused"

@@ -1,4 +1,4 @@
-"""MuJoCo Studio's web viewer, kept to this machine, with a simulation that steps elsewhere."""
+"""MuJoCo Studio's web viewer, restricted to this machine, with a simulation stepped elsewhere."""
 
 import contextlib
 import copy
@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 
 import mujoco
 
-with contextlib.redirect_stdout(sys.stderr):  # which its server logs to from here on
+with contextlib.redirect_stdout(sys.stderr):  # its server logs there from now on
     from mujoco.studio import app, launch_thread, messages, plugin, viewer_handle, viewer_protocol, web_viewer
     from mujoco.studio.dear_imgui import dear_imgui
     from mujoco.studio.web import web_server
@@ -29,17 +29,17 @@ with contextlib.redirect_stdout(sys.stderr):  # which its server logs to from he
 from mjrun.confinement.confinement import confinement
 from mjrun.viewer.window import PHYSICS_SETTINGS, Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
 
-sim: Any = importlib.import_module("mujoco.studio.sim")  # which are written in C++
+sim: Any = importlib.import_module("mujoco.studio.sim")  # both are written in C++
 ux: Any = importlib.import_module("mujoco.studio.ux")
 
 HOST = "127.0.0.1"
 TITLE = "mjrun view"
-OWN_NAMES = (HOST, "localhost", "::1")  # of this machine, also at the end of a tunnel
-STATES = "/state"  # where a page that has loaded the model asks for states
-TOKEN = "token"  # what the address calls it
-HANDSHAKE = 60.0  # [s] that a request may take, so that nobody holds connections open without a token
+OWN_NAMES = (HOST, "localhost", "::1")  # names of this machine, also at the end of a tunnel
+STATES = "/state"  # path at which a page with a loaded model requests states
+TOKEN = "token"  # query parameter in the address
+HANDSHAKE = 60.0  # [s] limit of a request, so that connections without a token cannot stay open
 DESCRIPTORS = Path("/dev/fd")  # the open files of this process
-# The page has scripts within it, and its WebAssembly makes functions of texts and threads of blobs.
+# The page has inline scripts, and its WebAssembly creates functions from text and threads from blobs.
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self' data: blob: ws://{host} wss://{host}; "
@@ -48,29 +48,29 @@ POLICY = (
 HEADERS = {
     "Access-Control-Allow-Origin": "",  # which Studio sets to all
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Referrer-Policy": "no-referrer",  # the address has the token
+    "Referrer-Policy": "no-referrer",  # the address contains the token
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
-# ImGui crashes on a page that comes before its first frames, as that of a tab that is still open may.
+# ImGui crashes on a page that connects before its first frames, as a tab that is still open may.
 FRAMES_BEFORE_A_PAGE = 30
 START = 30.0  # [s] for the server to start
-FIRST = messages.Priority.CRITICAL + 10  # before what Studio does by itself
+FIRST = messages.Priority.CRITICAL + 10  # before Studio's handlers
 
-DROPPED = Refuse("a model that is dropped on the page is not loaded: give it to a view of its own")
-NOISE = Refuse("noise is not set while a simulation runs: start it with the options for noise on controls")
-KEYFRAME = Refuse("keyframes are not saved from the page")
+DROPPED = Refuse("models dropped on the page are not loaded: open a separate view for them")
+NOISE = Refuse("noise cannot be set while a simulation runs: start it with the options for noise on controls")
+KEYFRAME = Refuse("keyframes cannot be saved from the page")
 
 
 class StudioMessages(plugin.SimPlugin):
-    """Collects what is done on the page, instead of Studio's own physics doing it.
+    """A plugin that collects the actions on the page, which Studio's physics would otherwise perform.
 
     Args:
-      model: as the page shows it.
-      speed: that the page shows [percent].
+      model: the model that the page shows.
+      speed: the speed that the page shows [percent].
 
     Attributes:
-      actions: what was done since they were last taken.
+      actions: the actions since they were last taken.
     """
 
     def __init__(self, model: mujoco.MjModel, speed: float) -> None:
@@ -78,10 +78,10 @@ class StudioMessages(plugin.SimPlugin):
         self._model, self._options = model, copy.deepcopy(model.opt)
         self._shown = messages.StepControlSnapshot(speed=speed)
 
-    def tell(self, status: Status) -> None:
-        """Tells the page whether the simulation stands still, and that there is no noise, where it shows otherwise.
+    def update_page(self, status: Status) -> None:
+        """Corrects the page where it shows the wrong pause state, or noise.
 
-        Its speed is left alone: it knows some speeds only, and none above that of real time.
+        The speed is left unchanged: the page supports only some speeds, none above real time.
         """
         paused = sim.PauseState.NORMAL_PAUSED if status.paused else sim.PauseState.UNPAUSED
         if paused != self._shown.pause_state or self._shown.noise_scale:
@@ -138,11 +138,11 @@ class StudioMessages(plugin.SimPlugin):
         return True
 
 
-class Page(app.App):
-    """Studio's page, which leaves the user's settings file alone unless its menu is asked to save them.
+class StudioApp(app.App):
+    """Studio's page, which leaves the user's settings file unchanged unless its menu saves it.
 
     Args:
-      speed: that it shows, as far as it knows it: simulated seconds per second of wall time.
+      speed: the speed shown, as far as the page supports it: simulated seconds per second of wall time.
     """
 
     def __init__(self, speed: float) -> None:
@@ -157,11 +157,11 @@ class Page(app.App):
             self.ux_state.speed_index = ux.set_speed_index(control, begin, begin + 1)
 
     def _on_exit(self, _: messages.ExitEvent) -> None:
-        """Nothing is saved on leaving."""
+        """Saves nothing on leaving."""
 
     @messages.handler(priority=messages.Priority.INTERNAL)
     def _on_theme(self, event: plugin.ThemeEvent) -> None:
-        self.theme = event.theme  # which browsers choose by themselves
+        self.theme = event.theme  # which browsers choose themselves
         ux.setup_theme(self.theme)
 
     @messages.handler(priority=FIRST)
@@ -170,9 +170,9 @@ class Page(app.App):
 
 
 class LocalViewer(web_viewer.WebViewer):
-    """Studio's web viewer, on the loopback address instead of all, and without files dropped on its page."""
+    """Studio's web viewer on the loopback address instead of all, and without files dropped on its page."""
 
-    # Studio sets it in its constructor, to all addresses, and offers no choice.
+    # Studio sets it to all addresses in its constructor, without an option.
     _host = property(lambda _: HOST, lambda _, value: None)
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
@@ -181,7 +181,7 @@ class LocalViewer(web_viewer.WebViewer):
         address = self._http_sock.getsockname()[0]
         if address != HOST:
             self.close()
-            raise RuntimeError(f"MuJoCo Studio would listen to {address}, not to this machine alone")
+            raise RuntimeError(f"MuJoCo Studio would listen on {address}, not on this machine only")
 
     _frames = 0
 
@@ -207,11 +207,11 @@ class StudioPage:
     """The page, and the thread that serves it.
 
     Args:
-      data: what the page shows after each `sync`.
-      speed: simulated seconds per second of wall time, at the beginning.
+      data: the data that the page shows after each `sync`.
+      speed: initial simulated seconds per second of wall time.
 
     Attributes:
-      token: every request has it, in its address or in the cookie that the page gets.
+      token: required in every request, in its address or in the cookie that the page receives.
 
     Raises:
       RuntimeError: the port is in use.
@@ -223,7 +223,7 @@ class StudioPage:
         _ports_seen.discard(port)
         _ports_ready.discard(port)
         self.token = _tokens[port] = secrets.token_urlsafe(32)
-        self._port, page, started = port, Page(speed), threading.Event()
+        self._port, page, started = port, StudioApp(speed), threading.Event()
         self._messages = StudioMessages(model, page.step_control_state.get_speed())
         config = viewer_protocol.ViewerConfig(title=TITLE, gfx="web", http_port=port)
 
@@ -245,31 +245,31 @@ class StudioPage:
         for _ in range(int(START / 0.05)):
             if started.wait(0.05):
                 return
-            if not self._handle.is_running():  # which raises what has gone wrong
+            if not self._handle.is_running():  # raises the error, if any
                 break
         raise RuntimeError("MuJoCo Studio did not start")
 
     def _wait_for_frames(self) -> None:
-        """Waits until a page may come."""
+        """Waits until pages may connect."""
         end = time.monotonic() + START
         while self._port not in _ports_ready and time.monotonic() < end and self._handle.is_running():
             time.sleep(0.01)
         self._handle.sync()
-        self._messages.actions = []  # nobody has been there yet
+        self._messages.actions = []  # none of a user yet
 
     @property
     def is_open(self) -> bool:
-        """Whether nobody has left it by its menu."""
+        """True until a user closes it through its menu."""
         return self._handle.is_running()
 
     @property
     def is_seen(self) -> bool:
-        """Whether a browser has shown it."""
+        """True once a browser has shown it."""
         return self._port in _ports_seen
 
     def sync(self, status: Status) -> list[Action]:
-        """Shows the data, puts into it what was set on the page, and returns what else was done there."""
-        self._messages.tell(status)
+        """Shows the data, applies edits from the page to it, and returns the other actions."""
+        self._messages.update_page(status)
         self._handle.sync()
         actions, self._messages.actions = self._messages.actions, []
         return actions
@@ -280,23 +280,23 @@ class StudioPage:
         sys.excepthook, threading.excepthook, warnings.showwarning = self._hooks
 
 
-_ports_ready: set[int] = set()  # where pages may come
-_ports_seen: set[int] = set()  # whose pages a browser has loaded, with the model
-_tokens: dict[int, str] = {}  # of the pages, by port
+_ports_ready: set[int] = set()  # ports that accept pages
+_ports_seen: set[int] = set()  # ports whose page a browser has loaded, with the model
+_tokens: dict[int, str] = {}  # token of the page at each port
 
 
 def _refusal(request: Any, port: int) -> tuple[HTTPStatus, str] | None:
-    """Why a request is refused; None if it comes from the page itself, and from whoever was told its address."""
+    """Returns status and text of the refusal of a request; None for a request with the token from the page itself."""
     hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
     try:
         (name,) = [urlsplit(f"//{host}").hostname for host in hosts]
-    except ValueError:  # none, several, or what is none
-        return HTTPStatus.BAD_REQUEST, "the request does not say which host it is for\n"
+    except ValueError:  # none, several, or an invalid one
+        return HTTPStatus.BAD_REQUEST, "the request does not specify its host\n"
     # Browsers let other sites connect to this machine.
     if name not in OWN_NAMES or origins not in ([], [f"http://{hosts[0]}"]):
-        return HTTPStatus.FORBIDDEN, "this page is for the machine that it runs on\n"
+        return HTTPStatus.FORBIDDEN, "this page is only available on the machine that serves it\n"
     if not any(_is_token(text, port) for text in (*_from_address(request), *_from_cookies(request, port))):
-        return HTTPStatus.FORBIDDEN, "open the address that mjrun has printed: it ends in a token\n"
+        return HTTPStatus.FORBIDDEN, "open the address that mjrun has printed: it ends with a token\n"
     if port not in _ports_ready:
         return HTTPStatus.SERVICE_UNAVAILABLE, "the simulation is starting\n"
     return None
@@ -307,7 +307,7 @@ def _is_token(text: str, port: int) -> bool:
 
 
 def _from_address(request: Any) -> Iterator[str]:
-    """The tokens in the address of a request."""
+    """Yields the tokens in the address of a request."""
     for part in request.path.partition("?")[2].split("&"):
         name, _, value = part.partition("=")
         if name == TOKEN:
@@ -315,7 +315,7 @@ def _from_address(request: Any) -> Iterator[str]:
 
 
 def _from_cookies(request: Any, port: int) -> Iterator[str]:
-    """The tokens in the cookies of a request; browsers send those of one port to all."""
+    """Yields the tokens in the cookies of a request; browsers send those of one port to all."""
     for part in ";".join(request.headers.get_all("Cookie")).split(";"):
         name, _, value = part.strip().partition("=")
         if name == _cookie(port):
@@ -327,7 +327,7 @@ def _cookie(port: int) -> str:
 
 
 def _guarded_serve(handler: Any, *, process_request: Any, process_response: Any, **settings: Any) -> Any:
-    """As `websockets.serve`, but answers nobody without the token, and with headers that keep other sites out."""
+    """Wraps `websockets.serve` to require the token, and to add headers that keep other sites out."""
     port = settings["sock"].getsockname()[1]
 
     def process(connection: Any, request: Any) -> Any:
@@ -356,7 +356,7 @@ def _guarded_serve(handler: Any, *, process_request: Any, process_response: Any,
 
 
 class _OwnSocket(socket.socket):
-    """A listening socket that accepts the connections of this process, and closes those of any other."""
+    """A listening socket that accepts connections from this process, and closes all others."""
 
     def accept(self) -> tuple[socket.socket, Any]:
         while True:
@@ -367,7 +367,7 @@ class _OwnSocket(socket.socket):
 
 
 def _is_of_this_process(connection: socket.socket) -> bool:
-    """Whether this process has the other end of a connection, too: no two have the same pair of addresses."""
+    """Returns whether this process also holds the other end of a connection: pairs of addresses are unique."""
     with contextlib.suppress(OSError):
         ends = connection.getpeername(), connection.getsockname()
         for entry in DESCRIPTORS.iterdir():
@@ -377,7 +377,7 @@ def _is_of_this_process(connection: socket.socket) -> bool:
 
 
 def _ends(descriptor: int) -> tuple[Any, Any] | None:
-    """The own address of a socket and that of its other end; None of what is no connected socket."""
+    """Returns a socket's address and that of its peer; None for anything but a connected socket."""
     try:
         borrowed = socket.socket(fileno=descriptor)
     except OSError:
@@ -391,9 +391,9 @@ def _ends(descriptor: int) -> tuple[Any, Any] | None:
 
 
 def _bind_own_socket(port: int = 0) -> socket.socket:
-    """As Studio's function for the socket that its user interface connects to, which all of the machine could."""
+    """Replaces Studio's function for the socket of its user interface, which accepts the whole machine."""
     limits = confinement()
-    if limits and limits.own_port >= 0:  # the one that a confined process can connect to
+    if limits and limits.own_port >= 0:  # the only port that a confined process can connect to
         bound = _OwnSocket(fileno=os.dup(limits.own_port))
     else:
         bound = _OwnSocket(socket.AF_INET, socket.SOCK_STREAM)

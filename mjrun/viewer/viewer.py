@@ -1,4 +1,4 @@
-"""A live view of a simulation: MuJoCo's own viewer in a window, or MuJoCo Studio in a browser."""
+"""A live view of a simulation: MuJoCo's native viewer in a window, or MuJoCo Studio in a browser."""
 
 import math
 import time
@@ -26,24 +26,24 @@ from mjrun.viewer.live_simulation import LiveSimulation, SessionRecording
 from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
 
 SCHEMA = "mjrun-view-1"
-FRAME = 1 / 60  # [s] of wall time from one image to the next
-PATIENCE = 1 / 15  # [s] of wall time for the steps between two images
+FRAME = 1 / 60  # [s] of wall time between images
+PATIENCE = 1 / 15  # [s] maximum wall time for the steps between two images
 FOREVER = Fraction(10**9)  # [s]
-BREATH = 0.001  # [s] that other threads, which draw, have at least
-LATE = 0.1  # the share of wall time given up from which on a simulation is too slow
-WATCHED = 3.0  # [s] of wall time before that is said
+BREATH = 0.001  # [s] minimum left to other threads, which render
+LATE = 0.1  # share of lost wall time above which a simulation is too slow
+WATCHED = 3.0  # [s] of wall time before it is reported as too slow
 
 
 @options
 class Viewer(ViewerOptions):
     """A live view of a simulation: its options are keywords.
 
-    The simulation begins as soon as somebody can see it, and lasts until the view is closed, or for its `duration` or
-    `steps`; a replay stays at its last state. It is bit for bit what a trace measures, until somebody pulls at a body
-    or sets something.
+    The simulation begins as soon as the view is visible, and lasts until the view is closed, or for its `duration` or
+    `steps`; a replay stays at its last state. It is bit for bit the simulation that a trace measures, until a user
+    perturbs or edits it.
 
     Args:
-      simulation: what is looked at.
+      simulation: the simulation to show.
       command: the command line, for the recording.
     """
 
@@ -54,15 +54,15 @@ class Viewer(ViewerOptions):
         super().__post_init__()
         require_simulation(self.simulation)
         if self.port is not None and self.browser is False:
-            raise UsageError(f"{option('port')} is that of a page in a browser, and this view is to be in a window")
+            raise UsageError(f"{option('port')} requires a browser, but this view opens a window")
 
     def run(self, reporter: Reporter | None = None) -> "ViewerResult":
-        """Shows it until it ends; the recording is published however it ends.
+        """Shows the simulation until it ends; the recording is published in any case.
 
         Raises:
-          SimulationError: it became unstable.
-          NoWindowError: nothing can be shown here.
-          MjrunError: something that is given cannot be.
+          SimulationError: the simulation became unstable.
+          NoWindowError: neither a window nor a page can be opened.
+          MjrunError: an input is invalid.
         """
         reporter = reporter or WarningReporter()
         start = time.perf_counter()
@@ -77,9 +77,9 @@ class Viewer(ViewerOptions):
             try:
                 _Session(live, window, Pace(rational(model.opt.timestep), float(self.speed)), reporter).run(self.paused)
             finally:
-                live.finish()
+                live.record_state()
                 files = recording.publish() if recording else []
-        if live.failure:  # which says it better than MuJoCo's warning
+        if live.failure:  # which describes it better than MuJoCo's warning
             if files:
                 live.failure.add_note(f"kept, up to there: {self.recording}")
             raise live.failure
@@ -97,7 +97,7 @@ class Viewer(ViewerOptions):
 
     @property
     def _endless(self) -> Simulation:
-        """The simulation, without an end unless it has one of its own."""
+        """The simulation, with an endless duration unless it sets one."""
         simulation = self.simulation
         return simulation if simulation.has_end else replace(simulation, duration=FOREVER)
 
@@ -117,7 +117,7 @@ class Viewer(ViewerOptions):
             return SessionRecording(self.recording, state.size(model), facts)
 
     def _open_window(self, model: mujoco.MjModel, reporter: Reporter) -> Window:
-        """The window or the page, whichever is wanted and can be had."""
+        """Opens the window or the page, whichever is requested and available."""
         reasons: dict[str, str] = {}
         if not self.browser and self.port is None:
             reasons["window"] = native_window.obstacle()
@@ -135,18 +135,18 @@ class Viewer(ViewerOptions):
 
 @dataclass(frozen=True)
 class ViewerResult:
-    """What was looked at.
+    """The result of a live view.
 
     Attributes:
-      kind: where: `window` or `browser`.
-      steps: taken since the last reset.
+      kind: `window` or `browser`.
+      steps: steps since the last reset.
       simulated: simulated time since then [s].
-      wall: wall time of all [s].
+      wall: total wall time [s].
       recording: the path of the recording; None without one.
-      states: how many it holds; None without one.
-      warnings: MuJoCo's.
-      episode: what came of the policy's episode since the last reset; None without a policy.
-      schema: of this document.
+      states: number of recorded states; None without a recording.
+      warnings: MuJoCo's warnings.
+      episode: result of the policy's episode since the last reset; None without a policy.
+      schema: schema of this document.
     """
 
     kind: str
@@ -161,14 +161,14 @@ class ViewerResult:
 
 
 class Pace:
-    """Keeps the steps of a simulation in time with the wall clock, as far as they can be.
+    """The synchronization of steps with the wall clock, as far as the machine is fast enough.
 
     Args:
-      timestep: of the simulation [s].
+      timestep: timestep of the simulation [s].
       speed: simulated seconds per second of wall time.
 
     Attributes:
-      speed: as given; after a change, `start` begins anew with it.
+      speed: current speed; after a change, call `start` again.
     """
 
     def __init__(self, timestep: Fraction, speed: float) -> None:
@@ -177,39 +177,39 @@ class Pace:
         self.start(0, 0.0)
 
     def start(self, step: int, now: float) -> None:
-        """From here on, the step `step` belongs to the wall time `now` [s]."""
+        """Starts the count: `step` belongs to the wall time `now` [s]."""
         self._first, self._begin = step, now
         self._lost = 0.0  # [s] of wall time
 
     def due(self, now: float) -> int:
-        """The step that should be reached at `now` [s]."""
+        """Returns the step due at `now` [s]."""
         return self._first + math.floor((now - self._begin - self._lost) * self.speed / self._timestep)
 
     def give_up(self, step: int, now: float) -> None:
-        """Goes on from `step` at `now` [s], which is too early for it; what is missing is never caught up with."""
+        """Accepts that `step` is reached only at `now` [s]; lost time is never caught up."""
         self._lost = now - self._begin - (step - self._first) * self._timestep / self.speed
 
     def is_too_slow(self, now: float) -> bool:
-        """Whether the simulation cannot keep up: a good share of the wall time until `now` [s] was given up."""
+        """Returns whether a considerable share of the wall time until `now` [s] was lost."""
         ran = now - self._begin
         return ran > WATCHED and self._lost > LATE * ran
 
     def achieved(self, step: int, now: float) -> float:
-        """Simulated seconds per second of wall time since the start, when `step` is reached at `now` [s]."""
+        """Returns simulated seconds per second of wall time since the start, when `step` is reached at `now` [s]."""
         ran = now - self._begin
         return (step - self._first) * self._timestep / ran if ran > 0 else self.speed
 
 
 class _Session:
-    """The loop of a live view: in time with the wall clock, image by image."""
+    """The loop of a live view, in time with the wall clock, image by image."""
 
     def __init__(self, live: LiveSimulation, window: Window, pace: Pace, reporter: Reporter) -> None:
         self._live, self._window, self._pace, self._reporter = live, window, pace, reporter
-        self._paused = self._told_slow = False
+        self._paused = self._warned_slow = False
         self._ends = live.ends_by_itself
 
     def run(self, paused: bool) -> None:
-        """Runs until the window is closed, or the simulation has reached its end."""
+        """Runs until the window is closed or the simulation has reached its end."""
         self._pause(paused)
         while self._window.is_open and not (self._ends and self._live.is_over):
             start = time.perf_counter()
@@ -223,7 +223,7 @@ class _Session:
             self._show()
 
     def _show(self) -> None:
-        """Shows where the simulation stands, and does what somebody has asked for."""
+        """Shows the current state, and performs the user's actions."""
         live, pace = self._live, self._pace
         now = time.perf_counter()
         achieved = 0.0 if self._paused else pace.achieved(live.step, now)
@@ -259,7 +259,7 @@ class _Session:
         self._pace.start(self._live.step, time.perf_counter())
 
     def _advance(self) -> None:
-        """Takes the steps that are due; if that takes too long, the others will never be due."""
+        """Takes the steps that are due; if that takes too long, the rest are dropped."""
         live, pace = self._live, self._pace
         start = now = time.perf_counter()
         due = pace.due(start)
@@ -270,19 +270,19 @@ class _Session:
             self._stop()
         elif live.step < due:
             pace.give_up(live.step, now)
-            self._tell_if_slow(now)
+            self._warn_if_slow(now)
 
     def _stop(self) -> None:
-        """Holds the last state, which can be looked at until the window is closed."""
+        """Holds the last state, which remains visible until the window is closed."""
         self._pause(True)
         if self._live.failure and not self._ends:
             first, *_ = str(self._live.failure).splitlines()
-            self._reporter.warn(f"{first}; the view shows the state before it, until it is closed or reset")
+            self._reporter.warn(f"{first}; the view shows the state before it until it is closed or reset")
         elif (episode := self._live.episode) and episode.ending is not None:
-            self._reporter.note(f"{episode.sentence}; a reset begins it again")
+            self._reporter.note(f"{episode.sentence}; a reset restarts it")
 
-    def _tell_if_slow(self, now: float) -> None:
-        if not self._told_slow and self._pace.is_too_slow(now):
-            self._told_slow = True
+    def _warn_if_slow(self, now: float) -> None:
+        if not self._warned_slow and self._pace.is_too_slow(now):
+            self._warned_slow = True
             achieved = self._pace.achieved(self._live.step, now)
             self._reporter.warn(f"this machine simulates at a speed of {achieved:.2g}, not {self._pace.speed:g}")

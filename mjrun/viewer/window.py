@@ -1,4 +1,4 @@
-"""What a live simulation is shown in, and what people do there."""
+"""The interface of windows that show a live simulation, and the actions that users take there."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,29 +11,29 @@ from mjrun.errors import option
 
 @dataclass(frozen=True)
 class SetPaused:
-    """Pause, or go on."""
+    """An action that pauses or resumes."""
 
     paused: bool
 
 
 @dataclass(frozen=True)
 class TakeStep:
-    """Pause, and take one step."""
+    """An action that pauses and takes one step."""
 
 
 @dataclass(frozen=True)
 class SetSpeed:
-    """Another speed: simulated seconds per second of wall time."""
+    """An action that sets the speed: simulated seconds per second of wall time."""
 
     speed: float
 
 
 @dataclass(frozen=True)
 class Reset:
-    """Start again from time 0.
+    """An action that restarts from time 0.
 
     Attributes:
-      key: index of the keyframe to start from; None for the simulation's own start.
+      key: index of the keyframe to start from; None for the simulation's start.
     """
 
     key: int | None = None
@@ -41,7 +41,7 @@ class Reset:
 
 @dataclass(frozen=True)
 class Pull:
-    """The mouse pulls at bodies, until it says otherwise.
+    """An action that pulls bodies with the mouse, until the next such action.
 
     Attributes:
       forces: forces [N] and torques [N m] in the world frame, `(nbody, 6)`.
@@ -52,11 +52,11 @@ class Pull:
 
 @dataclass(frozen=True)
 class Edit:
-    """Numbers of the state were set by hand.
+    """An action that sets numbers of the state.
 
     Attributes:
-      state: the integration state with them `(nstate,)`.
-      changed: which of its numbers they are `(nstate,)`.
+      state: the integration state after the edit `(nstate,)`.
+      changed: mask of the edited numbers `(nstate,)`.
     """
 
     state: np.ndarray
@@ -65,7 +65,7 @@ class Edit:
 
 @dataclass(frozen=True)
 class Refuse:
-    """Something that a view does not do; `what` is the sentence about it."""
+    """An action that a view does not support; `what` is the sentence about it."""
 
     what: str
 
@@ -75,14 +75,14 @@ Action = SetPaused | TakeStep | SetSpeed | Reset | Pull | Edit | Refuse
 
 @dataclass(frozen=True)
 class Status:
-    """What is said of a simulation beside its image.
+    """The status of a simulation, shown beside its image.
 
     Attributes:
       time: simulated time [s].
-      paused: whether it stands still.
-      speed: simulated seconds per second of wall time that are asked for.
-      achieved: those that are reached.
-      message: what ended it, if something did.
+      paused: whether it is paused.
+      speed: requested simulated seconds per second of wall time.
+      achieved: achieved simulated seconds per second of wall time.
+      message: the reason why it ended, if it has.
     """
 
     time: float
@@ -93,7 +93,7 @@ class Status:
 
 
 class Window(Protocol):
-    """Shows a model, and takes what people do there.
+    """A window that shows a model and receives user actions.
 
     Attributes:
       kind: `window` or `browser`.
@@ -103,27 +103,27 @@ class Window(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether nobody has closed it."""
+        """True until a user closes it."""
         ...
 
     @property
     def is_seen(self) -> bool:
-        """Whether somebody has been able to look at it yet."""
+        """True once a user could see it."""
         ...
 
     def show(self, instant: mujoco.MjData, status: Status) -> list[Action]:
-        """Shows an instant, and returns what was done since the last one was shown.
+        """Shows an instant, and returns the user's actions since the previous one.
 
         Args:
-          instant: every field belongs to its state; it is copied.
+          instant: an MjData whose fields all belong to its state; it is copied.
         """
         ...
 
     def close(self) -> None:
-        """Closes it, and waits until nothing of it is left."""
+        """Closes it, and waits until all its resources are freed."""
         ...
 
 
 PHYSICS_SETTINGS = Refuse(
-    f"physics settings are not changed while a simulation runs: start it with {option('set')}, as in opt.gravity=0,0,-1"
+    f"physics settings cannot change while a simulation runs: start it with {option('set')}, as in opt.gravity=0,0,-1"
 )

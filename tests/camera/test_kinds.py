@@ -9,7 +9,7 @@ import pytest
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.easing import Ramp
 from mjrun.camera.kinds import ObjectName, RampKind
-from mjrun.camera.rigs.registry import RIGS
+from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
 from mjrun.options.kinds import Choice, Reader
 from mjrun.options.option import option, options, options_of, required

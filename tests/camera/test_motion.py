@@ -177,7 +177,7 @@ rigs = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(rigs, rigs, st.sampled_from(sorted(BLENDS)), st.floats(0.1, 1), st.floats(-700, 700))
 def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, width: float, spin: float) -> None:
     shots = [Shot(one), Shot(other, blend=Blend(shape, width), roll=Ramp(-20, 50))]
@@ -185,7 +185,7 @@ def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, wi
     def steps(times: Sequence[float]) -> np.ndarray:
         return np.array(list(itertools.starmap(apart, itertools.pairwise(film(shots, times, (1, 2), spin)))))
 
-    times = np.linspace(1 - 0.7 * width, 1 + 0.7 * width, 150)
+    times = np.linspace(1 - 0.7 * width, 1 + 0.7 * width, 100)
     coarse = steps(times.tolist())
     fastest = np.sort(np.argsort(coarse)[-3:])
     closer = np.unique([*times, *np.linspace(times[fastest], times[fastest + 1], 11).ravel()])
@@ -389,7 +389,7 @@ def test_a_camera_that_sees_nothing_is_told_unless_the_shot_opens_it() -> None:
     text = '<mujoco><visual><global fovy="{}"/></visual><worldbody><geom size="1"/></worldbody></mujoco>'
     for fovy in ("nan", "-1"):
         model = mujoco.MjModel.from_xml_string(text.format(fovy))
-        with pytest.raises(ModelError, match=r"^camera film sees nothing: its field of view or near plane is 0"):
+        with pytest.raises(ModelError, match=r"^camera film has an empty view: its field of view or near plane is 0"):
             CameraMotion(CameraScript("film", (Shot(FreeRig()),)), model, SIZE)
         opened = Shot(FreeRig(), fovy=Ramp.still(45.0))
         motion = CameraMotion(CameraScript("film", (opened,)), model, SIZE)

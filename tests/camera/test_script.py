@@ -70,9 +70,9 @@ BLENDED = Shot(ModelRig("side"), blend=Blend())
 @pytest.mark.parametrize(
     ("shots", "message", "path"),
     [
-        ([], "camera a: shots: at least one is needed", ("shots",)),
-        ([BLENDED], "camera a: shot 1: blend: there is no shot before the first", ("shots", 0, "blend")),
-        ([SHOT, SHOT], "camera a: shot 1: when does this shot end?", ("shots", 0)),
+        ([], "camera a: shots: expected at least one shot", ("shots",)),
+        ([BLENDED], "camera a: shot 1: blend: the first shot has no previous shot", ("shots", 0, "blend")),
+        ([SHOT, SHOT], "camera a: shot 1: the end of this shot is missing", ("shots", 0)),
         (
             [Shot(ModelRig("side"), until=Fraction(1), lasting=Fraction(2))],
             "camera a: shot 1: duration: a shot ends by until or after a duration, not both",

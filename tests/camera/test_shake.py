@@ -6,8 +6,9 @@ import pytest
 from mjrun.camera.shake import Shake, ShakeNoise
 
 
-def tremble(shake: Shake, rate: float = 40, count: int = 80_000) -> np.ndarray:
-    return np.array([ShakeNoise(shake).at(k / rate) for k in range(count)])
+def tremble(shake: Shake, rate: float = 40, count: int = 40_000) -> np.ndarray:
+    noise = ShakeNoise(shake)
+    return np.array([noise.at(k / rate) for k in range(count)])
 
 
 def test_a_tremor_has_the_deviation_and_the_band_that_it_promises() -> None:

@@ -36,7 +36,7 @@ def run(model: Path, mjrun_here: Command, monkeypatch: pytest.MonkeyPatch) -> Ru
 def test_a_regression_test_in_one_line(model: Path, run: Run) -> None:
     missing = run("diff", "--golden", "g.csv", *MODEL)
     assert (missing.returncode, missing.stdout) == (7, "")
-    assert "--update makes it of this simulation" in missing.stderr
+    assert "--update creates it from this simulation" in missing.stderr
     made = run("diff", *MODEL, "--golden=g.csv", "--update")
     assert (made.returncode, made.stdout) == (0, "g.csv: made\n")
 

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp
+from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
-from mjrun.camera.rigs.registry import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Event, Fit, Shot
 from mjrun.camera.shake import Shake
@@ -198,7 +198,7 @@ TRACK = "target, distance, azimuth, elevation, heading, offset"
 NUMBER_OR_RAMP = "expected a number or {from, to, ease}"
 SHAPES = "expected 'cosine', 'linear', 'smooth' or 'sigmoid'"
 EASES = "expected 'linear', 'cosine', 'smooth', 'smoother', 'in' or 'out'"
-TO_SEE = "what is looked at from here? give it a lookat, or the path"
+TO_SEE = "no point to look at: set lookat here or for the path"
 AROUND = "expected eye, or distance, azimuth and elevation"
 
 WRONG = [
@@ -217,8 +217,8 @@ WRONG = [
      ["2:3: shots[0]: expected one of camera, free, orbit, track, look, path, got none",
       f"2:3: shots[0]: unknown key 'zoom'; {SHOT_KEYS}"]),
     ("shots:\n- free:\n  orbit:\n  camera: a\n",
-     ["3:9: shots[0].orbit: a shot has one rig, and this one has free already",
-      "4:11: shots[0].camera: a shot has one rig, and this one has free already"]),
+     ["3:9: shots[0].orbit: a shot has only one rig; this one already has free",
+      "4:11: shots[0].camera: a shot has only one rig; this one already has free"]),
     ("shots:\n- camera:\n", ["2:10: shots[0].camera: expected the name or index of a camera, got nothing"]),
     ("shots: [{camera: -1}]", ["1:18: shots[0].camera: expected a number of at least 0, got -1"]),
     ("shots: [{camera: 1.0}]", ["1:18: shots[0].camera: expected a whole number, got 1.0"]),
@@ -268,12 +268,12 @@ WRONG = [
     ("shots: [{path: {waypoints: [{eye: [0, 0, 0]}, {}]}}]",
      [f"1:47: shots[0].path.waypoints[1]: {AROUND}, got none of them"]),
     ("shots: [{path: {waypoints: [{eye: [0, 0, 0]}, {distance: 1, azimuth: 1, elevation: 1}], lookat: a}}]",
-     ["1:47: shots[0].path.waypoints[1]: waypoints are all given by eye, or all by distance, azimuth and elevation"]),
+     ["1:47: shots[0].path.waypoints[1]: either all waypoints have an eye, or all distance, azimuth and elevation"]),
     ("shots: [{path: {waypoints: [{distance: 1, azimuth: 1}, {distance: 0, azimuth: 1, elevation: 1}], lookat: a}}]",
      [f"1:29: shots[0].path.waypoints[0]: {AROUND}, got distance and azimuth",
       "1:67: shots[0].path.waypoints[1].distance: expected a positive number, got 0"]),
     ("shots: [{path: {waypoints: [{eye: [0, 0, 0], azimuth: 1}, {eye: [0, 0, 1]}]}}]",
-     ["1:55: shots[0].path.waypoints[0].azimuth: an eye has no azimuth beside it"]),
+     ["1:55: shots[0].path.waypoints[0].azimuth: a waypoint with an eye has no azimuth"]),
     ("shots: [{path: {waypoints: [{eye: [0, 0, 0], lookat: a}, {eye: [0, 0, 1]}]}}]",
      [f"1:58: shots[0].path.waypoints[1]: {TO_SEE}"]),
     ("shots: [{path: {waypoints: [{distance: 1, azimuth: 1, elevation: 1}, {distance: 1, azimuth: 2, elevation: 1}]}}]",
@@ -283,8 +283,8 @@ WRONG = [
     ("shots: [{path: {pace: time, waypoints: [{eye: [0, 0, 0], at: 0}, {eye: [0, 0, 1]}]}}]",
      ["1:66: shots[0].path.waypoints[1]: with pace: time each waypoint needs its at [s]"]),
     ("shots: [{path: {pace: time, waypoints: [{eye: [0, 0, 0], at: 1}, {eye: [0, 0, 1], at: 1}], ease: in}}]",
-     ["1:87: shots[0].path.waypoints[1].at: expected a time later than 1, that of the waypoint before",
-      "1:98: shots[0].path.ease: ease is for pace: constant; with pace: time the waypoints' times say it all"]),
+     ["1:87: shots[0].path.waypoints[1].at: expected a time later than 1, that of the previous waypoint",
+      "1:98: shots[0].path.ease: ease requires pace: constant; with pace: time the waypoints set the times"]),
     ("shots: [{path: {curve: bezier, pace: tim, waypoints: [{eye: [0, 0, 0]}, {eye: [0, 0, 1]}]}}]",
      ["1:24: shots[0].path.curve: expected 'spline' or 'linear', got 'bezier'",
       "1:38: shots[0].path.pace: expected 'constant' or 'time', got 'tim' (did you mean 'time'?)"]),
@@ -301,13 +301,14 @@ WRONG = [
       "1:52: shots[0].until.else: expected a time [s] from 0 on, or end, got -1"]),
     ("shots:\n- free:\n  until: 2\n  duration: 1\n",
      ["4:13: shots[0].duration: a shot ends by until or after a duration, not both"]),
-    ("shots:\n- free:\n- free:\n", ["2:3: shots[0]: when does this shot end? all but the last say until or duration"]),
+    ("shots:\n- free:\n- free:\n",
+     ["2:3: shots[0]: the end of this shot is missing: all shots but the last need until or duration"]),
     ("shots:\n- {free: , until: 2}\n- {free: , until: 1}\n- {free: , duration: 1}\n- {free: , until: 3}\n",
      ["3:19: shots[1].until: expected a time later than 2, when the shot begins",
       "5:19: shots[3].until: expected a time later than 3, when the shot begins"]),
     ("shots: [{free: , duration: -1}]", ["1:28: shots[0].duration: expected a positive number, got -1"]),
     ("shots: [{free: , speed: fast}]", ["1:25: shots[0].speed: expected a positive number, got 'fast'"]),
-    ("shots: [{free: , blend: 1}]", ["1:25: shots[0].blend: there is no shot before the first to blend with"]),
+    ("shots: [{free: , blend: 1}]", ["1:25: shots[0].blend: the first shot has no previous shot to blend with"]),
     ("shots: [{free: , until: 1}, {free: , blend: cosin}]",
      [f"1:45: shots[1].blend: {SHAPES}, got 'cosin' (did you mean 'cosine'?)"]),
     ("shots: [{free: , until: 1}, {free: , blend: 0}]", ["1:45: shots[1].blend: expected a positive number, got 0"]),
@@ -353,7 +354,7 @@ shots:
         "3:51: shots[0].orbit.azimuth: 'to' is missing",
         "3:63: shots[0].orbit.azimuth: unknown key 'too' (did you mean 'to'?); keys: from, to, ease",
         "5:19: shots[0].until.nth: expected a whole number, got 'none'",
-        "6:5: shots[1]: when does this shot end? all but the last say until or duration",
+        "6:5: shots[1]: the end of this shot is missing: all shots but the last need until or duration",
         "6:12: shots[1].track: 'target' is missing",
         f"6:13: shots[1].track: unknown key 'targt' (did you mean 'target'?); keys: {TRACK}",
         "8:5: shots[1]: 'speed' is given twice; first in line 7",

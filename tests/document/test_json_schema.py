@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from mjrun.camera.easing import BLENDS, EASINGS
-from mjrun.camera.rigs.registry import RIGS
+from mjrun.camera.rigs import RIGS
 from mjrun.camera.script import ShotForm
 from mjrun.document import camera
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema

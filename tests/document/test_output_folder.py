@@ -8,7 +8,7 @@ from mjrun.document.run import read_run
 from mjrun.options.run import RunOptions
 from tests.document.run_documents import HEAD, jobs, problems
 
-OWN = "each output needs a file of its own"
+OWN = "each output needs a separate file"
 
 
 @pytest.fixture(autouse=True)

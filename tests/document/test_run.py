@@ -371,7 +371,8 @@ WRONG = [
      ["2:57: videos[0].camera[1].shots[0].track: 'target' is missing",
       "2:64: videos[0].camera[2]: expected a camera as text, by index, or as {name, speed, shots}, got true"]),
     (f"{HEAD}videos: [{{output: a.mp4, camera: [top, top]}}, {{output: b.mp4, camera: []}}]",
-     ["2:34: videos[0].camera: each once, and at least one", "2:71: videos[1].camera: each once, and at least one"]),
+     ["2:34: videos[0].camera: give at least one, and each only once",
+      "2:71: videos[1].camera: give at least one, and each only once"]),
     (f"{HEAD}videos: [{{output: a.mp4, view: dept}}, {{output: b.mp4, view: [rgb, 5]}}]",
      ["2:32: videos[0].view: expected 'rgb', 'depth' or 'seg', got 'dept' (did you mean 'depth'?)",
       "2:67: videos[1].view[1]: expected 'rgb', 'depth' or 'seg', got 5"]),
@@ -429,7 +430,7 @@ WRONG = [
       "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest, golden, atol, rtol, tol"]),
     (f"{HEAD}plots: [{{output: a.png}}]", ["2:9: plots[0]: 'probe' is missing"]),
     (f"{HEAD}plots: [{{output: b.png, probe: []}}]",
-     ["2:32: plots[0].probe: a plot needs values: energy, qpos[left_*], …"]),
+     ["2:32: plots[0].probe: a plot requires values, as in energy or qpos[left_*]"]),
     (f"{HEAD}recordings: [[a.npz]]", ["2:14: recordings[0]: expected a file, or a mapping with an output, got a list"]),
     (f"{HEAD}recordings: [{{}}]", ["2:14: recordings[0]: 'output' is missing"]),
     (f"{HEAD}vars: {{n: 2}}\nvideos: [{{output: a.mp4, fps: '${{m}}', crf: '${{n}}.5'}}]",
@@ -472,7 +473,7 @@ def test_what_is_wrong_in_camera_documents_is_told_after_what_is_wrong_here() ->
     Path("c.yaml").write_text("shots: [{track: {}}]")
     text = f"{HEAD}videos: [{{output: a.mp4, camera: c.yaml}}, {{output: b.mp4, camera: []}}]"
     assert problems(text) == [
-        "2:67: videos[1].camera: each once, and at least one",
+        "2:67: videos[1].camera: give at least one, and each only once",
         "c.yaml:1:17: shots[0].track: 'target' is missing",
     ]
 

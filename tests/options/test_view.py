@@ -23,7 +23,7 @@ from mjrun.options.view import (
     VIEWS,
     ViewOptions,
 )
-from mjrun.outputs.view_settings import RENDERERS as IMPLEMENTED_RENDERERS
+from mjrun.outputs.frames import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering import backend, text
 from mjrun.rendering.layout import columns
 from mjrun.rendering.segmentation import groupings

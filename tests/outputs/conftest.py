@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from mjrun.rendering import backend_detection
-from mjrun.rendering.backend_detection import BackendTrialProcess
+from mjrun.rendering import backend as backend_module
+from mjrun.rendering.backend import BackendTrialProcess
 
 ANSWERS: dict[object, dict[str, Any]] = {}  # of backends, by all that decides them
 
@@ -35,4 +35,4 @@ class RememberedTrial(BackendTrialProcess):
 
 @pytest.fixture(autouse=True)
 def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend_detection, "BackendTrialProcess", RememberedTrial)
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)

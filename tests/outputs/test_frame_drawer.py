@@ -7,8 +7,9 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 
-from mjrun.errors import spelled
+from mjrun.errors import BadValueError, spelled
 from mjrun.outputs import frame_drawer
+from mjrun.outputs.frame_drawer import estimated_cost, jobs_for
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import workers
 from mjrun.rendering.backend import Backend
@@ -70,7 +71,7 @@ def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
         result = job.run(warnings)
-        (warning,) = [text for text in warnings.texts if "drawing in software" in text] or [""]
+        (warning,) = [text for text in warnings.texts if "software rendering" in text] or [""]
         return result, warning, started
 
     return made
@@ -83,14 +84,14 @@ def pictures(folder: Path) -> np.ndarray:
 @pytest.mark.parametrize(
     ("estimated", "measured", "draft", "started", "costs"),
     [
-        (0.001, 0.001, 0.0009, [], "1 ms per frame, about 0 s in all"),
-        (60.0, 0.5, 0.36, [2], "500 ms per frame, about 2 s in all by 2 processes"),
+        (0.001, 0.001, 0.0009, [], "1 ms per frame, about 0 s in total"),
+        (60.0, 0.5, 0.36, [2], "500 ms per frame, about 2 s in total by 2 processes"),
         (
             0.001,
             60.0,
             40.0,
             [2],
-            "60000 ms per frame, less than 360 s in all by 2 processes"
+            "60000 ms per frame, less than 360 s in total by 2 processes"
             "; quality draft takes about 40000 ms, without shadows and reflections",
         ),
     ],
@@ -133,7 +134,7 @@ def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
 def test_films_of_one_and_two_frames_are_drawn(film: Callable, backend: Backend, duration: float) -> None:
     result, warning, groups = film(0.001, 60.0, duration=duration)
     assert (result.frames, result.jobs, groups) == (1 if duration < 0.02 else 2, 1, [])
-    assert ("drawing in software" in warning) == (backend.software and result.frames == 2)
+    assert ("software rendering" in warning) == (backend.software and result.frames == 2)
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,6 +150,38 @@ def test_a_draft_is_recommended_where_there_is_none(film: Callable, backend: Bac
 def test_colours_of_depth_are_chosen_before_anybody_draws(film: Callable, tmp_path: Path) -> None:
     film(0.001, 0.001, view="depth")
     alone = pictures(tmp_path / "f")
-    _, _, groups = film(60.0, 60.0, view="depth", jobs=3)
-    assert groups == [3]
+    _, _, groups = film(60.0, 60.0, view="depth", jobs=2)
+    assert groups == [2]
     assert np.array_equal(pictures(tmp_path / "f"), alone)
+
+
+@pytest.mark.parametrize(
+    ("asked", "software", "frames", "cost", "cores", "expected"),
+    [
+        ("auto", False, 10_000, 1.0, 8, 1),  # a GPU
+        ("auto", True, 300, 0.005, 8, 1),  # short
+        ("auto", True, 300, 0.1, 8, 8),
+        ("auto", True, 300, 0.1, 2, 2),
+        ("auto", True, 19, 0.1, 2, 1),
+        ("auto", True, 5, 60.0, 8, 5),
+        ("auto", True, 300, 1.0, 1, 1),
+        (3, False, 300, 0.001, 1, 3),
+        (3, True, 2, 0.1, 8, 2),
+        (2, True, 0, 0.1, 8, 1),
+    ],
+)
+def test_processes_are_as_many_as_are_worth_it(
+    asked: int | str, software: bool, frames: int, cost: float, cores: int, expected: int
+) -> None:
+    assert jobs_for(asked, software, frames, cost, cores) == expected
+
+
+def test_a_guess_grows_with_pixels_and_panels() -> None:
+    assert estimated_cost((640, 480)) == pytest.approx(0.06072)
+    assert estimated_cost((640, 480), 3) == pytest.approx(3 * 0.06072)
+
+
+@pytest.mark.parametrize("asked", [0, -1, "many", "2"])
+def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
+    with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes from 1 on, or auto"):
+        jobs_for(asked, True, 100, 0.1, 2)

@@ -42,7 +42,7 @@ def test_shots_without_a_word_about_time_are_the_whole_film() -> None:
     ids=["fps", "speed", "speed of a shot"],
 )
 def test_a_video_that_would_never_end_is_refused(fps: Fraction, speed: Fraction, script: CameraScript) -> None:
-    with pytest.raises(UsageError, match=r"frames; 2,000,000 are the most"):
+    with pytest.raises(UsageError, match=r"frames; the maximum is 2,000,000"):
         video_schedule([script], LINE, fps, Fraction(speed), {})
 
 
@@ -81,8 +81,8 @@ def test_a_shot_ends_when_an_event_happens_and_later_ones_count_from_there() -> 
 @pytest.mark.parametrize(
     ("event", "hit", "message"),
     [
-        (Event("hit"), [], r"^film: shots\[0\]: 'hit' never happens in the 2 s of the simulation\n`else: end`, or"),
-        (Event("hit", nth=3), [4, 9], r"^film: shots\[0\]: 'hit' happens 2 times only, not 3, in the 2 s"),
+        (Event("hit"), [], r"^film: shots\[0\]: 'hit' never happens in the 2 s of the simulation\nadd `else: end` or"),
+        (Event("hit", nth=3), [4, 9], r"^film: shots\[0\]: 'hit' happens only 2 times, not 3, in the 2 s"),
         (Event("hit", offset=Fraction(-1)), [100], r"^film: shots\[0\] would end at -0\.8 s, before it begins at 0 s$"),
     ],
 )

@@ -9,20 +9,23 @@ import numpy as np
 import pytest
 
 import mjrun
-from mjrun.errors import UnknownNameError, UsageError
+from mjrun.errors import MjrunError, UnknownNameError, UsageError
+from mjrun.options.view import RENDERERS as NAMES
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.frames import FrameOutput, check_drawing, plan_frames
+from mjrun.outputs.frames import RENDERERS, FrameOutput, check_drawing, check_view, plan_frames
 from mjrun.outputs.output import Context, SharedRendering
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.graph import graph_size
+from mjrun.rendering.segmentation import check_segmentation_name, groupings
+from mjrun.rendering.visual import visual_of
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 
 SIZE = (64, 48)
 
-pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 
 def test_tags_say_what_made_the_film(swing: Path, tmp_path: Path) -> None:
@@ -100,3 +103,48 @@ def test_a_picture_that_the_backend_cannot_hold_is_refused(swing: Path, backend:
     assert check_drawing(ViewOptions(size=SIZE), model, backend) == []
     with pytest.raises(UsageError, match="too large"):
         check_drawing(ViewOptions(size=(backend.max_size + 1, 48)), model, backend)
+
+
+KINDS = ["geom", "site", "joint", "tendon", "actuator", "flex", "skin"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_groups_are_those_of_their_own_kind(kind: str) -> None:
+    options = visual_of(ViewOptions(**{f"{kind}group": (1, 4)})).options()  # type: ignore[arg-type]
+    untouched = mujoco.MjvOption()
+    for other in KINDS:
+        groups, default = (getattr(value, f"{other}group").tolist() for value in (options, untouched))
+        assert groups == ([0, 1, 0, 0, 1, 0] if other == kind else default)
+
+
+def test_flags_frames_and_labels_reach_the_visualizer() -> None:
+    options = visual_of(ViewOptions(show="joint", hide="texture", frame_axes="body", label="geom")).options()
+    assert options.flags[mujoco.mjtVisFlag.mjVIS_JOINT] == 1
+    assert options.flags[mujoco.mjtVisFlag.mjVIS_TEXTURE] == 0
+    assert (options.frame, options.label) == (mujoco.mjtFrame.mjFRAME_BODY, mujoco.mjtLabel.mjLABEL_GEOM)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"show": "nonsense"}, "no visual flag 'nonsense'"),
+        ({"show": "joint", "hide": "joint"}, "joint"),
+        ({"seg_by": "colour"}, "no segmentation 'colour'"),
+        ({"depth_range": (-1, 2)}, "depth_range: .*two depths in metres"),
+        ({"camera": ["a", "b", "a"]}, "camera: give at least one, and each only once"),
+        ({"view": ()}, "view: give at least one, and each only once"),
+        ({"label": "nobody"}, "nobody"),
+    ],
+)
+def test_a_view_that_cannot_be_is_refused_without_a_model(values: dict[str, object], message: str) -> None:
+    with pytest.raises(MjrunError, match=message):
+        check_view(ViewOptions(**values))  # type: ignore[arg-type]
+
+
+def test_every_name_of_a_segmentation_and_of_a_renderer_is_known() -> None:
+    assert tuple(RENDERERS) == NAMES
+    for name in groupings():
+        check_segmentation_name(name)
+        check_view(ViewOptions(seg_by=name))
+    with pytest.raises(UnknownNameError, match="did you mean 'body'"):
+        check_segmentation_name("bdy")

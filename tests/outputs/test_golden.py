@@ -124,7 +124,7 @@ def test_an_update_may_replace_what_cannot_be_compared(model: Path) -> None:
 
 
 def test_a_missing_one_is_not_made_by_itself(model: Path) -> None:
-    with pytest.raises(FileError, match="there is no such golden table\nupdate makes it of this simulation") as error:
+    with pytest.raises(FileError, match="does not exist\nupdate creates it from this simulation") as error:
         test_of(model)
     assert error.value.exit_code == 7
     assert not Path("golden.csv").exists()
@@ -185,7 +185,7 @@ def test_options_without_a_golden_table_and_formats_that_none_can_have(model: Pa
     simulation = Simulation(model, steps=5)
     options: list[dict[str, Any]] = [{"update": True}, {"rtol": 1e-3}, {"tol": {"x": 1}}]
     for how in options:
-        with pytest.raises(UsageError, match="is about a golden table"):
+        with pytest.raises(UsageError, match="requires golden FILE"):
             Trace(simulation, "a.csv", **how).run()
     with pytest.raises(UnknownNameError, match=r"no table format '\.txt'"):
         Trace(simulation, "a.csv", golden="golden.txt").run()

@@ -79,7 +79,7 @@ def test_views_of_one_picture_stand_where_the_layout_says(swing: Path, tmp_path:
         assert np.array_equal(both[y : y + SIZE[1], x : x + SIZE[0]], part)
 
 
-@pytest.mark.filterwarnings("ignore:drawing in software")
+@pytest.mark.filterwarnings("ignore:software rendering")
 def test_a_still_is_a_frame_of_the_film(swing: Path, tmp_path: Path) -> None:
     options = {
         "size": SIZE,
@@ -117,13 +117,13 @@ def test_text_is_written_with_the_values_of_the_instant(swing: Path, tmp_path: P
     ("how", "kind", "said"),
     [
         ({"view": "colour"}, UsageError, "view: 'colour' is not one of rgb, depth, seg"),
-        ({"view": ["rgb", "rgb"]}, UsageError, "view: each once"),
-        ({"camera": ["side", "side"]}, UsageError, "camera: each once"),
+        ({"view": ["rgb", "rgb"]}, UsageError, "view: give at least one"),
+        ({"camera": ["side", "side"]}, UsageError, "camera: give at least one"),
         ({"camera": "sied"}, UnknownNameError, "did you mean 'side'"),
         ({"layout": "pile"}, UsageError, "layout: 'pile' is not one of row, column, grid"),
         ({"seg_by": "colour", "view": "seg"}, UnknownNameError, "no segmentation 'colour'"),
         ({"depth_range": (3, 1)}, BadValueError, "3..1"),
-        ({"style": "exact", "view": ["rgb", "depth"]}, UsageError, "add separate"),
+        ({"style": "exact", "view": ["rgb", "depth"]}, UsageError, "separate writes a file for each"),
         ({"time": 1, "step": 2}, UsageError, "exclude each other"),
         ({"time": "soon"}, BadValueError, "'soon' is not a number from 0 on"),
         ({"step": -1}, BadValueError, "from 0 on"),
@@ -145,7 +145,7 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(
 
 
 def test_a_film_s_suffix_names_the_command_that_makes_films(swing: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"would be a video; .*\n`mjrun video` makes videos"):
+    with pytest.raises(UsageError, match=r"is a video, .*\n`mjrun video` makes videos"):
         Image(Simulation(swing), f"{tmp_path}/a.mp4").run()
 
 

@@ -136,7 +136,7 @@ def test_overrides_are_not_in_the_file_and_that_is_told(tmp_path: Path) -> None:
     light = Simulation(path, steps=50, set={"opt.gravity": "0,0,-1"}, timestep=0.001)
     Keyframe(light, f"{tmp_path}/a.xml").run(reporter)
     (warning,) = reporter.warnings
-    assert warning.endswith("a.xml has the model as it was: opt.gravity=0,0,-1, opt.timestep=0.001 is not in it")
+    assert warning.endswith("without its overrides: opt.gravity=0,0,-1, opt.timestep=0.001 is left out")
     assert load(tmp_path / "a.xml").opt.gravity[2] == -9.81
 
 
@@ -150,24 +150,24 @@ def test_what_a_push_leaves_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".mjb", ".mjz", ".urdf"])
 def test_a_model_without_xml_of_its_own_takes_no_key(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"m{suffix}"
-    with pytest.raises(UsageError, match=rf"m{suffix} has no .xml file of its own that a keyframe could stand in"):
+    with pytest.raises(UsageError, match=rf"m{suffix} has no .xml file to add a keyframe to"):
         Keyframe(Simulation(path), f"{tmp_path}/a.xml").run()
 
 
 def test_a_compiled_model_and_standard_input_take_no_key(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
-    with pytest.raises(UsageError, match=r"a compiled model has no .xml file of its own"):
+    with pytest.raises(UsageError, match=r"a compiled model has no .xml file to add"):
         Keyframe(Simulation(model), f"{tmp_path}/a.xml").run()
-    with pytest.raises(UsageError, match=r": - has no .xml file of its own"):
+    with pytest.raises(UsageError, match=r": - has no .xml file to add"):
         Keyframe(Simulation("-"), f"{tmp_path}/a.xml").run()
 
 
 @pytest.mark.parametrize(
     ("output", "name", "message"),
     [
-        ("a.mjb", "end", "a.mjb: a keyframe is saved in the model's XML, an .xml file"),
-        ("-", "end", "-: a keyframe is saved"),
-        ("a.xml", " ", "a keyframe needs a name"),
+        ("a.mjb", "end", "a.mjb: keyframes are saved as XML; give an .xml file"),
+        ("-", "end", "-: keyframes are saved"),
+        ("a.xml", " ", "the keyframe needs a name"),
     ],
 )
 def test_an_output_that_cannot_be_is_refused(tmp_path: Path, output: str, name: str, message: str) -> None:
@@ -178,7 +178,7 @@ def test_an_output_that_cannot_be_is_refused(tmp_path: Path, output: str, name: 
 def test_a_urdf_that_is_called_xml_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "m.xml"
     path.write_text('<robot name="r"><link name="a"/></robot>')
-    with pytest.raises(UsageError, match=r"m.xml cannot take a key: it is not MJCF: its root element is <robot>"):
+    with pytest.raises(UsageError, match=r"cannot add a key to .*m.xml: it is not MJCF: its root element is <robot>"):
         Keyframe(Simulation(path), f"{tmp_path}/a.xml").run()
 
 
@@ -186,7 +186,7 @@ def test_a_key_of_an_included_file_is_not_doubled(tmp_path: Path) -> None:
     (tmp_path / "keys.xml").write_text('<mujoco><keyframe><key name="home"/></keyframe></mujoco>')
     path = tmp_path / "m.xml"
     path.write_text('<mujoco><include file="keys.xml"/></mujoco>')
-    with pytest.raises(UsageError, match=r"the model has a keyframe 'home' in a file that it includes"):
+    with pytest.raises(UsageError, match=r"keyframe 'home' already exists in a file that the model includes"):
         Keyframe(Simulation(path), f"{tmp_path}/a.xml", name="home").run()
     Keyframe(Simulation(path, steps=1), f"{tmp_path}/a.xml").run()
     assert load(tmp_path / "a.xml").nkey == 2
@@ -197,9 +197,9 @@ def test_the_model_is_rewritten_by_a_keyframe_alone(tmp_path: Path) -> None:
     simulation = Simulation(path, steps=1)
     with pytest.raises(UsageError, match="clashes with the model, which is read"):
         Trace(simulation, str(path), format="csv").run()
-    with pytest.raises(UsageError, match="each output needs a file of its own"):
+    with pytest.raises(UsageError, match="each output needs a separate file"):
         perform([Keyframe(simulation, str(path)), Trace(simulation, str(path), format="csv")])
-    with pytest.raises(UsageError, match="each output needs a file of its own"):
+    with pytest.raises(UsageError, match="each output needs a separate file"):
         perform([Keyframe(simulation, str(path), name="a"), Keyframe(simulation, str(path), name="b")])
     assert path.read_text() == MOCAP
 

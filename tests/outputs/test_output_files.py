@@ -39,7 +39,7 @@ def test_no_file_is_written_twice_or_read_and_written(swing: Path, tmp_path: Pat
         ([Image(simulation, f"{at}a.png", calibration=str(swing))], "swing.xml clashes with the model, which is read"),
         ([Plot(simulation, f"{at}a.png", probe=["time"], manifest=f"{at}x/../swing.xml")], "clashes with the model"),
     ]:
-        with pytest.raises(UsageError, match=f"{said}.*; each output needs a file of its own"):
+        with pytest.raises(UsageError, match=f"{said}.*; each output needs a separate file"):
             perform(jobs)
         assert [*tmp_path.iterdir()] == [swing]
     assert swing.read_bytes() == before
@@ -67,7 +67,7 @@ def test_two_names_of_one_file_clash(tmp_path: Path, first: str, second: str) ->
     (tmp_path / "link").symlink_to(tmp_path / "real")
     reserved = ReservedFiles()
     reserved.reserve(f"{tmp_path}/{first}", "the first")
-    with pytest.raises(UsageError, match=r"clashes with the first; each output needs a file of its own"):
+    with pytest.raises(UsageError, match=r"clashes with the first; each output needs a separate file"):
         reserved.reserve(f"{tmp_path}/{second}", "the second")
 
 

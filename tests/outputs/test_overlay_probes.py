@@ -18,7 +18,7 @@ from mjrun.rendering.graph import Graph, aligned, graph_size
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
-pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 SIZE = (160, 120)
 
@@ -37,7 +37,7 @@ def test_graphs_stand_beside_the_film_and_leave_it_as_it_is(swing: Path, tmp_pat
 
 
 def test_a_plot_of_nothing_and_separate_plots_are_refused(swing: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="this model has none of it"):
+    with pytest.raises(UsageError, match="this model has no such values"):
         Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["act"], size=SIZE).run()
     with pytest.raises(UsageError, match="plot and separate exclude each other"):
         Video(Simulation(swing), f"{tmp_path}/a.mp4", plot=["energy"], separate=True)
@@ -149,7 +149,7 @@ def test_a_template_names_each_column_once_and_no_value_of_its_own() -> None:
     [
         ("{qpos/nee}", UnknownNameError, "no value 'qpos/nee'.*did you mean 'qpos/knee'"),
         ("{}", UnknownNameError, "no value ''"),
-        ("{time", UsageError, "write a value as {time:.2f}, and a brace as {{"),
+        ("{time", UsageError, "write a value as {time:.2f} and a brace as {{"),
         ("time}", UsageError, "a brace as {{"),
         ("{time:d}", UsageError, "'d' cannot format 'time'"),
         ("{frame:q}", UsageError, "'q' cannot format 'frame'"),

@@ -17,17 +17,17 @@ from mjrun.outputs.panel_files import DrawingCalibration, output_files, panel_fi
 from mjrun.outputs.video import Video
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
-from mjrun.rendering.compositor import Overlay, Panel
+from mjrun.rendering.compositor import CameraPanel, Overlay
 from mjrun.rendering.visual import Visual
 from mjrun.simulation.simulation import Simulation
 
-pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 SIZE = (160, 120)
 
 
 def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> None:
-    simulation, heard = Simulation(swing, duration=0.1), r"text, captions, depth_range, plot: numbers have no"
+    simulation, heard = Simulation(swing, duration=0.1), r"text, captions, depth_range, plot: ignored, since"
     with pytest.warns(MjrunWarning, match=heard):
         Video(
             simulation,
@@ -40,7 +40,7 @@ def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> N
             depth_range=(1, 2),
             plot=["energy"],
         ).run()
-    with pytest.warns(MjrunWarning, match=r"text: numbers have no room for it; style color draws pictures"):
+    with pytest.warns(MjrunWarning, match=r"text: ignored, since the output is numeric; style color renders colours"):
         Image(simulation, f"{tmp_path}/d.png", size=(32, 24), view="depth", text="hi").run()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -100,7 +100,7 @@ def test_separate_files_are_named_by_what_tells_them_apart(
     options = ViewOptions(**values)  # type: ignore[arg-type]
     files = panel_files(options, output)
     assert [file.path for file in files] == paths
-    expected = [Panel(camera, view) for camera in range(len(options.camera)) for view in options.view]
+    expected = [CameraPanel(camera, view) for camera in range(len(options.camera)) for view in options.view]
     assert [panel for file in files for panel in file.panels] == panels_of(options) == expected
 
 
@@ -129,9 +129,9 @@ def test_only_panels_of_numbers_are_exact(values: dict[str, object], exact: list
 
 
 def test_numbers_cannot_share_a_frame_and_several_files_not_one_pipe() -> None:
-    with pytest.raises(UsageError, match="style exact: numbers cannot share a picture; add separate for a file each"):
+    with pytest.raises(UsageError, match="style exact: numbers cannot share an image; separate writes a file for each"):
         panel_files(ViewOptions(view=["rgb", "depth"], style="exact"), "v.mkv")
-    with pytest.raises(UsageError, match="separate makes several files; standard output is one"):
+    with pytest.raises(UsageError, match="separate writes several files; standard output"):
         panel_files(ViewOptions(view=["rgb", "depth"], separate=True), "-")
 
 

@@ -38,7 +38,7 @@ from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
 from tests.formats.file_faults import MOST, fault
 
-pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 SIZE = (64, 48)
 
@@ -108,7 +108,7 @@ def test_an_instability_keeps_partial_traces_only(exploding: Path, tmp_path: Pat
 
 
 def test_jobs_of_two_simulations_or_none_are_no_pass(swing: Path) -> None:
-    with pytest.raises(UsageError, match="of the same simulation"):
+    with pytest.raises(UsageError, match="share one simulation"):
         perform([Trace(Simulation(swing)), Trace(Simulation(swing))])
     with pytest.raises(UsageError, match="no output"):
         perform([])

@@ -83,12 +83,12 @@ def test_a_picture_says_what_made_it(swing: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "kind", "message"),
     [
-        ({"probe": []}, UsageError, "probe: a plot needs values"),
+        ({"probe": []}, UsageError, "probe: a plot requires values"),
         ({"probe": ["energy"], "size": (79, 200)}, BadValueError, "size: '79x200' is not at least 140x96 for 1 panel"),
         ({"probe": ["energy", "qpos[hinge]"], "size": (200, 119)}, BadValueError, "at least 140x152 for 2 panels"),
         ({"probe": ["enrgy"]}, UnknownNameError, "did you mean 'energy'"),
         ({"probe": ["energy"], "y": ["qpos/hinge"]}, UnknownNameError, "no column 'qpos/hinge'"),
-        ({"probe": ["act"]}, UsageError, "this model has none of it"),
+        ({"probe": ["act"]}, UsageError, "this model has no such values"),
         ({"probe": ["energy"], "output": "p.npy"}, MjrunError, "npy"),
     ],
 )

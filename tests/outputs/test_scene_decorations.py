@@ -19,7 +19,7 @@ from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
 
-pytestmark = pytest.mark.filterwarnings("ignore:drawing in software")
+pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 SIZE = (160, 120)
 
@@ -85,7 +85,7 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
         ({"ghost": ["trace=no.csv"]}, MjrunError, "no such file"),
         ({"ghost": ["key=a,trace=b"]}, UsageError, "exclude each other"),
         ({"ghost": ["offset"]}, UsageError, "write offset=VALUE"),
-        ({"ghost": ["opacity=.5,opacity=.6"]}, UsageError, "write opacity=VALUE, once"),
+        ({"ghost": ["opacity=.5,opacity=.6"]}, UsageError, "write opacity=VALUE once"),
     ],
 )
 def test_what_cannot_be_added_is_refused(
@@ -129,7 +129,7 @@ def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_o
         Simulation(swing, map="time=t", steps=5).stepper(model)
     for ghost, message in (
         (f"trace={tmp_path}/log.csv,map=none", "has no positions of this model"),
-        ("map=none", "map says what a table means; write trace=FILE with it"),
+        ("map=none", "map requires trace=FILE"),
         (f"trace={tmp_path}/log.csv,map={tmp_path}/no.map", "no such file"),
     ):
         with pytest.raises(MjrunError, match=message):

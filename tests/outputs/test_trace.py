@@ -178,7 +178,7 @@ def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | No
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         found = trace(tmp_path, Simulation(SLIDE_MODEL, steps=10), probe=["qpos"], rate=rate)
-    said = f"rate {rate} is more than the 500 steps of a simulated second: every step has one row"
+    said = f"rate {rate} exceeds the 500 steps of a simulated second: each step gives one row"
     assert [said in str(warning.message) for warning in heard] == [True] * told
     if told:
         assert len(found["time"]) == 11

@@ -68,7 +68,7 @@ def test_a_panel_may_have_a_title_and_a_unit() -> None:
     [
         ("qpoz/*", UnknownNameError, "no column 'qpoz/\\*' in y .did you mean 'qpos/"),
         ("qpos/kne", UnknownNameError, "did you mean 'qpos/knee'"),
-        ("both=qpos/*", UsageError, "'qpos/\\*' is 2 columns, and has one name"),
+        ("both=qpos/*", UsageError, "'qpos/\\*' matches 2 columns, but has one name"),
         ("qpos/knee +", UsageError, "found the end"),
         ("mean(qpos/knee)", UsageError, "over all rows"),
         (" ", UsageError, "y"),
@@ -113,7 +113,7 @@ def test_axes_are_logarithmic_for_all_panels_or_one() -> None:
     assert parse_log(["2:y", "x"], 3) == (True, {1})
     with pytest.raises(BadValueError, match="log: 'z' is not x, y, both"):
         parse_log(["z"], 1)
-    with pytest.raises(UsageError, match="log: there is no panel 4, the last is 3"):
+    with pytest.raises(UsageError, match="log: panel 4 does not exist; the last is 3"):
         parse_log(["4:y"], 3)
 
 

@@ -15,7 +15,7 @@ from mjrun.plotting.canvas import Canvas, settings
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
-from mjrun.plotting.figure_painter import BESIDE, SMALLEST, Entry, arranged, paint
+from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
 from mjrun.plotting.panel_grid import PanelCount, panel_grid
 from mjrun.plotting.theme import THEMES
 
@@ -242,8 +242,8 @@ def test_a_figure_without_any_value_is_empty_and_not_an_error() -> None:
 LINE = 10.0
 
 
-def entries(heights: list[float]) -> list[Entry]:
-    return [Entry(str(i), Line2D([], []), y) for i, y in enumerate(heights)]
+def entries(heights: list[float]) -> list[CurveName]:
+    return [CurveName(str(i), Line2D([], []), y) for i, y in enumerate(heights)]
 
 
 @pytest.mark.parametrize("heights", [[50, 51, 52], [0, 0, 100, 100], [99, 1, 50], [50] * BESIDE, [-40, 140]])

@@ -54,7 +54,7 @@ def test_without_a_time_the_rows_are_counted_and_that_is_said() -> None:
 def test_events_are_marked_where_a_condition_begins_to_hold() -> None:
     drawing, notes = drawn(FigureOptions(mark_event=["hit=contact/ncon > 1", "qpos/a > 99"]), rows())
     assert [(mark.label, mark.value) for mark in drawing.marks] == [("hit", 0.2), ("hit", 0.6)]
-    assert notes == ["qpos/a > 99 does not happen"]
+    assert notes == ["qpos/a > 99 never happens"]
 
 
 def test_events_beyond_a_bound_are_counted() -> None:
@@ -86,7 +86,7 @@ def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
 
 def test_a_column_without_values_is_told() -> None:
     values = {**rows(), "qpos/b": np.full(10, np.nan)}
-    assert drawn(FigureOptions(), values)[1] == ["qpos/b: no value can be drawn"]
+    assert drawn(FigureOptions(), values)[1] == ["qpos/b: no values to draw"]
 
 
 def test_tables_have_their_colours_and_a_panel_for_each_column() -> None:
@@ -119,7 +119,7 @@ def test_a_column_that_one_table_lacks_is_drawn_of_the_others() -> None:
 def test_a_chosen_curve_that_one_table_lacks_is_told() -> None:
     tables = [TABLE, TableColumns("other", {"time": "s", "qpos/a": "rad"})]
     plan = FigurePlan(FigureOptions(y=["qpos/a", "qpos/b", "contact/ncon * 2"]), tables)
-    assert [plan.collector(i).notes() for i in (0, 1)] == [[], ["other: there is no qpos/b, contact/ncon * 2"]]
+    assert [plan.collector(i).notes() for i in (0, 1)] == [[], ["other: the table lacks qpos/b, contact/ncon * 2"]]
 
 
 def test_memory_does_not_grow_with_the_rows() -> None:
@@ -157,7 +157,7 @@ def test_only_what_is_shown_is_read() -> None:
         ({"y": ["qpos/c"]}, UnknownNameError, "did you mean"),
         ({"x": "qpos/*"}, BadValueError, "one column, it is 2"),
         ({"x": "tim"}, UnknownNameError, "did you mean 'time'"),
-        ({"mark": ["9:a=1"]}, UsageError, "there is no panel 9, the last is 2"),
+        ({"mark": ["9:a=1"]}, UsageError, "panel 9 does not exist; the last is 2"),
         ({"mark_event": ["contact(a, b)"]}, UnknownNameError, "contact/a/b"),
         ({"size": (100, 100)}, BadValueError, "size: '100x100' is not at least"),
         ({"log": ["1"]}, BadValueError, "log"),
@@ -169,7 +169,7 @@ def test_what_cannot_be_is_refused_before_the_first_row(options: dict[str, objec
 
 
 def test_tables_with_different_times_and_tables_of_time_alone_are_refused() -> None:
-    with pytest.raises(MjrunError, match="different columns of time: 't', 'time'"):
+    with pytest.raises(MjrunError, match="different time columns: 't', 'time'"):
         FigurePlan(FigureOptions(), [TABLE, TableColumns("other", {"t": "s", "a": ""})])
     with pytest.raises(UsageError, match="nothing to plot"):
         FigurePlan(FigureOptions(), [TableColumns("run", {"time": "s"})])

@@ -91,7 +91,7 @@ def test_a_file_appears_when_it_is_published(tmp_path: Path) -> None:
 def test_what_cannot_be_written_is_told_first(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="is not a folder"):
         FigureWriter("/dev/null/a.png", "png", SIZE)
-    with pytest.raises(BadValueError, match="at most 16383 a side, as webp holds"):
+    with pytest.raises(BadValueError, match="at most 16383 a side for webp"):
         FigureWriter(f"{tmp_path}/a.webp", "webp", (20_000, 100))
 
 

@@ -14,7 +14,9 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.model.column import Column
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.table_figure import TableFigure
-from mjrun.plotting.table_plot import TablePlot
+from mjrun.plotting.table_plot import StudyPlot, TablePlot
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.study import Study
 from tests.plotting.test_html_page import external_references
 
 COLUMNS = [Column("time", "s"), Column("qpos/knee", "rad"), Column("qpos/hip", "rad"), Column("energy/total", "J")]
@@ -59,7 +61,7 @@ def test_standard_input_is_read_once_and_standard_output_holds_the_figure(
     expected, _ = svg_figure([file], options)
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(Path(file).read_bytes())))
     assert svg_figure(["-"], options)[0] == expected
-    with pytest.raises(UsageError, match="read once"):
+    with pytest.raises(UsageError, match="read only once"):
         svg_figure(["-", "-"], options)
 
 
@@ -106,7 +108,7 @@ def test_a_table_that_cannot_be_plotted_leaves_nothing(tmp_path: Path, text: str
 def test_a_table_that_does_not_exist_and_no_table_at_all_are_told(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="no such file"):
         TablePlot(tmp_path / "none.csv", tmp_path / "t.png").run()
-    with pytest.raises(MjrunError, match="there is nothing to plot: give a table"):
+    with pytest.raises(MjrunError, match="nothing to plot: give a table"):
         TablePlot([], tmp_path / "t.png").run()
 
 
@@ -169,5 +171,39 @@ def test_a_page_that_cannot_be_written_leaves_the_plot_unpublished(tmp_path: Pat
 def test_with_neither_picture_nor_page_there_is_nothing_to_make(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="output, html or both"):
         TablePlot(table(tmp_path / "run.csv")).run()
-    with pytest.raises(UsageError, match="include is of what html shows"):
+    with pytest.raises(UsageError, match="include requires html"):
         TablePlot(table(tmp_path / "run.csv"), tmp_path / "p.png", include=["run.json"]).run()
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> str:
+    folder = str(tmp_path_factory.mktemp("study"))
+    simulation = Simulation("scene:pendulum", duration="0.2", qvel={"hinge": 1.0})
+    drift = ("drift", "max(abs(energy/drift))")
+    Study(simulation, folder, vary=(("opt.timestep", "log:1e-3..1e-2:3"),), metric=(drift,), jobs=1).run()
+    return folder
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_a_study_is_a_picture_and_the_same_bytes_again(study: str, suffix: str, tmp_path: Path) -> None:
+    results = [StudyPlot(study, str(tmp_path / f"{i}.{suffix}"), size=(640, 480)).run() for i in range(2)]
+    assert (tmp_path / f"0.{suffix}").read_bytes() == (tmp_path / f"1.{suffix}").read_bytes()
+    assert (results[0].panels, results[0].rows, results[0].curves) == (["drift"], [3], 1)
+    if suffix == "png":
+        with Image.open(tmp_path / "0.png") as image:
+            assert image.size == (640, 480)
+
+
+def test_a_study_has_a_page(study: str, tmp_path: Path) -> None:
+    result = StudyPlot(study, html=str(tmp_path / "page.html")).run()
+    assert (result.path, result.format) == (str(tmp_path / "page.html"), "html")
+    assert "drift" in (tmp_path / "page.html").read_text("utf-8")
+
+
+def test_what_a_study_cannot_have_is_told(study: str) -> None:
+    with pytest.raises(UsageError, match="applies to tables only"):
+        StudyPlot(study, "a.png", mark=("a=1",)).run()
+    with pytest.raises(UsageError, match="one study"):
+        StudyPlot([study, "b.csv"], "a.png").run()
+    with pytest.raises(UsageError, match="nothing to make"):
+        StudyPlot(study).run()

@@ -1,11 +1,25 @@
 """Which backends there are."""
 
 import platform
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from mjrun.errors import NoRendererError, UnknownNameError
-from mjrun.rendering.backend import Backend, candidates, requested_backends
+from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
+from mjrun.rendering import backend as backend_module
+from mjrun.rendering.backend import (
+    Backend,
+    BackendDetection,
+    BackendTrialProcess,
+    VulkanDetection,
+    candidates,
+    install_advice,
+    requested_backends,
+)
 
 
 def test_an_unknown_backend_in_the_environment_is_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,3 +62,193 @@ def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyP
     assert candidates() == ("egl", "osmesa")
     monkeypatch.setenv("DISPLAY", ":0")
     assert candidates() == ("egl", "osmesa", "glfw")
+
+
+def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
+    assert backend.name in candidates()
+    assert backend.renderer
+    assert backend.max_size >= 2048
+
+
+def test_a_requested_backend_is_the_only_one_tried(backend: Backend) -> None:
+    assert BackendDetection(backend.name).result() == backend
+
+
+def test_mujoco_gl_is_honoured_when_nothing_is_requested(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    monkeypatch.setenv("MUJOCO_GL", backend.name.upper())
+    assert BackendDetection().result() == backend
+
+
+def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("glfw",))
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "ubuntu", "ID_LIKE": "debian"})
+    with pytest.raises(NoRendererError) as caught:
+        BackendDetection("glfw").result()
+    message = str(caught.value)
+    assert "glfw: made no OpenGL context (it needs a display)" in message
+    assert "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri" in message
+
+
+@pytest.mark.parametrize(
+    ("requested", "variables", "cure"),
+    [
+        (None, {"MUJOCO_GL": "cgl"}, "egl draws: unset MUJOCO_GL, or give gl egl"),
+        ("cgl", {"MUJOCO_GL": "cgl"}, "egl draws: unset MUJOCO_GL, or give gl egl"),
+        ("cgl", {"MUJOCO_GL": "auto"}, "egl draws: give gl egl"),
+        ("egl", {"MUJOCO_EGL_DEVICE_ID": "99"}, "egl draws on another device: unset MUJOCO_EGL_DEVICE_ID"),
+        (None, {"MUJOCO_GL": "cgl", "MUJOCO_EGL_DEVICE_ID": "99"}, "device: unset MUJOCO_GL and MUJOCO_EGL_DEVICE_ID"),
+    ],
+)
+@pytest.mark.gl
+def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
+    monkeypatch: pytest.MonkeyPatch, backend: Backend, requested: str | None, variables: dict[str, str], cure: str
+) -> None:
+    if backend.name != "egl":
+        pytest.skip("another backend draws")
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("egl",))
+    for variable, value in variables.items():
+        monkeypatch.setenv(variable, value)
+    with pytest.raises(NoRendererError) as caught:
+        BackendDetection(requested).result()
+    assert str(caught.value).endswith(cure)
+    assert "install" not in str(caught.value)
+
+
+def test_a_search_goes_on_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("nonsense", backend.name))
+    assert BackendDetection("auto").result() == backend
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """A machine with these renderers instead of this one."""
+
+    renderers: dict[str, str]
+
+    def __call__(self, name: str) -> SimpleNamespace:
+        found = Backend(name, self.renderers[name], "", "", 16384)
+        return SimpleNamespace(name=name, result=lambda: found)
+
+
+def test_a_required_gpu_refuses_software(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "llvmpipe"}))
+    with pytest.raises(SoftwareRendererError, match="llvmpipe"):
+        BackendDetection("egl").result(require_gpu=True)
+
+
+def test_a_required_gpu_is_found_behind_a_software_backend(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backend_module, "candidates", lambda: ("egl", "glfw"))
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"egl": "llvmpipe", "glfw": "NVIDIA"}))
+    assert BackendDetection("auto").result(require_gpu=True).name == "glfw"
+
+
+def test_vulkan_is_found_by_drawing_with_it(vulkan: Backend) -> None:
+    assert vulkan.name == "vulkan"
+    assert vulkan.renderer
+    assert vulkan.version.startswith("1.")
+    assert vulkan.max_size >= 4096
+
+
+def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_renderer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for variable in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
+        monkeypatch.setenv(variable, "/nonexistent.json")
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: {"ID": "debian"})
+    with pytest.raises(NoRendererError) as caught:
+        VulkanDetection().result()
+    message = str(caught.value)
+    assert "vulkan: no driver works (vkCreateInstance: -9)" in message
+    assert "sudo apt-get install mesa-vulkan-drivers libvulkan1" in message
+    assert "renderer classic" in message
+
+
+@pytest.mark.parametrize(("renderer", "refused"), [("llvmpipe (LLVM 15.0.6, 256 bits)", True), ("NVIDIA H200", False)])
+def test_a_required_gpu_refuses_software_vulkan(monkeypatch: pytest.MonkeyPatch, renderer: str, refused: bool) -> None:
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", Hardware({"vulkan": renderer}))
+    search = VulkanDetection()
+    if refused:
+        with pytest.raises(SoftwareRendererError, match="llvmpipe"):
+            search.result(require_gpu=True)
+    else:
+        assert search.result(require_gpu=True).renderer == renderer
+
+
+def test_a_search_for_vulkan_can_be_given_up() -> None:
+    search = VulkanDetection()
+    search.cancel()
+    assert not search._first._process.running
+
+
+def test_no_temporary_folder_is_needed(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+    def no_folder(*_: object, **__: object) -> str:
+        raise FileNotFoundError("No usable temporary directory found")
+
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
+    assert BackendDetection(backend.name).result() == backend
+
+
+@pytest.mark.parametrize(
+    ("system", "command"),
+    [
+        ({"ID": "debian"}, "apt-get"),
+        ({"ID": "linuxmint", "ID_LIKE": "ubuntu debian"}, "apt-get"),
+        ({"ID": "fedora"}, "dnf"),
+        ({"ID": "rocky", "ID_LIKE": "rhel centos fedora"}, "dnf"),
+        ({"ID": "arch"}, "pacman"),
+        ({"ID": "nixos"}, "your distribution's packages"),
+        ({}, "your distribution's packages"),
+    ],
+)
+def test_the_remedy_speaks_the_language_of_the_distribution(
+    monkeypatch: pytest.MonkeyPatch, system: dict[str, str], command: str
+) -> None:
+    monkeypatch.setattr(platform, "system", lambda: "Linux")
+    monkeypatch.setattr(platform, "freedesktop_os_release", lambda: system)
+    assert command in install_advice()
+
+
+def test_a_driver_that_crashes_is_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    assert BackendTrialProcess("egl").result() == "its process ended with code 1"
+
+
+def test_a_driver_that_crashes_has_the_last_word(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    crash = tmp_path / "crash"
+    crash.write_text("#!/bin/sh\necho noise\necho one >&2\necho 'reason: no device' >&2\nexit 3\n")
+    crash.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(crash))
+    assert BackendTrialProcess("vulkan").result() == "its process ended with code 3 (reason: no device)"
+
+
+def test_a_driver_that_hangs_is_an_answer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    hang = tmp_path / "hang"
+    hang.write_text("#!/bin/sh\nexec sleep 60\n")
+    hang.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(hang))
+    monkeypatch.setattr(backend_module, "TIMEOUT", 0.1)
+    assert BackendTrialProcess("egl").result() == "did not answer within 0.1 s"
+
+
+def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
+    backend: Backend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert BackendTrialProcess(backend.name, draw=True).result() == backend
+    script = Path(backend_module.__file__).with_name("try_backend.py").read_text()
+    blind = tmp_path / "try_backend.py"
+    blind.write_text(script.replace("mujoco.mjr_render(rect, scene, context)", "pass"))
+    monkeypatch.setattr(backend_module, "__file__", str(tmp_path / "backend.py"))
+    assert BackendTrialProcess(backend.name, draw=True).result() == f"{backend.renderer} draws wrongly"
+    assert BackendTrialProcess(backend.name).result() == backend
+
+
+def test_egl_tells_its_devices(backend: Backend) -> None:
+    devices = BackendTrialProcess("devices").answer()["devices"]
+    assert [device["index"] for device in devices] == list(range(len(devices)))
+    assert all(set(device) == {"index", "cuda", "file"} for device in devices)
+    assert devices or backend.name != "egl"

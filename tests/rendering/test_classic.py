@@ -128,7 +128,7 @@ def test_a_scene_grows_until_everything_is_in_it(
 
 def test_a_size_beyond_the_renderer_s_is_refused(backend: Backend) -> None:
     side = backend.max_size // 2
-    with pytest.raises(UsageError, match=f"draws at most {side} pixels a side at quality high"):
+    with pytest.raises(UsageError, match=f"renders at most {side} pixels a side at quality high"):
         check_size((side + 1, 64), backend, Visual(quality="high"))
 
 

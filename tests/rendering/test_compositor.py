@@ -16,7 +16,7 @@ from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_colors
-from mjrun.rendering.compositor import FrameStream, FrameStyle, Overlay, Panel, SceneCompositor
+from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Ghost
 from mjrun.rendering.layout import LAYOUTS, compose
 from mjrun.rendering.segmentation import Segmentation
@@ -26,7 +26,7 @@ from mjrun.rendering.visual import Visual
 SIZE = (64, 48)
 CAMERAS = ("side", "free")
 ANGLES = (0.0, 0.7)
-RGB, DEPTH, SEG = Panel(0, "rgb"), Panel(0, "depth"), Panel(0, "seg")
+RGB, DEPTH, SEG = CameraPanel(0, "rgb"), CameraPanel(0, "depth"), CameraPanel(0, "seg")
 
 
 class Swing:
@@ -63,7 +63,7 @@ def scene(swing: Path, backend: Backend) -> Swing:
     return Swing(swing, backend)
 
 
-def stream(*panels: Panel, exact: bool = False, **style: object) -> FrameStream:
+def stream(*panels: CameraPanel, exact: bool = False, **style: object) -> FrameStream:
     return FrameStream(panels, SIZE, FrameStyle(**style), exact)  # type: ignore[arg-type]
 
 
@@ -99,7 +99,7 @@ def test_the_frames_of_all_streams_share_flat_bytes_without_overlap(scene: Swing
 def test_colours_are_those_of_mujoco_s_renderer_whatever_other_streams_show(
     scene: Swing, still: Callable[..., np.ndarray]
 ) -> None:
-    compositor = scene.compositor(stream(RGB), stream(RGB, Panel(1, "rgb")), stream(SEG, exact=True))
+    compositor = scene.compositor(stream(RGB), stream(RGB, CameraPanel(1, "rgb")), stream(SEG, exact=True))
     # Before the compositor opens: MuJoCo's renderer leaves its own OpenGL context current.
     expected = [[still(scene.model, data, SIZE, camera) for camera in ("side", -1)] for data in scene.instants]
     for index, (side, free) in enumerate(expected):
@@ -158,8 +158,8 @@ def test_looking_ahead_finds_a_range_of_depth_that_holds_what_each_camera_sees(s
     ("streams", "captions"),
     [
         ([stream(RGB)], ["side"]),
-        ([stream(RGB, Panel(1, "rgb"))], ["side", "free"]),
-        ([stream(RGB, Panel(1, "depth"))], ["side · colour", "free · depth"]),
+        ([stream(RGB, CameraPanel(1, "rgb"))], ["side", "free"]),
+        ([stream(RGB, CameraPanel(1, "depth"))], ["side · colour", "free · depth"]),
         ([stream(SEG), stream(RGB)], ["side · segmentation"]),
     ],
 )

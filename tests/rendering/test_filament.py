@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import pytest
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
+from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_view import RenderedView
 from mjrun.model.state import save
@@ -87,30 +88,45 @@ def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
     return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state)
 
 
-@dataclass(frozen=True)
-class Draw:
-    """Draws a model after some steps."""
+class Draw(Closable):
+    """Draws a model after some steps. The last renderers stay open, since a process of Filament takes long to start."""
 
-    renderer: type
-    backend: Backend
+    def __init__(self, renderer: type, backend: Backend) -> None:
+        self._make = lambda model, visual: renderer(model, SIZE, backend, visual, Segmentation(model))
+        self._open: dict[tuple[mujoco.MjModel, str], ClassicRenderer | FilamentRenderer] = {}
 
     def __call__(
         self, model: mujoco.MjModel, views: tuple[str, ...] = ("rgb",), camera: str = "side", steps: int = 5, **visual
     ) -> RenderedView:
-        with self.renderer(model, SIZE, self.backend, Visual(**visual), Segmentation(model)) as renderer:
-            state = save(model, after(model, steps))
-            renderer.look(state)
-            return renderer.picture(pose(camera, model, state), views)
+        key = (model, repr(visual))
+        if key not in self._open:
+            if len(self._open) > 2:
+                self._open.pop([*self._open][1]).close()  # not the first, which draws without any options
+            self._open[key] = self._make(model, Visual(**visual))
+        renderer, state = self._open[key], save(model, after(model, steps))
+        if isinstance(renderer, ClassicRenderer):
+            renderer.make_current()
+        renderer.look(state)
+        picture = renderer.picture(pose(camera, model, state), views)
+        return picture if picture.rgb is None else replace(picture, rgb=picture.rgb.copy())
+
+    def close(self) -> None:
+        for renderer in self._open.values():
+            if isinstance(renderer, ClassicRenderer):
+                renderer.make_current()
+            renderer.close()
 
 
-@pytest.fixture
-def draw(vulkan: Backend) -> Draw:
-    return Draw(FilamentRenderer, vulkan)
+@pytest.fixture(scope="module")
+def draw(vulkan: Backend) -> Iterator[Draw]:
+    with Draw(FilamentRenderer, vulkan) as drawing:
+        yield drawing
 
 
-@pytest.fixture
-def classic(backend: Backend) -> Draw:
-    return Draw(ClassicRenderer, backend)
+@pytest.fixture(scope="module")
+def classic(backend: Backend) -> Iterator[Draw]:
+    with Draw(ClassicRenderer, backend) as drawing:
+        yield drawing
 
 
 def colors(picture: RenderedView) -> np.ndarray:
@@ -222,20 +238,20 @@ def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel
     assert not all(map(np.array_equal, exact(first), exact(other)))
 
 
-def test_a_film_is_the_same_each_time_across_processes(
+def test_a_video_is_the_same_each_time_across_processes(
     room: mujoco.MjModel, vulkan: Backend, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(filament, "LIFETIME", 2)
-    films, processes = [], set()
+    videos, processes = [], set()
     for _ in range(2):
         with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
-            film, view = [], pose("side", room, save(room, after(room, 0)))
+            video, view = [], pose("side", room, save(room, after(room, 0)))
             for steps in range(0, 50, 10):
                 renderer.look(save(room, after(room, steps)))
-                film.append(renderer.picture(view).rgb)
+                video.append(renderer.picture(view).rgb)
                 processes.add(renderer._worker.process.pid)
-            films.append(np.array(film))
-    assert np.array_equal(*films)
+            videos.append(np.array(video))
+    assert np.array_equal(*videos)
     assert len(processes) == 6
 
 
@@ -252,12 +268,6 @@ def test_contacts_are_drawn_where_they_are_in_colours_only(room: mujoco.MjModel,
     assert all(map(np.array_equal, exact(plain), exact(shown)))
 
 
-@pytest.fixture(scope="module")
-def plain(room: mujoco.MjModel, vulkan: Backend) -> RenderedView:
-    """The room after 40 steps, without any flag."""
-    return Draw(FilamentRenderer, vulkan)(room, steps=40)
-
-
 @pytest.mark.parametrize(
     "visual",
     [
@@ -268,10 +278,8 @@ def plain(room: mujoco.MjModel, vulkan: Backend) -> RenderedView:
     ],
     ids=str,
 )
-def test_a_flag_that_is_taken_has_an_effect(
-    room: mujoco.MjModel, plain: RenderedView, draw: Draw, visual: dict
-) -> None:
-    changed = np.abs(colors(plain) - colors(draw(room, steps=40, **visual))).max(axis=2) > 20
+def test_a_flag_that_is_taken_has_an_effect(room: mujoco.MjModel, draw: Draw, visual: dict) -> None:
+    changed = np.abs(colors(draw(room, steps=40)) - colors(draw(room, steps=40, **visual))).max(axis=2) > 20
     assert changed.mean() > 0.003
 
 
@@ -338,7 +346,7 @@ def test_lights_with_an_intensity_keep_it(draw: Draw) -> None:
 @pytest.mark.parametrize(
     ("visual", "message"),
     [
-        ({"label": "body"}, "label body: filament cannot draw text\nrenderer classic can"),
+        ({"label": "body"}, "label body: filament cannot render text\nrenderer classic can"),
         ({"show": ["fog"]}, "show fog: filament cannot do that\nrenderer classic can; its own fog"),
         ({"show": ["additive"]}, "show additive: filament cannot do that\nrenderer classic can"),
         ({"hide": ["cull_face"]}, "hide cull_face: filament cannot do that\nrenderer classic can"),
@@ -346,8 +354,11 @@ def test_lights_with_an_intensity_keep_it(draw: Draw) -> None:
         ({"show": ["segment"]}, "show segment: filament cannot do that\nview seg can"),
         ({"show": ["flexvert"]}, "show flexvert: filament cannot do that\nrenderer classic can"),
         ({"hide": ["flexskin"]}, "hide flexskin: filament cannot do that\nrenderer classic can"),
-        ({"show": ["reflection"]}, "show reflection: filament draws reflections upside down\nrenderer classic can"),
-        ({"show": ["wireframe"], "hide": ["texture"]}, "show wireframe and hide texture: filament can do one at a"),
+        ({"show": ["reflection"]}, "show reflection: filament renders reflections upside down\nrenderer classic can"),
+        (
+            {"show": ["wireframe"], "hide": ["texture"]},
+            "show wireframe and hide texture: filament supports only one",
+        ),
     ],
 )
 def test_what_filament_cannot_draw_is_refused(room: mujoco.MjModel, visual: dict, message: str) -> None:
@@ -365,7 +376,7 @@ def test_asking_for_what_is_so_anyway_is_no_refusal(room: mujoco.MjModel) -> Non
 def test_a_segmentation_of_what_filament_never_shows_to_one_is_refused(room: mujoco.MjModel) -> None:
     for by in ("object", "geom", "tendon", "body", "root-body"):
         check_segmentation(Segmentation(room, by))
-    with pytest.raises(UsageError, match="filament cannot draw a joint in a segmentation"):
+    with pytest.raises(UsageError, match="filament cannot render a joint in a segmentation"):
         check_segmentation(Segmentation(room, "joint"))
 
 
@@ -412,8 +423,9 @@ def test_mujoco_s_reflections_are_still_upside_down(vulkan: Backend) -> None:
     assert row < 32  # of 64: the centre of the ball one metre below the floor is seen in row 41
 
 
-def test_nothing_is_printed(room: mujoco.MjModel, draw: Draw, capfd: pytest.CaptureFixture[str]) -> None:
-    draw(room, ("rgb", *EXACT))
+def test_nothing_is_printed(room: mujoco.MjModel, vulkan: Backend, capfd: pytest.CaptureFixture[str]) -> None:
+    with Draw(FilamentRenderer, vulkan) as draw:
+        draw(room, ("rgb", *EXACT))
     assert capfd.readouterr() == ("", "")
 
 
@@ -435,7 +447,7 @@ def test_without_a_driver_the_process_says_why_it_ended(
 
 def test_a_size_beyond_the_renderer_s_is_refused(room: mujoco.MjModel, vulkan: Backend) -> None:
     side = vulkan.max_size // 2
-    with pytest.raises(UsageError, match=f"draws at most {side} pixels a side at quality high"):
+    with pytest.raises(UsageError, match=f"renders at most {side} pixels a side at quality high"):
         FilamentRenderer(room, (side + 1, 64), vulkan, Visual(quality="high"))
 
 

@@ -180,7 +180,7 @@ def test_what_is_added_is_seen_in_colour_alone_until_it_is_taken_away(images: di
 
 
 def test_what_only_the_model_may_have_is_refused(images: dict[str, np.ndarray]) -> None:
-    assert str(images["refusal"]).startswith("filament cannot draw a hfield that is not the model's own\n")
+    assert str(images["refusal"]).startswith("filament cannot render a hfield that is not part of the model\n")
 
 
 def test_hidden_geoms_are_not_drawn(images: dict[str, np.ndarray]) -> None:

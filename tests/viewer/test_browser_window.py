@@ -16,7 +16,7 @@ def test_a_port_in_use_is_said_at_once(swing: object) -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(UsageError, match=f"port: {port} cannot be had: Address already in use"):
+        with pytest.raises(UsageError, match=f"port: {port} is not available: Address already in use"):
             BrowserWindow(model, port)
 
 

@@ -148,7 +148,7 @@ def test_what_is_recorded_is_physics_and_replays_bit_for_bit(arm: mujoco.MjModel
         live.edit(edit_of(live, "ctrl", [0.5, -0.5]))
         live.edit(edit_of(live, "qpos", [0.7, 0.1]))  # refused
         take(live, 10)
-        live.finish()
+        live.record_state()
         recording.publish()
     states = np.load(path)["states"]
     assert states.shape[0] == 31

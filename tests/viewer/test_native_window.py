@@ -92,7 +92,7 @@ def test_a_display_is_tried(display: dict[str, str], monkeypatch: pytest.MonkeyP
 def test_a_confined_process_tries_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv(VARIABLE, json.dumps(asdict(Confinement(()))))
-    assert native_window.obstacle() == "a confined process reaches no display"
+    assert native_window.obstacle() == "a confined process cannot access a display"
 
 
 def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch, no_display: dict[str, str]) -> None:

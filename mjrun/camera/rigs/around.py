@@ -18,11 +18,11 @@ from mjrun.options.number_kinds import Point
 from mjrun.options.option import option, options, required
 from mjrun.options.schema import Path
 
-DISTANCE = "How far away the camera is [m]; as MuJoCo's free camera if left out."
-DIRECTION = "Where the camera looks, counter-clockwise from above [deg]"
+DISTANCE = "Distance of the camera [m]; MuJoCo's free camera's if left out."
+DIRECTION = "Direction of view, counter-clockwise from above [deg]"
 AZIMUTH = f"{DIRECTION}: 0 along x, 90 along y."
-ELEVATION = "How far the camera looks up [deg]: -90 looks straight down."
-LOOKAT = "What is looked at: an object, as in box, geom:edge, site:tip or subtree:torso, or a point [m]."
+ELEVATION = "Upward angle of the view [deg]: -90 looks straight down."
+LOOKAT = "Point to look at: an object, as in box, geom:edge, site:tip or subtree:torso, or a point [m]."
 
 
 @options
@@ -45,7 +45,7 @@ class FreeRig(Rig):
 
 @options
 class OrbitRig(Rig):
-    """Around a point or an object: once, or from one azimuth to another."""
+    """A camera around a point or an object: in a full circle, or from one azimuth to another."""
 
     kind: ClassVar[str] = "orbit"
     help: ClassVar[str] = "Around a point or an object."
@@ -55,14 +55,14 @@ class OrbitRig(Rig):
     lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
     distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
     azimuth: Ramp | None = option(
-        converter=Optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; once round if left out."
+        converter=Optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; a full circle if left out."
     )
     elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     ease: str = option(
         converter=Choice((*EASINGS,)),
         default="linear",
         kw_only=False,
-        help="How it goes once round; an azimuth has an ease of its own.",
+        help="Easing of the full circle; an azimuth has a separate ease.",
     )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
@@ -78,10 +78,10 @@ class OrbitRig(Rig):
 
 @options
 class TrackRig(Rig):
-    """Goes with an object."""
+    """A camera that follows an object."""
 
     kind: ClassVar[str] = "track"
-    help: ClassVar[str] = "With an object."
+    help: ClassVar[str] = "Following an object."
     argument: ClassVar[str] = "track:BODY"
     eased: ClassVar[bool] = True
 
@@ -95,15 +95,14 @@ class TrackRig(Rig):
         converter=Flag(),
         default=False,
         kw_only=False,
-        help="Whether the azimuth turns with the object, as that of a chase camera; 0 looks along the object's own x "
-        "then.",
+        help="Whether the azimuth turns with the object, as with a chase camera; 0 then looks along the object's "
+        "x axis.",
     )
     offset: Vector = option(
         converter=Point(),
         default=(0.0, 0.0, 0.0),
         kw_only=False,
-        help="Of the point that is looked at from the target [m], in the world; turned with the object if heading is "
-        "true.",
+        help="Offset of the focus from the target [m], in world axes; turned with the object if heading is true.",
     )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
@@ -113,11 +112,11 @@ class TrackRig(Rig):
 
 @dataclass(frozen=True)
 class BoundAroundRig:
-    """MuJoCo's free camera around something.
+    """MuJoCo's free camera around a resolved target.
 
     Attributes:
       heading: whether azimuth and offset turn with the target.
-      offset: of the point that is looked at from the target `(3,)` [m].
+      offset: offset of the focus from the target `(3,)` [m].
     """
 
     target: Target
@@ -145,7 +144,7 @@ def _bound(
     heading: bool = False,
     offset: Vector = (0.0, 0.0, 0.0),
 ) -> BoundAroundRig:
-    """Around the place that the setting `key` names; what is None is as MuJoCo's free camera has it."""
+    """Binds a rig to the place in the setting `key`; None means the value of MuJoCo's free camera."""
     free = cameras.free
     x, y, z = map(float, free.lookat)
     with concerning(key):

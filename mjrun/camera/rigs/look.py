@@ -17,17 +17,17 @@ from mjrun.options.schema import Path
 
 @options
 class LookRig(Rig):
-    """From one place at another, upright; each stands still or moves."""
+    """A camera at one place that looks at another, upright; each is fixed or moves."""
 
     kind: ClassVar[str] = "look"
     help: ClassVar[str] = "From one place at another."
     argument: ClassVar[str] = "look:from=PLACE,at=PLACE"
 
     eye: Place = required(
-        converter=PlaceKind(), key="from", kw_only=False, help="Where the camera is: an object, or a point [m]."
+        converter=PlaceKind(), key="from", kw_only=False, help="Position of the camera: an object, or a point [m]."
     )
     target: Place = required(
-        converter=PlaceKind(), key="at", kw_only=False, help="What is looked at: an object, or a point [m]."
+        converter=PlaceKind(), key="at", kw_only=False, help="Point to look at: an object, or a point [m]."
     )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundLookRig":
@@ -40,12 +40,12 @@ class LookRig(Rig):
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         if "from" in values and values["from"] == values.get("at"):
-            yield ("at",), "the camera cannot look at where it is"
+            yield ("at",), "the camera cannot look at its own position"
 
 
 @dataclass(frozen=True)
 class BoundLookRig:
-    """From one place at another, upright."""
+    """A camera at one place that looks at another, upright, with resolved places."""
 
     eye: Target
     target: Target

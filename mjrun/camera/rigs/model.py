@@ -45,7 +45,7 @@ class _CameraForm(Kind[ModelRig, ModelRig]):
 
 
 class BoundModelRig:
-    """A camera of the model. It looks as far as the point of its axis that is nearest to the model's centre."""
+    """A camera of the model. Its distance reaches to the point of its axis that is nearest to the model's centre."""
 
     def __init__(self, cameras: ModelCameras, camera: int) -> None:
         self._cameras, self._camera = cameras, mujoco.MjvCamera()

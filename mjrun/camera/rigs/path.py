@@ -27,41 +27,41 @@ AROUND = ("distance", "azimuth", "elevation")
 
 @options
 class Waypoint(Options):
-    """A point on the camera's path: an eye, or distance, azimuth and elevation around what is looked at."""
+    """A point on the camera's path: an eye, or distance, azimuth and elevation around the target."""
 
     eye: Vector | None = option(
-        converter=Optional(Point()), default=None, kw_only=False, help="Where the camera is [m]."
+        converter=Optional(Point()), default=None, kw_only=False, help="Position of the camera [m]."
     )
     distance: float | None = option(
-        converter=Optional(Real(above=0)), default=None, kw_only=False, help="How far from what is looked at [m]."
+        converter=Optional(Real(above=0)), default=None, kw_only=False, help="Distance from the target [m]."
     )
     azimuth: float | None = option(
         converter=Optional(Real(least=None)),
         default=None,
         kw_only=False,
-        help="Where the camera looks, counter-clockwise from above [deg].",
+        help="Direction of view, counter-clockwise from above [deg].",
     )
     elevation: float | None = option(
-        converter=Optional(Real(least=None)), default=None, kw_only=False, help="How far the camera looks up [deg]."
+        converter=Optional(Real(least=None)), default=None, kw_only=False, help="Upward angle of the view [deg]."
     )
     lookat: Place | None = option(
         converter=Optional(PlaceKind()),
         default=None,
         kw_only=False,
-        help="What is looked at from here: an object, or a point [m]; what the path looks at if left out.",
+        help="Point to look at from here: an object, or a point [m]; the path's lookat if left out.",
     )
     at: float | None = option(
         converter=Optional(Real()),
         default=None,
         kw_only=False,
-        help="When the camera is here [s], from the beginning of the shot; only with pace: time.",
+        help="Time at this waypoint [s], from the beginning of the shot; only with pace: time.",
     )
 
     @classmethod
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         present = [key for key in AROUND if key in values]
         if "eye" in values:
-            yield from (((key,), f"an eye has no {key} beside it") for key in present)
+            yield from (((key,), f"a waypoint with an eye has no {key}") for key in present)
         elif len(present) < len(AROUND):
             text = " and ".join(present) or "none of them"
             yield (), f"expected eye, or distance, azimuth and elevation, got {text}"
@@ -69,7 +69,7 @@ class Waypoint(Options):
 
 @options
 class PathRig(Rig):
-    """Along a path through waypoints."""
+    """A camera on a path through waypoints."""
 
     kind: ClassVar[str] = "path"
     help: ClassVar[str] = "Through waypoints."
@@ -83,25 +83,25 @@ class PathRig(Rig):
         converter=Optional(PlaceKind()),
         default=None,
         kw_only=False,
-        help="What is looked at on the way: an object, or a point [m]; where the path leads if left out.",
+        help="Point to look at on the way: an object, or a point [m]; the direction of the path if left out.",
     )
     curve: str = option(
         converter=Choice(CURVES),
         default="spline",
         kw_only=False,
-        help="What is between waypoints: a smooth curve, or straight lines.",
+        help="Path between waypoints: a smooth curve, or straight lines.",
     )
     pace: str = option(
         converter=Choice(PACES),
         default="constant",
         kw_only=False,
-        help="Constant speed along the path, or by the times of the waypoints.",
+        help="Constant speed along the path, or the times of the waypoints.",
     )
     ease: str = option(
         converter=Choice((*EASINGS,)),
         default="linear",
         kw_only=False,
-        help="How the camera starts and stops; with pace: constant only.",
+        help="Easing of start and stop; with pace: constant only.",
     )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundPathRig":
@@ -111,7 +111,7 @@ class PathRig(Rig):
     def conflicts(cls, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
         timed = values.get("pace") == "time"
         if timed and "ease" in values:
-            yield ("ease",), "ease is for pace: constant; with pace: time the waypoints' times say it all"
+            yield ("ease",), "ease requires pace: constant; with pace: time the waypoints set the times"
         points = mappings_in(values.get("waypoints"))
         yield from _mixed_waypoints(points, "lookat" in values)
         for i, point in enumerate(points):
@@ -123,14 +123,14 @@ class PathRig(Rig):
 
 
 def _mixed_waypoints(points: Sequence[Mapping[str, object]], has_lookat: bool) -> Iterator[tuple[Path, str]]:
-    """What waypoints of one path must have in common."""
+    """Yields conflicts between the waypoints of one path."""
     for i, point in enumerate(points):
         if ("eye" in point) != ("eye" in points[0]) and {"eye", "distance"} & point.keys():
-            yield ("waypoints", i), "waypoints are all given by eye, or all by distance, azimuth and elevation"
+            yield ("waypoints", i), "either all waypoints have an eye, or all distance, azimuth and elevation"
     needed = any("lookat" in point or "distance" in point for point in points)
     for i, point in enumerate(points):
         if needed and not has_lookat and "lookat" not in point:
-            yield ("waypoints", i), "what is looked at from here? give it a lookat, or the path"
+            yield ("waypoints", i), "no point to look at: set lookat here or for the path"
 
 
 def _unordered_times(points: Sequence[Mapping[str, object]]) -> Iterator[tuple[Path, str]]:
@@ -139,15 +139,15 @@ def _unordered_times(points: Sequence[Mapping[str, object]]) -> Iterator[tuple[P
         time = point.get("at")
         if isinstance(time, int | float):
             if time <= latest:
-                yield ("waypoints", i, "at"), f"expected a time later than {latest:g}, that of the waypoint before"
+                yield ("waypoints", i, "at"), f"expected a time later than {latest:g}, that of the previous waypoint"
             latest = max(latest, time)
 
 
 class BoundPathRig:
-    """Along a path.
+    """A camera on a path with resolved places.
 
-    The speed is constant as seen in the model's initial state: where the path leads around objects that move,
-    it is so relative to them.
+    The speed is constant in the model's initial state: where the path leads around moving objects, it is constant
+    relative to them.
     """
 
     def __init__(self, rig: PathRig, cameras: ModelCameras, where: str) -> None:
@@ -161,7 +161,7 @@ class BoundPathRig:
         self._curve = Curve(knots, points, self._straight, bounded=(0,) if self._around else ())
         self._arc_length = None if rig.pace == "time" else ArcLength(knots, lambda x: self._eyes(x, cameras.data))
         if not self._lookats and (points == points[0]).all():
-            raise UsageError(f"{where}: what does the camera look at? the path leads nowhere, and has no lookat")
+            raise UsageError(f"{where}: no direction of view: the waypoints coincide, and there is no lookat")
 
     def _centripetal(self, points: np.ndarray, data: mujoco.MjData) -> np.ndarray:
         lengths = orbital_lengths(points) if self._around else np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -172,18 +172,18 @@ class BoundPathRig:
         for i, length in enumerate(lengths, 1):
             if length <= least:
                 raise UsageError(
-                    f"{self._where}: waypoints {i} and {i + 1} are at the same place, where a camera of constant "
-                    "speed cannot stay; say when it is where, with pace: time"
+                    f"{self._where}: waypoints {i} and {i + 1} coincide, which constant speed does not allow; "
+                    "give the waypoints times with pace: time"
                 )
         return centripetal(lengths)
 
     def _targets(self, x: np.ndarray, data: mujoco.MjData) -> np.ndarray:
-        """What is looked at `(m, 3)` [m]."""
+        """Returns the targets `(m, 3)` [m]."""
         points = np.array([target.position(data) for target in self._lookats])
         return Curve(self._curve.knots, points, self._straight).at(x)
 
     def _eyes(self, x: np.ndarray, data: mujoco.MjData) -> np.ndarray:
-        """Where the camera is `(m, 3)` [m]."""
+        """Returns positions of the camera `(m, 3)` [m]."""
         points = self._curve.at(x)
         return self._targets(x, data) + orbital_position(points) if self._around else points
 
@@ -209,7 +209,7 @@ def _coordinates(point: Waypoint) -> Sequence[float]:
 
 
 def _lookats(rig: PathRig, model: mujoco.MjModel) -> list[Target]:
-    """What is looked at from each waypoint; empty if the camera looks where the path leads."""
+    """Returns the target of each waypoint; empty if the camera looks along the path."""
     targets: list[Target] = []
     for i, point in enumerate(rig.waypoints):
         place = rig.lookat if point.lookat is None else point.lookat

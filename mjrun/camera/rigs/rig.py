@@ -1,4 +1,4 @@
-"""What every rig is: settings, which are bound to a model and then give the camera's pose at any time of a shot."""
+"""The interface of rigs: settings, which are bound to a model and then give the camera's pose at any time of a shot."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ class ShotTime:
     """An instant of a shot.
 
     Attributes:
-      time: simulated [s].
-      elapsed: since the shot began [s], from 0 to its duration.
-      phase: the same from 0 to 1.
+      time: simulated time [s].
+      elapsed: time since the shot began [s], from 0 to its duration.
+      phase: share of the shot, from 0 to 1.
     """
 
     time: float
@@ -31,29 +31,29 @@ class ShotTime:
 
 
 class BoundRig(Protocol):
-    """A rig whose objects have been found in a model."""
+    """A rig whose objects are resolved in a model."""
 
     @property
     def frustum(self) -> Frustum:
-        """What the camera sees, unless the shot has a field of view of its own."""
+        """The view of the camera, unless the shot sets a field of view."""
         ...
 
     def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
-        """The pose at an instant, of which `data` holds the positions.
+        """Returns the pose at an instant, whose positions `data` holds.
 
         Raises:
-          UsageError: the camera is at the point that it looks at.
+          UsageError: the camera coincides with the point that it looks at.
         """
         ...
 
 
 class ModelCameras:
-    """The cameras that MuJoCo itself has for a model.
+    """The cameras that MuJoCo provides for a model.
 
     Attributes:
       data: the model's initial state, with positions computed.
       free: MuJoCo's free camera.
-      frustum: what the free camera sees.
+      frustum: the view of the free camera.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -64,26 +64,26 @@ class ModelCameras:
         self.frustum = self.pose(self.data, self.free).frustum
 
     def pose(self, data: mujoco.MjData, camera: mujoco.MjvCamera) -> Pose:
-        """The pose of `camera` as MuJoCo computes it, in float32."""
+        """Returns the pose of `camera` as MuJoCo computes it, in float32."""
         mujoco.mjv_updateCamera(self.model, data, camera, self._scene)
         return pose_of(self._scene)
 
 
 def compute_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Computes where everything is that a camera can follow or be attached to."""
+    """Computes the positions of everything that a camera can follow or be attached to."""
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_camlight(model, data)
 
 
 class Rig(Options, ABC):
-    """How a view moves: options, the settings of which documents and the command line write as they are declared.
+    """The movement of a view: options, whose settings have the same keys in documents and on the command line.
 
     Attributes:
-      kind: its name in documents and on the command line.
-      help: a few words about it, for a list of rigs.
-      argument: how the command line writes it, in short; empty if it takes more than one word.
-      eased: whether the command line has an `ease` for all its ramps.
+      kind: name in documents and on the command line.
+      help: a few words for a list of rigs.
+      argument: short form on the command line; empty if it needs more than one word.
+      eased: whether the command line accepts an `ease` for all its ramps.
     """
 
     kind: ClassVar[str]
@@ -93,30 +93,30 @@ class Rig(Options, ABC):
 
     @abstractmethod
     def bind(self, cameras: ModelCameras, where: str) -> BoundRig:
-        """The rig with its objects found in a model.
+        """Resolves the objects of the rig in a model.
 
         Args:
-          where: what errors call the shot.
+          where: the name of the shot in errors.
 
         Raises:
-          UnknownNameError: there is no such object; the message lists those that are.
-          UsageError: settings do not go together in this model.
+          UnknownNameError: an object is unknown; the message lists the valid ones.
+          UsageError: settings contradict each other in this model.
         """
 
     @classmethod
     def form(cls) -> AnyKind:
-        """The kind of what documents write for such a rig."""
+        """Returns the kind of the values that documents write for this rig."""
         blank = not any(each.is_required for each in options_of(cls))
         return Record(cls, cls, name=cls.__name__.removesuffix("Rig"), blank=blank)
 
 
 def looking_at(eye: np.ndarray, target: np.ndarray, frustum: Frustum, where: str, at: ShotTime) -> Pose:
-    """An upright pose at `eye` `(3,)` [m] that looks at `target` `(3,)` [m].
+    """Returns an upright pose at `eye` `(3,)` [m] that looks at `target` `(3,)` [m].
 
     Raises:
-      UsageError: they are the same point; the message names the time.
+      UsageError: both are the same point; the message names the time.
     """
     distance = float(np.linalg.norm(target - eye))
     if distance < SAME_POINT:
-        raise UsageError(f"{where}: at {at.time:.9g} s the camera is at the very point that it looks at")
+        raise UsageError(f"{where}: at {at.time:.9g} s the camera coincides with the point that it looks at")
     return Pose(eye, rotation(*heading(target - eye)), frustum, distance)

@@ -43,8 +43,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    from mjrun.plotting.study_plot import StudyPlot
-    from mjrun.plotting.table_plot import TablePlot
+    from mjrun.plotting.table_plot import StudyPlot, TablePlot
 
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())

@@ -1,58 +1,20 @@
-"""What is drawn of a study: its panels, as numbers."""
+"""The data of a study's figure: its panels, as numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.plotting.figure_data import FLAT, MARGIN, Range
+from mjrun.plotting.figure_data import Scale, scale
 from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
 
-CELLS = 8  # in a row, up to which each has its value below it
-EDGE = 0.04  # before the first and after the last value of an axis, as a share of its range
-
-
-@dataclass(frozen=True)
-class Scale:
-    """An axis for one parameter or metric.
-
-    Attributes:
-      name: what it shows.
-      categories: texts, which stand at 0, 1, 2, …; none for numbers.
-    """
-
-    name: str
-    low: float
-    high: float
-    log: bool = False
-    categories: Sequence[str] = ()
-
-    def shares(self, values: np.ndarray) -> np.ndarray:
-        """Where values are between the ends of the axis: from 0 to 1."""
-        if self.log:
-            return np.log(values / self.low) / np.log(self.high / self.low)
-        return (values - self.low) / (self.high - self.low)
-
-
-def scale(name: str, values: np.ndarray, *, log: bool = False, categories: Sequence[str] = (), edge: float) -> Scale:
-    """The axis on which all finite `values` are, and a little more; the middle is where they are all the same."""
-    if categories:
-        return Scale(name, -0.5, len(categories) - 0.5, categories=categories)
-    finite = values[np.isfinite(values) & ((values > 0) | (not log))]
-    if not len(finite):
-        return Scale(name, *((0.1, 10.0, True) if log else (-1.0, 1.0, False)))
-    low, high = float(finite.min()), float(finite.max())
-    if log:
-        ratio = (high / low) ** edge if high > low * (1 + FLAT) else 2.0
-        return Scale(name, low / ratio, high * ratio, True)
-    largest = max(abs(low), abs(high))
-    pad = edge * (high - low) if high - low > FLAT * largest else 0.1 * largest or 1.0
-    return Scale(name, low - pad, high + pad)
+CELLS = 8  # maximum number of cells in a row that are all labelled
+EDGE = 0.04  # margin at the ends of an axis, as a share of its range
 
 
 @dataclass(frozen=True)
 class Band:
-    """Between `low` and `high` `(n,)` are the values from one quantile to another."""
+    """The range of values between two quantiles, from `low` to `high` `(n,)`."""
 
     low: np.ndarray
     high: np.ndarray
@@ -63,13 +25,13 @@ class Series:
     """Values over x.
 
     Attributes:
-      name: in the key; empty for one alone.
-      x, y: `(n,)`; y is the median where there are bands.
-      bands: from wide to narrow.
-      joined: whether a line goes through them.
-      dots: whether each is marked.
-      colour: its index in the palette.
-      opacity: of the line.
+      name: name in the key; empty for a single series.
+      x, y: `(n,)`; y is the median if there are bands.
+      bands: bands, from wide to narrow.
+      joined: whether a line connects the values.
+      dots: whether each value is marked.
+      colour: index in the palette.
+      opacity: opacity of the line.
     """
 
     name: str
@@ -83,8 +45,8 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Failures:
-    """Where points ended in another way than `ok`: their x `(n,)`."""
+class FailedPoints:
+    """Points with a status other than `ok`: their x `(n,)`."""
 
     status: str
     x: np.ndarray
@@ -97,16 +59,16 @@ class GraphPanel:
     x: Scale
     y: Scale
     series: Sequence[Series]
-    failures: Sequence[Failures]
+    failures: Sequence[FailedPoints]
 
     @property
     def label(self) -> str:
-        """What stands above it."""
+        """The title above the panel."""
         return self.y.name
 
     @property
     def curves(self) -> int:
-        """How many curves it has."""
+        """The number of curves."""
         return len(self.series)
 
 
@@ -115,24 +77,19 @@ class HeatPanel:
     """A metric over two parameters: a cell for each pair of values.
 
     Attributes:
-      name: of the metric.
-      columns, rows: the axes of the parameters, of which each cell takes an equal part.
-      values: `(rows, columns)`; NaN where there is none.
-      failed: of these cells, those in which every point failed.
-      colours: the range of colours.
+      label: name of the metric.
+      columns, rows: axes of the parameters, divided equally among the cells.
+      values: `(rows, columns)`; NaN for empty cells.
+      failed: mask of the cells in which every point failed.
+      colours: range of the colours.
     """
 
-    name: str
+    label: str
     columns: Scale
     rows: Scale
     values: np.ndarray
     failed: np.ndarray
     colours: Scale
-
-    @property
-    def label(self) -> str:
-        """What stands above it."""
-        return self.name
 
     curves = 0
 
@@ -142,9 +99,9 @@ class ParallelPanel:
     """Parallel coordinates: an axis for each parameter, the last for the metric that colours the lines.
 
     Attributes:
-      scales: of the axes.
-      values: `(points, axes)`, in the order in which they are drawn.
-      failed: of each point, whether it has no metric.
+      scales: the axes.
+      values: `(points, axes)`, in drawing order.
+      failed: mask of the points without the metric.
     """
 
     scales: Sequence[Scale]
@@ -154,16 +111,11 @@ class ParallelPanel:
 
 @dataclass(frozen=True)
 class RankPanel:
-    """Rank correlations of parameters with a metric; those of one figure have the same parameters, in one order."""
+    """Rank correlations of parameters with a metric; all panels of a figure have the same parameters in one order."""
 
-    name: str
+    label: str
     parameters: Sequence[str]
     correlations: np.ndarray
-
-    @property
-    def label(self) -> str:
-        """What stands above it."""
-        return self.name
 
     curves = 0
 
@@ -176,9 +128,9 @@ class StudyDrawing:
     """A figure of a study.
 
     Attributes:
-      panels: of one kind, and after them trajectories over time.
-      columns: of panels; None for as many as suit.
-      above: what stands above all panels, if anything does.
+      panels: panels of one kind, followed by trajectories over time.
+      columns: number of columns of panels; None to choose it.
+      above: parallel coordinates above all panels, if any.
     """
 
     title: str
@@ -188,7 +140,7 @@ class StudyDrawing:
 
 
 def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> Scale:
-    """The axis of cells with ascending values: of numbers where those are many and evenly spaced, else of texts."""
+    """Returns the axis of cells with ascending values: numeric if many and evenly spaced, otherwise of texts."""
     count = len(levels)
     if count > CELLS and is_geometric(levels):
         half = float((levels[-1] / levels[0]) ** (0.5 / (count - 1)))
@@ -201,7 +153,7 @@ def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> Scale:
 
 
 def is_geometric(values: np.ndarray) -> bool:
-    """Whether ascending values are in equal ratios, and three or more over at least a factor of four."""
+    """Returns whether ascending values have equal ratios, are at least three, and span at least a factor of four."""
     if len(values) < 3 or values[0] <= 0 or values[-1] < 4 * values[0]:
         return False
     steps = np.diff(np.log(values))
@@ -209,7 +161,7 @@ def is_geometric(values: np.ndarray) -> bool:
 
 
 def spans_decades(values: np.ndarray) -> bool:
-    """Whether values are all positive, and so different that a linear axis would hide the small ones."""
+    """Returns whether values are all positive, and so different that a linear axis would hide the small ones."""
     finite = values[np.isfinite(values)]
     if len(finite) < 3 or finite.min() <= 0:
         return False
@@ -218,7 +170,7 @@ def spans_decades(values: np.ndarray) -> bool:
 
 
 def is_even_in_ratios(values: np.ndarray) -> bool:
-    """Whether positive values over a factor of eight or more look as if they were drawn log-uniformly."""
+    """Returns whether positive values over a factor of eight or more appear to be drawn log-uniformly."""
     low, middle, high = np.quantile(values, [0, 0.5, 1])
     if low <= 0 or high < 8 * low:
         return False
@@ -226,22 +178,11 @@ def is_even_in_ratios(values: np.ndarray) -> bool:
     return bool(abs(ratio - 0.5) < abs(share - 0.5))
 
 
-def y_scale(name: str, values: np.ndarray, *, log: bool) -> Scale:
-    """The axis of a metric."""
-    return scale(name, values, log=log, edge=MARGIN)
-
-
-def colour_range(name: str, values: np.ndarray, *, log: bool) -> Range:
-    """The lowest and highest value that colours show."""
-    exact = scale(name, values, log=log, edge=0.0)
-    return exact.low, exact.high
-
-
 def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None) -> PanelGrid:
-    """The size of a figure, and the places of its panels.
+    """Returns the size of a figure and the positions of its panels.
 
     Raises:
-      BadValueError: they have no room in `size` pixels.
+      BadValueError: the panels do not fit in `size` pixels.
     """
     panels = len(drawing.panels)
     most = 2 if panels == 4 else 3  # four are two by two

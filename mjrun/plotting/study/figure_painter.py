@@ -1,21 +1,28 @@
-"""Draws the figure of a study: its title, key and panels, which matplotlib places."""
+"""Drawing of a study's figure: its title, key and panels, which matplotlib places."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
+from mjrun.plotting.axis_ticks import set_scale
 from mjrun.plotting.canvas import POINT, SMALL, TITLE, Canvas, rgb
 from mjrun.plotting.panel_grid import PanelGrid
-from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
-from mjrun.plotting.study.graph import draw_graph, graph_key
+from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, Series, StudyDrawing
 from mjrun.plotting.study.heat_map import draw_heat_map, draw_parallel, heat_key, plate_labels
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
-NAMES = 0.3  # the most of the figure that names of parameters take
-REACH = 1.1  # of the axis of rank correlations, to either side
-THICK = 0.62  # of a bar, as a share of its row
+NAMES = 0.3  # maximum share of the figure for names of parameters
+REACH = 1.1  # end of the axis of rank correlations on either side
+THICK = 0.62  # height of a bar, as a share of its row
+OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow, where they add up
+BANDS = ("5–95 %", "25–75 %")
+RUG = 0.55  # height of a mark at the bottom [em]
+FEW, LARGE = 50, 4.0  # maximum number of dots that are large, and their size
+MANY = 400  # number of dots above which they are drawn faintly
 
 
 def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
@@ -37,7 +44,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
         axes.set_title(panel.label)
         match panel:
             case GraphPanel():
-                draw_graph(canvas, panel, axes)
+                _draw_graph(canvas, panel, axes)
                 label = panel.x.name
             case HeatPanel():
                 draw_heat_map(canvas, panel, axes)
@@ -58,11 +65,11 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
 def _key(drawing: StudyDrawing, canvas: Canvas) -> dict[str, Artist]:
     graphs = [panel for panel in drawing.panels if isinstance(panel, GraphPanel)]
     maps = [panel for panel in drawing.panels if isinstance(panel, HeatPanel)]
-    return {**(heat_key(canvas, maps) if maps else {}), **(graph_key(canvas, graphs) if graphs else {})}
+    return {**(heat_key(canvas, maps) if maps else {}), **(_graph_key(canvas, graphs) if graphs else {})}
 
 
 def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str) -> None:
-    """Puts a key above all panels, and above it the title: in one line if there is room, else in columns."""
+    """Adds a key above all panels, with the title above it: in one line if it fits, otherwise in columns."""
     em, room = SMALL * canvas.em, canvas.width - 2 * canvas.em
     names = [canvas.fitted(name, room - 3 * em, em) for name in key]
     widths = [canvas.measure(name, em) + 3.65 * em for name in names]  # with sample and gaps
@@ -79,7 +86,7 @@ def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str) -> None:
 
 
 def _draw_rank_bars(canvas: Canvas, panel: RankPanel, axes: Axes, *, named: bool) -> None:
-    """Draws rank correlations as bars, with the number of each at the other side of zero, where it always has room."""
+    """Draws rank correlations as bars, each with its number on the other side of zero, which is always free."""
     theme, em = canvas.theme, canvas.em
     rows, values = np.arange(len(panel.parameters)), np.nan_to_num(panel.correlations)
     axes.set(xlim=(-REACH, REACH), ylim=(len(rows) - 0.5, -0.5))
@@ -105,7 +112,7 @@ def _draw_rank_bars(canvas: Canvas, panel: RankPanel, axes: Axes, *, named: bool
 
 
 def _is_lowest(drawing: StudyDrawing, index: int, side: int) -> bool:
-    """Whether a panel shows its x axis: the last of a column does, and one above another that has other values."""
+    """Returns whether a panel shows its x axis: the last of a column does, and one above a panel with another axis."""
     panels, below = drawing.panels, index + side
     if below >= len(panels):
         return True
@@ -113,3 +120,93 @@ def _is_lowest(drawing: StudyDrawing, index: int, side: int) -> bool:
     if isinstance(mine, GraphPanel) and isinstance(other, GraphPanel):
         return mine.x != other.x
     return type(mine) is not type(other)
+
+
+def _graph_key(canvas: Canvas, panels: Sequence[GraphPanel]) -> dict[str, Artist]:
+    """Returns samples of the lines, bands and marks of panels by name, once for all of them."""
+    theme, first = canvas.theme, panels[0]
+    key: dict[str, Artist] = {}
+    for series in (series for panel in panels for series in panel.series if series.name):
+        key[series.name] = _line(canvas, series)
+    banded = next((series for series in first.series if series.bands), None)
+    if banded:
+        colour = rgb(theme.grey) if banded.name else rgb(theme.colour(banded.colour))
+        key["median"] = Line2D([], [], color=colour)
+        for name, opacity in zip(BANDS, (OPACITIES[0], sum(OPACITIES)), strict=True):
+            key[name] = Patch(facecolor=colour, alpha=opacity, linewidth=0)
+    for index, each in enumerate(first.failures):
+        count, size = len(each.x), 0.75 * RUG * canvas.em
+        key[f"{each.status}: {count} point{'' if count == 1 else 's'}"] = Line2D(
+            [],
+            [],
+            color=_failure_colour(canvas, first, index),
+            linestyle="none",
+            marker="|",
+            markersize=size,
+            markeredgewidth=0.8 * canvas.weight,
+        )
+    return key
+
+
+def _draw_graph(canvas: Canvas, panel: GraphPanel, axes: Axes) -> None:
+    """Draws a panel."""
+    theme = canvas.theme
+    set_scale(canvas, axes, "x", panel.x)
+    set_scale(canvas, axes, "y", panel.y)
+    axes.grid(True)
+    if not panel.y.log and panel.y.low < 0 < panel.y.high:
+        axes.axhline(0, color=rgb(theme.zero), linewidth=canvas.hair, zorder=1)
+    for series in reversed(panel.series):  # the first on top
+        _series(canvas, axes, series)
+    for index, each in enumerate(panel.failures):
+        height = RUG * canvas.em * POINT
+        axes.plot(
+            each.x,
+            [0] * len(each.x),
+            color=_failure_colour(canvas, panel, index),
+            linestyle="none",
+            marker=[(0, 0), (0, 1)],
+            markersize=2 * height,  # a marker is drawn to half its size from its place
+            markeredgewidth=0.8 * canvas.weight,
+            transform=axes.get_xaxis_transform(),
+            clip_on=False,
+        )
+
+
+def _series(canvas: Canvas, axes: Axes, series: Series) -> None:
+    colour = rgb(canvas.theme.colour(series.colour))
+    if series.joined:
+        for band, opacity in zip(series.bands, OPACITIES, strict=False):
+            axes.fill_between(series.x, band.low, band.high, color=colour, alpha=opacity, linewidth=0)
+        line = _line(canvas, series)
+        line.set_data(series.x, series.y)
+        axes.add_line(line)
+    else:
+        for band, width in zip(series.bands, (1.0, 3.5), strict=False):
+            axes.vlines(series.x, band.low, band.high, color=colour, alpha=0.45, linewidth=width * canvas.weight)
+    if series.dots:
+        alone = not series.joined and not series.bands
+        size = (LARGE if alone and len(series.x) <= FEW else 2.4 if alone else 2.8) * canvas.weight
+        axes.plot(
+            series.x,
+            series.y,
+            "o",
+            markersize=size,
+            color=colour,
+            markeredgewidth=0,
+            alpha=0.35 if alone and len(series.x) > MANY else 0.75 if alone else 1.0,
+            clip_on=False,
+        )
+
+
+def _line(canvas: Canvas, series: Series) -> Line2D:
+    """Returns a line in the style of a series."""
+    line = Line2D([], [], color=rgb(canvas.theme.colour(series.colour)), alpha=series.opacity)
+    if pattern := canvas.theme.pattern(series.colour):
+        line.set_linestyle((0, pattern))
+    return line
+
+
+def _failure_colour(canvas: Canvas, panel: GraphPanel, index: int) -> tuple[float, float, float]:
+    """Returns the colour of a status, which differs from those of the series."""
+    return rgb(canvas.theme.colour(len(panel.series) + index))

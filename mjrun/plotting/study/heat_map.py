@@ -1,4 +1,4 @@
-"""Draws panels whose colours are the values of a metric: over two parameters, and over any number as parallel lines."""
+"""Drawing of a metric as colours: over two parameters, and over any number as parallel lines."""
 
 import re
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 
-from mjrun.plotting.axis_ticks import number_ticks
+from mjrun.plotting.axis_ticks import number_ticks, set_scale
 from mjrun.plotting.canvas import POINT, SMALL, Canvas, rgb
-from mjrun.plotting.study.figure_data import HeatPanel, ParallelPanel, Scale
-from mjrun.plotting.study.graph import set_scale
+from mjrun.plotting.figure_data import Scale
+from mjrun.plotting.study.figure_data import HeatPanel, ParallelPanel
 
 COLOUR_MAP = "viridis"  # perceptually uniform
-BAR, GAP = 0.8, 0.7  # width of a colour bar, and what is before it [em]
-METRIC = 10  # the most that the name of a metric takes above its colour bar [em]
-VECTORS = 4000  # cells that are an image in an svg or a pdf when there are more
+BAR, GAP = 0.8, 0.7  # width of a colour bar, and gap before it [em]
+METRIC = 10  # maximum width of a metric's name above its colour bar [em]
+VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an image
 
 
 def draw_heat_map(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
@@ -38,7 +38,7 @@ def draw_heat_map(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
 
 
 def heat_key(canvas: Canvas, panels: Sequence[HeatPanel]) -> dict[str, Artist]:
-    """What cells without a colour mean, as far as there are any: a sample of each by its name."""
+    """Returns samples of the kinds of cells without a colour that occur, by name."""
     key: dict[str, Artist] = {}
     if any(panel.failed.any() for panel in panels):
         key["every point failed"] = _empty_cell(canvas, (0, 0), (1, 1), failed=True)
@@ -81,7 +81,7 @@ def draw_parallel(canvas: Canvas, panel: ParallelPanel, host: Axes) -> None:
 
 
 def plate_labels(canvas: Canvas, host: Axes) -> None:
-    """Puts the labels of parallel axes, whose places are known, on plates, so that lines do not hide them."""
+    """Adds backgrounds to the labels of parallel axes, whose positions are known, so that lines do not hide them."""
     plate = {"facecolor": rgb(canvas.theme.ground), "edgecolor": "none", "alpha": 0.8, "pad": 0.1 * SMALL * canvas.em}
     for axes in canvas.figure.axes:
         if axes is not host and axes.get_subplotspec() == host.get_subplotspec():
@@ -106,7 +106,7 @@ def _colour_bar(canvas: Canvas, axes: Axes, colours: Scale, gap: float) -> Axes:
 
 
 def _colours(scale: Scale) -> ScalarMappable:
-    """The colours of values."""
+    """Returns the mapping of values to colours."""
     return ScalarMappable(_norm(scale), COLOUR_MAP)
 
 
@@ -115,7 +115,7 @@ def _norm(scale: Scale) -> Normalize:
 
 
 def _empty_cell(canvas: Canvas, corner: tuple[float, float], size: tuple[float, float], *, failed: bool) -> Rectangle:
-    """A cell without a value, hatched if its points failed."""
+    """Returns a cell without a value, hatched if its points failed."""
     theme = canvas.theme
     cell = Rectangle(corner, *size, facecolor=rgb(theme.grid), edgecolor="none", linewidth=0)
     if failed:
@@ -124,12 +124,12 @@ def _empty_cell(canvas: Canvas, corner: tuple[float, float], size: tuple[float, 
 
 
 def _edges(scale: Scale, count: int) -> np.ndarray:
-    """The edges of so many cells."""
+    """Returns the edges of `count` cells."""
     return (np.geomspace if scale.log else np.linspace)(scale.low, scale.high, count + 1)
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """The names without the kind and the field that all have in common: `torso` of `geom/torso.friction[0]`."""
+    """Removes the common kind and field from names: `torso` for `geom/torso.friction[0]`."""
     parts = [re.fullmatch(r"(.*?/)?(.*?)(\.[^/]*)?", name, re.DOTALL) for name in names]
     groups = [part.groups("") for part in parts if part]
     kinds, objects, fields = ({part[i] for part in groups} for i in range(3))

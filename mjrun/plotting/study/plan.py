@@ -1,4 +1,4 @@
-"""From the results of a study to what is drawn of them: which kind of figure fits, and its numbers."""
+"""The plan of a study's figure: the kind that suits its results, and its numbers."""
 
 import shlex
 from collections.abc import Sequence
@@ -11,20 +11,17 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.study_folder import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.curve_syntax import CurveSpec, parse_curves, parse_log, parse_panel
+from mjrun.plotting.figure_data import MARGIN, Scale, scale
 from mjrun.plotting.study.figure_data import (
-    Failures,
+    FailedPoints,
     GraphPanel,
     HeatPanel,
     ParallelPanel,
     RankPanel,
-    Scale,
     Series,
     StudyDrawing,
     StudyPanel,
-    colour_range,
-    scale,
     spans_decades,
-    y_scale,
 )
 from mjrun.plotting.study.statistics import (
     SEED,
@@ -38,34 +35,34 @@ from mjrun.plotting.study.statistics import (
 )
 from mjrun.plotting.study.trajectories import Trajectories
 
-LINES = 6  # curves of another parameter in one panel
-FEW = 3  # parameters that have a scatter plot each
-GRAPHS = 24  # panels, at most
-DRAWN = 4000  # lines of parallel coordinates
-RANKED = 40  # parameters in a panel of rank correlations
+LINES = 6  # maximum number of curves of another parameter in one panel
+FEW = 3  # maximum number of parameters that have a scatter plot each
+GRAPHS = 24  # maximum number of panels
+DRAWN = 4000  # maximum number of lines of parallel coordinates
+RANKED = 40  # maximum number of parameters in a panel of rank correlations
 
 
 @dataclass(frozen=True)
 class MetricValues:
-    """A metric, or an expression over some: its name, and its values `(n,)`, NaN where it has none."""
+    """A metric or an expression over metrics: its name, and its values `(n,)`, NaN if missing."""
 
     name: str
     values: np.ndarray
     log: bool
 
 
-class StudyPlan:
+class StudyFigurePlan:
     """A figure of a study.
 
     Args:
-      results: of the study.
+      results: results of the study.
       options: x chooses the parameter, y the metrics.
 
     Attributes:
-      notes: what the user may want to know.
+      notes: notes for the user.
 
     Raises:
-      UsageError: there is nothing to show, or a name that is not there.
+      UsageError: there is nothing to show, or a name is unknown.
     """
 
     def __init__(self, results: StudyResults, options: FigureOptions) -> None:
@@ -79,7 +76,7 @@ class StudyPlan:
 
     @cached_property
     def drawing(self) -> StudyDrawing:
-        """What is drawn."""
+        """The data of the figure."""
         curves = self._over_time if self._options.y else self._trajectories.usual
         over_time = self._trajectories.panels(curves)
         self.notes += self._trajectories.notes
@@ -89,7 +86,7 @@ class StudyPlan:
         return replace(summary, panels=[*summary.panels, *over_time])
 
     def _summary(self) -> StudyDrawing:
-        """The metrics of all points."""
+        """Chooses the figure of the metrics of all points."""
         x = self._x()
         main = [each for each in self._parameters if each.name != SEED] or self._parameters
         if x is not None:
@@ -108,7 +105,7 @@ class StudyPlan:
             return self._scatter(main)
         return self._parallel(main)
 
-    # --- what is chosen ------------------------------------------------------------------------------
+    # --- chosen values ------------------------------------------------------------------------------
 
     def _chosen_metrics(self) -> list[MetricValues]:
         known = {name: values for name, values in self._results.numbers.items() if name in self._results.metrics}
@@ -117,23 +114,26 @@ class StudyPlan:
             return []
         if not texts:
             raise UsageError(f"{self._results.folder}: the study has no metrics to plot; see {option('metric')}")
-        found: list[tuple[str, np.ndarray]] = []
+        metrics: list[tuple[str, np.ndarray]] = []
         columns = {**{each.name: each.values for each in self._parameters}, **known}
         for index, text in enumerate(texts):
             with concerning("y", index):
                 if text in known:
-                    found.append((text, known[text]))
+                    metrics.append((text, known[text]))
                     continue
                 try:
                     self._over_time += parse_panel(text, self._trajectories.columns).curves
                 except UnknownNameError:
                     for curve in self._curves(text, list(columns)):
-                        found.append((curve.name, curve.expression.values(columns)))
-        _, chosen = parse_log(self._options.log, len(found))
-        return [MetricValues(*each, self._is_log(i, each[1], chosen)) for i, each in enumerate(found)]
+                        metrics.append((curve.name, curve.expression.values(columns)))
+        _, chosen = parse_log(self._options.log, len(metrics))
+        return [
+            MetricValues(name, values, index in chosen if self._options.log else spans_decades(values))
+            for index, (name, values) in enumerate(metrics)
+        ]
 
     def _curves(self, text: str, columns: list[str]) -> Sequence[CurveSpec]:
-        """The curves that `text` describes, over metrics and what varies; it is about no columns over time alone."""
+        """Parses curves over metrics and parameters; an error about columns over time alone is specific."""
         try:
             return parse_panel(text, columns).curves
         except UnknownNameError:
@@ -142,18 +142,15 @@ class StudyPlan:
                 parse_panel(text, all_columns)
             except UnknownNameError as error:
                 folder = clean(shlex.quote(str(self._results.folder)))
-                error.add_note(f"mjrun sweep {folder} --keep trace --probe NAME keeps other columns over time")
+                error.add_note(f"mjrun sweep {folder} --keep trace --probe NAME stores more columns over time")
                 raise
             raise UsageError(f"{option('y')}: {quoted(text)} reads both metrics and columns over time") from None
 
-    def _is_log(self, index: int, values: np.ndarray, chosen: frozenset[int]) -> bool:
-        return index in chosen if self._options.log else spans_decades(values)
-
     def _x(self) -> Parameter | None:
-        """What the user chose as x: a parameter, or an expression over the metrics."""
+        """Returns the chosen x: a parameter, or an expression over the metrics."""
         if self._options.x is None:
             if not self._parameters:
-                raise UsageError(f"{self._results.folder}: nothing varies: there is one point, or all are the same")
+                raise UsageError(f"{self._results.folder}: no parameter varies: there is one point, or all are equal")
             return None
         named = {each.name: each for each in self._parameters}
         if self._options.x in named:
@@ -161,22 +158,23 @@ class StudyPlan:
         metrics = {name: self._results.numbers[name] for name in self._results.metrics}
         columns = {**{name: each.values for name, each in named.items()}, **metrics}
         try:
-            found = parse_curves(self._options.x, list(columns), option("x"))
+            curves = parse_curves(self._options.x, list(columns), option("x"))
         except UnknownNameError:
             raise UnknownNameError("parameter", self._options.x, list(columns), where=option("x")) from None
-        if len(found) != 1:
-            raise BadValueError(option("x"), self._options.x, f"one parameter, it is {len(found)}")
-        values = found[0].expression.values(columns)
-        return Parameter(found[0].name, values, np.unique(values[np.isfinite(values)]))
+        if len(curves) != 1:
+            raise BadValueError(option("x"), self._options.x, f"one parameter, it is {len(curves)}")
+        values = curves[0].expression.values(columns)
+        return Parameter(curves[0].name, values, np.unique(values[np.isfinite(values)]))
 
     # --- kinds of figures ----------------------------------------------------------------------------
 
     def _over(self, x: Parameter) -> StudyDrawing:
-        """Curves over one parameter, with bands where points share its values; else dots."""
+        """Plans curves over one parameter, with bands if points share its values; otherwise dots."""
         others = [each for each in self._parameters if each.name not in (x.name, SEED)]
         if x.name == SEED and others:
             others = []
-        if not x.is_listed and (others or not self._is_parameter(x)):
+        is_parameter = any(each is x for each in self._parameters)
+        if not x.is_listed and (others or not is_parameter):
             return self._scatter([x])
         lines = others[0] if len(others) == 1 and len(others[0].levels) <= LINES else None
         axis = x.scale(True if self._log_x else None)
@@ -192,22 +190,22 @@ class StudyPlan:
             ]
         series = [summary(name, x, metric.values, chosen, i) for i, (name, chosen) in enumerate(groups)]
         drawn = [each for s in series for each in (s.y, *(end for band in s.bands for end in (band.low, band.high)))]
-        y = y_scale(metric.name, np.concatenate(drawn), log=metric.log)
+        y = scale(metric.name, np.concatenate(drawn), log=metric.log, edge=MARGIN)
         return GraphPanel(axis, y, series, self._failures(x.values))
 
     def _scatter(self, parameters: Sequence[Parameter]) -> StudyDrawing:
-        """Dots, in a column of panels for each parameter."""
+        """Plans dots, in a column of panels for each parameter."""
         metrics = self._metrics[: max(1, GRAPHS // len(parameters))]
         panels: list[StudyPanel] = []
         for metric in self._shown(metrics):
-            y = y_scale(metric.name, metric.values, log=metric.log)
+            y = scale(metric.name, metric.values, log=metric.log, edge=MARGIN)
             for x in parameters:
                 dots = Series("", x.values, metric.values, joined=False)
                 panels.append(GraphPanel(x.scale(True if self._log_x else None), y, [dots], self._failures(x.values)))
         return self._drawn(panels, len(parameters))
 
     def _heat_maps(self, across: Parameter, up: Parameter) -> StudyDrawing:
-        """A cell for each pair of values: the median of its points."""
+        """Plans a cell for each pair of values: the median of its points."""
         column, row = np.searchsorted(across.levels, across.values), np.searchsorted(up.levels, up.values)
         shape = (len(up.levels), len(across.levels))
         cells = row * shape[1] + column
@@ -218,14 +216,14 @@ class StudyPlan:
             for cell, inside in grouped(cells, metric.values):
                 values[int(cell)] = np.median(inside)
             failed = (count > 0) & np.isnan(values)
-            ends = colour_range(metric.name, values, log=metric.log)
-            colours = Scale(metric.name, *ends, metric.log and ends[0] > 0)
+            ends = scale(metric.name, values, log=metric.log, edge=0.0)
+            colours = replace(ends, log=metric.log and ends.low > 0)
             grid = values.reshape(shape), failed.reshape(shape)
             panels.append(HeatPanel(metric.name, across.cells(), up.cells(), *grid, colours))
         return self._drawn(panels)
 
     def _parallel(self, parameters: Sequence[Parameter]) -> StudyDrawing:
-        """Parallel coordinates, and the rank correlations of all parameters with each metric."""
+        """Plans parallel coordinates, and the rank correlations of all parameters with each metric."""
         first = self._metrics[0]
         values = np.column_stack([*(each.values for each in parameters), first.values])
         order = np.argsort(np.abs(ranks(first.values) - 0.5), kind="stable")  # the extremes last, on top
@@ -245,17 +243,17 @@ class StudyPlan:
         return self._drawn(panels, min(3, len(panels)), above)
 
     def _rank_panels(self, parameters: Sequence[Parameter]) -> list[RankPanel]:
-        """A panel for each metric, the parameters in one order: by the strongest correlation with any of them."""
+        """Returns a panel for each metric, with the parameters ordered by their strongest correlation with any."""
         metrics, values = self._shown(self._metrics), [each.values for each in parameters]
-        found = np.array([rank_correlations(values, metric.values) for metric in metrics])
-        strength = np.nan_to_num(np.abs(found), nan=-1.0).max(axis=0)
+        correlations = np.array([rank_correlations(values, metric.values) for metric in metrics])
+        strength = np.nan_to_num(np.abs(correlations), nan=-1.0).max(axis=0)
         order = np.argsort(-strength, kind="stable")[:RANKED]
         if len(order) < len(parameters):
             self.notes.append(
                 f"of {len(parameters)} parameters, the {RANKED} with the strongest correlations have bars"
             )
         names = [parameters[i].ordinal_name for i in order]
-        return [RankPanel(metric.name, names, row[order]) for metric, row in zip(metrics, found, strict=True)]
+        return [RankPanel(metric.name, names, row[order]) for metric, row in zip(metrics, correlations, strict=True)]
 
     # --- parts ---------------------------------------------------------------------------------------
 
@@ -265,7 +263,7 @@ class StudyPlan:
         return StudyDrawing(self._options.title or "", panels, self._options.columns or columns, above)
 
     def _shown(self, metrics: Sequence[MetricValues]) -> list[MetricValues]:
-        """The metrics that can be drawn; those without any value are told of."""
+        """Returns the metrics to draw, and notes those without any value."""
         empty = [each.name for each in metrics if not np.isfinite(each.values).any()]
         if empty:
             self.notes.append(f"{listing(empty)}: no point has a value")
@@ -274,10 +272,7 @@ class StudyPlan:
             self.notes.append(f"{listing(left)} left out; choose with {option('y')}")
         return list(metrics)
 
-    def _is_parameter(self, x: Parameter) -> bool:
-        return any(each is x for each in self._parameters)
-
-    def _failures(self, x: np.ndarray) -> list[Failures]:
-        """Where points failed, by status."""
+    def _failures(self, x: np.ndarray) -> list[FailedPoints]:
+        """Returns the failed points, by status."""
         status = self._results.status
-        return [Failures(str(kind), x[status == kind]) for kind in dict.fromkeys(status.tolist()) if kind != "ok"]
+        return [FailedPoints(str(kind), x[status == kind]) for kind in dict.fromkeys(status.tolist()) if kind != "ok"]

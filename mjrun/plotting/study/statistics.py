@@ -1,4 +1,4 @@
-"""What varies in a study, and statistics of its points: medians with bands, ranks and their correlations."""
+"""The parameters of a study, and statistics of its points: medians with bands, ranks and their correlations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,31 +7,30 @@ import numpy as np
 
 from mjrun.formats.study_folder import StudyResults
 from mjrun.packages import require
+from mjrun.plotting.figure_data import Scale, scale
 from mjrun.plotting.study.figure_data import (
     EDGE,
     Band,
-    Scale,
     Series,
     cell_scale,
     is_even_in_ratios,
     is_geometric,
-    scale,
 )
 from mjrun.plotting.ticks import value_labels
 
-SEED = "seed"  # whose values are repeats where anything else varies
-QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # of the bands
-DOTS = 40  # values of x that are marked
+SEED = "seed"  # its values are repetitions if any other parameter varies
+QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # ends of the bands
+DOTS = 40  # maximum number of values of x that are marked
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """Something that varies.
+    """A varying parameter of a study.
 
-    Attributes:
-      name: as the study writes it.
+    name: name in the study.
+      values: values of the points `(n,)`; for texts, their index in `categories`.
       values: of the points `(n,)`; of texts, their index in `categories`.
-      levels: the different values, ascending.
+      levels: the distinct values, ascending.
     """
 
     name: str
@@ -41,7 +40,7 @@ class Parameter:
 
     @property
     def is_listed(self) -> bool:
-        """Whether points share its values, as on a grid, rather than having one each, as when drawn at random."""
+        """True if points share its values, as on a grid, rather than having one each, as in random samples."""
         return bool(self.categories) or 2 * len(self.levels) <= len(self.values)
 
     @property
@@ -51,18 +50,18 @@ class Parameter:
 
     @property
     def ordinal_name(self) -> str:
-        """Its name; of two texts, with the one that counts as more."""
+        """Its name; for two texts, with the one that counts as higher."""
         return f"{self.name}: {self.categories[1]}" if self.categories else self.name
 
     def scale(self, log: bool | None = None) -> Scale:
-        """Its axis, logarithmic where `log` says so, or without it where its values are in equal ratios."""
+        """Returns its axis, logarithmic if `log`, or by default if the values have equal ratios."""
         is_log = log
         if is_log is None:
             is_log = is_geometric(self.levels) if self.is_listed else is_even_in_ratios(self.values)
         return scale(self.name, self.values, log=is_log, categories=self.categories, edge=EDGE)
 
     def cells(self) -> Scale:
-        """Its axis where each level has a cell."""
+        """Returns its axis with a cell for each level."""
         return cell_scale(self.name, self.levels, self.labels)
 
 
@@ -77,7 +76,7 @@ def parameter_of(results: StudyResults, name: str) -> Parameter:
 
 
 def is_grid(a: Parameter, b: Parameter) -> bool:
-    """Whether at least half of all pairs of their values are points."""
+    """Returns whether at least half of all pairs of their values are points."""
     if not (a.is_listed and b.is_listed):
         return False
     pairs = len(np.unique(np.column_stack([a.values, b.values]), axis=0))
@@ -85,7 +84,7 @@ def is_grid(a: Parameter, b: Parameter) -> bool:
 
 
 def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> Series:
-    """The median at each value of x, with bands where several points share one."""
+    """Returns the median at each value of x, with bands if several points share a value."""
     chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
     groups = list(grouped(x.values[chosen], values[chosen]))
     places = np.array([place for place, _ in groups])
@@ -99,7 +98,7 @@ def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, col
 
 
 def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:
-    """The finite values of each key, in the order of keys."""
+    """Groups the finite values by key, in the order of keys."""
     keys, values = keys[np.isfinite(values)], values[np.isfinite(values)]
     order = np.argsort(keys, kind="stable")
     different, starts = np.unique(keys[order], return_index=True)
@@ -107,15 +106,14 @@ def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.
 
 
 def ranks(values: np.ndarray) -> np.ndarray:
-    """Ranks of values, from 0 to 1."""
+    """Returns the ranks of values, from 0 to 1."""
     return np.argsort(np.argsort(values, kind="stable"), kind="stable") / max(1, len(values) - 1)
 
 
 def rank_correlations(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndarray:
-    """Spearman's rank correlation of each parameter `(n,)` with `metric` `(n,)`: from -1 to 1, `(parameters,)`.
+    """Returns Spearman's rank correlation of each parameter `(n,)` with `metric` `(n,)`: from -1 to 1, `(parameters,)`.
 
-    Points at which either is not finite are left out. What does not vary, or has fewer than three points, has none:
-    NaN.
+    Points at which either is not finite are omitted. The result is NaN for constant values or fewer than three points.
 
     Raises:
       MissingExtraError: scipy is not installed.

@@ -1,4 +1,4 @@
-"""Trajectories of single points over time, overlaid: the traces that a study has kept."""
+"""Trajectories of single points over time, overlaid: the stored traces of a study."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,15 +8,16 @@ import numpy as np
 from mjrun.formats.study_folder import StudyResults, point_values, values_in_words
 from mjrun.formats.table_reader import Table, open_table, read_table
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
-from mjrun.plotting.study.figure_data import GraphPanel, Scale, Series, scale, y_scale
+from mjrun.plotting.figure_data import MARGIN, Scale, scale
+from mjrun.plotting.study.figure_data import GraphPanel, Series
 
 TIME = "time"
-POINTS = 100  # trajectories in a panel, at most
-NAMED = 8  # of them, up to which each has a colour and an entry in the key
+POINTS = 100  # maximum number of trajectories in a panel
+NAMED = 8  # maximum number of trajectories that each have a colour and an entry in the key
 FAINT = 0.4  # opacity of a line among many
-PANELS = 4  # where nobody chooses
-ROWS = 4000  # of a trajectory: more than a figure has pixels
-NOISE = 1e-14  # of the largest value with the same unit: curves below it are rounding errors, and drawn as zero
+PANELS = 4  # maximum number of panels that the user did not choose
+ROWS = 4000  # rows of a trajectory: more than the pixels of a figure
+NOISE = 1e-14  # share of the largest value with the same unit below which curves are rounding errors
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,11 @@ class _Curve:
 
 
 class Trajectories:
-    """The traces that are kept of the points of a study.
+    """The stored traces of a study's points.
 
     Attributes:
-      columns: of the first of them; those of the others are the same.
-      notes: what the user may want to know, after `panels`.
+      columns: columns of the first trace, which all others share.
+      notes: notes for the user, after `panels`.
     """
 
     def __init__(self, results: StudyResults) -> None:
@@ -53,13 +54,13 @@ class Trajectories:
 
     @property
     def usual(self) -> list[CurveSpec]:
-        """The columns that the metrics read; the first of all in a study without metrics."""
+        """The columns that the metrics read; in a study without metrics, the first of all columns."""
         read = set(self._results.metric_columns)
         names = [name for name in self.columns if name in read or not self._results.metrics]
         return [curve for name in names[:PANELS] for curve in parse_panel(name, self.columns).curves]
 
     def panels(self, curves: Sequence[CurveSpec]) -> list[GraphPanel]:
-        """A panel over time for each of these curves."""
+        """Returns a panel over time for each of these curves."""
         if not curves:
             return []
         tables = self._tables([*dict.fromkeys(name for curve in curves for name in curve.expression.columns)])
@@ -88,25 +89,25 @@ class Trajectories:
         values = np.concatenate(curve.values)
         if curve.largest < NOISE * largest:
             values = np.array([-largest, largest])
-        return GraphPanel(times, y_scale(name, values, log=False), series, ())
+        return GraphPanel(times, scale(name, values, edge=MARGIN), series, ())
 
     def _tables(self, names: Sequence[str]) -> dict[int, Table]:
-        """The traces of the points that are shown."""
+        """Reads the traces of the points to show."""
         points = list(self._traces)
         if len(points) > POINTS:
-            self.notes.append(f"{POINTS} of {len(points)} points that have traces have a line, evenly chosen")
+            self.notes.append(f"{POINTS} of {len(points)} points with traces have a line, evenly chosen")
             points = [points[i] for i in np.linspace(0, len(points) - 1, POINTS).round().astype(int)]
         return {point: _thinned(read_table(str(self._traces[point]), [TIME, *names])) for point in points}
 
     def _labels(self, points: Sequence[int]) -> list[str]:
-        """What each trajectory is called in the key; nothing where they are too many."""
+        """Returns the name of each trajectory in the key; empty if they are too many."""
         if not 1 < len(points) <= NAMED:
             return [""] * len(points)
         return [", ".join(values_in_words(point_values(self._traces[point].parent))) for point in points]
 
 
 def _thinned(table: Table) -> Table:
-    """Every k-th row, so that there are not many more than a figure can show, and the last."""
+    """Selects every k-th row, about as many as a figure can show, and the last."""
     count = len(next(iter(table.columns.values())))
     rows = np.append(np.arange(0, count - 1, max(1, count // ROWS)), count - 1)
     return Table({name: values[rows] for name, values in table.columns.items()}, table.units)

@@ -39,5 +39,5 @@ def test_a_look_straight_up_or_down_is_defined(height: float) -> None:
 
 
 def test_a_look_at_where_the_camera_is_names_the_time() -> None:
-    with pytest.raises(MjrunError, match=r"camera a: at 7\.5 s the camera is at the very point that it looks at"):
+    with pytest.raises(MjrunError, match=r"camera a: at 7\.5 s the camera coincides with the point that it looks at"):
         posed(LookRig((4.0, 5.0, 6.0), "box"), at(0.5))

@@ -70,7 +70,7 @@ def test_formats_of_a_pipe(mjrun_here: Command) -> None:
     ("arguments", "code", "message"),
     [
         (["run.csv"], 2, "Missing option '-o'"),
-        (["run.csv", "-o", "a.html"], 2, "a.html is a page, not a picture: --html makes pages"),
+        (["run.csv", "-o", "a.html"], 2, "a.html would be a page, not an image: --html writes pages"),
         (["run.csv", "-o", "a.png", "--size", "99999x99999"], 2, "at most 65535 a side and 100 megapixels"),
         (["run.csv", "-o", "a.gif"], 2, "no figure format '.gif'"),
         (["run.csv", "-o", "a.png", "--y", "none/*"], 2, "no column 'none/*' in --y"),

@@ -162,7 +162,7 @@ def test_a_port_in_use_is_told(mjrun: Command, swing: Path) -> None:
         port = other.getsockname()[1]
         done = mjrun("view", swing, "--port", str(port))
     assert done.returncode == 2
-    assert f"--port: {port} cannot be had: Address already in use".encode() in done.stderr
+    assert f"--port: {port} is not available: Address already in use".encode() in done.stderr
 
 
 def test_what_is_wrong_is_told_before_anything_opens(mjrun_here: Command, swing: Path) -> None:

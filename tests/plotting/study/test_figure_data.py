@@ -4,20 +4,17 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError
+from mjrun.plotting.figure_data import MARGIN, Scale, scale
 from mjrun.plotting.study.figure_data import (
     GraphPanel,
     ParallelPanel,
     RankPanel,
-    Scale,
     StudyDrawing,
     cell_scale,
-    colour_range,
     is_even_in_ratios,
     is_geometric,
-    scale,
     spans_decades,
     study_grid,
-    y_scale,
 )
 
 
@@ -68,9 +65,9 @@ def test_cells_are_around_their_values_when_they_are_many() -> None:
 
 def test_the_axis_of_a_metric_has_a_margin_and_colours_have_none() -> None:
     values = np.array([1.0, 2, np.nan])
-    axis = y_scale("z", values, log=False)
+    axis, colours = (scale("z", values, edge=edge) for edge in (MARGIN, 0.0))
     assert axis.low < 1 < 2 < axis.high
-    assert colour_range("z", values, log=False) == (1, 2)
+    assert colours == Scale("z", 1, 2)
 
 
 GRAPH = GraphPanel(Scale("x", 0, 1), Scale("z", 0, 1), [], [])

@@ -12,7 +12,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError
 from mjrun.formats.study_folder import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
-from mjrun.plotting.study.plan import StudyPlan
+from mjrun.plotting.study.plan import StudyFigurePlan
 
 Columns = Mapping[str, "np.ndarray | list[str]"]
 
@@ -28,7 +28,7 @@ def results(parameters: Columns, metrics: Mapping[str, np.ndarray], status: np.n
 
 
 def drawn(study: StudyResults, **options: object) -> StudyDrawing:
-    return StudyPlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
+    return StudyFigurePlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
 
 
 RNG = np.random.default_rng(5)
@@ -115,7 +115,7 @@ def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> Non
     z = values[:, 0] - 2 * values[:, 1]
     z[7] = np.nan
     parameters = {name: column.copy() for name, column in zip("abcd", values.T, strict=True)}
-    plan = StudyPlan(results({**parameters, "kind": kind}, {"z": z, "w": -z}), FigureOptions(y=("w",)))
+    plan = StudyFigurePlan(results({**parameters, "kind": kind}, {"z": z, "w": -z}), FigureOptions(y=("w",)))
     drawing = plan.drawing
     assert drawing.above
     assert [axis.name for axis in drawing.above.scales] == ["a", "b", "c", "d", "kind", "w"]
@@ -131,7 +131,9 @@ def test_many_parameters_are_parallel_coordinates_and_rank_correlations() -> Non
 
 def test_lines_of_many_points_are_chosen_evenly() -> None:
     values = RNG.random((9000, 4))
-    plan = StudyPlan(results(dict(zip("abcd", values.T.copy(), strict=True)), {"z": values[:, 0]}), FigureOptions())
+    plan = StudyFigurePlan(
+        results(dict(zip("abcd", values.T.copy(), strict=True)), {"z": values[:, 0]}), FigureOptions()
+    )
     assert plan.drawing.above
     assert len(plan.drawing.above.values) == 4000
     assert plan.notes == ["4000 of 9000 points have a line, evenly chosen"]
@@ -141,12 +143,12 @@ def test_what_cannot_be_shown_is_told() -> None:
     a, z = np.arange(3.0), np.full(3, np.nan)
     with pytest.raises(UsageError, match="no metrics"):
         drawn(results({"a": a}, {}))
-    with pytest.raises(UsageError, match="nothing varies"):
+    with pytest.raises(UsageError, match="no parameter varies"):
         drawn(results({"a": np.ones(3)}, {"z": a}))
     with pytest.raises(UnknownNameError, match="mss"):
         drawn(results({"a": a}, {"z": a}), x="mss")
     with pytest.raises(BadValueError, match="one parameter"):
         drawn(results({"a/b": a, "a/c": a}, {"z": a}), x="a/*")
-    plan = StudyPlan(results({"a": a}, {"z": z}), FigureOptions())
+    plan = StudyFigurePlan(results({"a": a}, {"z": z}), FigureOptions())
     assert plan.drawing.panels
     assert plan.notes == ["z: no point has a value"]

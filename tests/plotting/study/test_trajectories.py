@@ -13,7 +13,7 @@ from mjrun.formats.study_folder import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study import trajectories
 from mjrun.plotting.study.figure_data import GraphPanel, StudyDrawing
-from mjrun.plotting.study.plan import StudyPlan
+from mjrun.plotting.study.plan import StudyFigurePlan
 
 TIMES = np.arange(50) * 0.1
 
@@ -31,7 +31,7 @@ def results(folder: Path, count: int) -> StudyResults:
 
 
 def drawing(study: StudyResults, **options: object) -> StudyDrawing:
-    return StudyPlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
+    return StudyFigurePlan(study, FigureOptions(**options)).drawing  # type: ignore[arg-type]
 
 
 def test_what_the_metrics_read_is_shown_over_time(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_columns_and_metrics_are_chosen_alike(tmp_path: Path) -> None:
         np.testing.assert_array_equal(series.y, np.sin(TIMES + point))
     with pytest.raises(UnknownNameError, match=r"no column 'qpos/hop'[\s\S]*columns: seed, far, qpos/hip") as caught:
         drawing(study, y="qpos/hop")
-    assert caught.value.__notes__ == [f"mjrun sweep {tmp_path} --keep trace --probe NAME keeps other columns over time"]
+    assert caught.value.__notes__ == [f"mjrun sweep {tmp_path} --keep trace --probe NAME stores more columns over time"]
 
 
 def test_expressions_over_time_are_drawn(tmp_path: Path) -> None:
@@ -89,9 +89,9 @@ def test_rounding_errors_are_drawn_as_zero(tmp_path: Path) -> None:
 def test_many_lines_are_faint_and_have_no_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trajectories, "POINTS", 10)
     monkeypatch.setattr(trajectories, "ROWS", 20)
-    plan = StudyPlan(results(tmp_path, 30), FigureOptions(y="qpos/knee"))
+    plan = StudyFigurePlan(results(tmp_path, 30), FigureOptions(y="qpos/knee"))
     (knee,) = plan.drawing.panels
     assert isinstance(knee, GraphPanel)
-    assert plan.notes == ["10 of 15 points that have traces have a line, evenly chosen"]
+    assert plan.notes == ["10 of 15 points with traces have a line, evenly chosen"]
     assert {(series.name, series.colour, series.opacity < 1) for series in knee.series} == {("", 0, True)}
     assert all(20 <= len(series.x) <= 40 and series.x[-1] == TIMES[-1] for series in knee.series)
