@@ -1,15 +1,19 @@
 """The page of a run shows everything that was made, whatever failed."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from mjrun.errors import BadValueError, FailedAssertionError, FileError, PartlyDoneError
 from mjrun.options.plot import PageOptions
+from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
+from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.run_page import run_page
+from mjrun.outputs.run_result import RESULTS, RunResult
 from mjrun.outputs.trace import Trace
 from mjrun.plotting.page_writer import PageWriter
 from mjrun.simulation.simulation import Simulation
@@ -78,3 +82,17 @@ def test_a_page_that_cannot_be_written_is_told_before_the_run(jobs: list[Job[Out
     for name, error in (("page.txt", BadValueError), ("/dev/null/page.html", FileError)):
         with pytest.raises(error), run_page(PageOptions(html=str(tmp_path / name)), "t", jobs):
             raise AssertionError
+
+
+def test_every_kind_of_output_is_known_by_its_name() -> None:
+    assert {f"{kind}Result": result for kind, result in RESULTS.items()} == {
+        result.__name__: result for result in OutputResult.__subclasses__()
+    }
+
+
+def test_a_document_has_the_results_in_their_order() -> None:
+    key = KeyframeResult("k.xml", "end", 0.03, 3, 0.1, [])
+    recording = RecordingResult("r.npz", 4, 9, 0.03, 0.1, [])
+    first, second = RunResult([recording, key]).document()["results"]  # type: ignore[misc]
+    assert first == {"kind": "Recording", **asdict(recording)}
+    assert second == {"kind": "Keyframe", **asdict(key)}

@@ -1,16 +1,20 @@
-"""A page is well formed, needs nothing else, and says what it was given."""
+"""Pages about results: their parts, the files that they include, and manifests."""
 
 import base64
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mjrun.errors import FileError
+from mjrun.errors import BadValueError, FileError
 from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageFile, PageTable, html_page, inline_svg, page_file
-from mjrun.plotting.page_manifest import PageManifest
+from mjrun.plotting.page_manifest import PageManifest, flat, manifest_articles
+from mjrun.plotting.page_writer import PageWriter, included, recorded_verdicts
 from mjrun.plotting.table_summary import ColumnStatistics
 from mjrun.probe.verdict import Verdict
 from tests.plotting.test_markup import read
@@ -188,3 +192,105 @@ def test_what_no_browser_shows_is_linked(tmp_path: Path) -> None:
 def test_a_file_that_is_missing_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"none\.png"):
         page_file(str(tmp_path / "none.png"), "p.html", 10)
+
+
+def test_manifests_are_told_from_other_files(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text('{"mjrun": "0.1.0", "seed": 3}')
+    (tmp_path / "calibration.json").write_text('{"fx": 1}')
+    (tmp_path / "broken.json").write_text("{")
+    paths = [str(tmp_path / name) for name in ("run.json", "calibration.json", "broken.json")]
+    files, manifests = included(paths, str(tmp_path / "page.html"), 10)
+    assert [file.address for file in files] == ["./calibration.json", "./broken.json"]
+    assert [manifest.content for manifest in manifests] == [{"mjrun": "0.1.0", "seed": 3}]
+    with pytest.raises(FileError, match=r"none\.json"):
+        included([str(tmp_path / "none.json")], "page.html", 10)
+
+
+@pytest.mark.parametrize("result", [None, 3, [], {}, {"assertions": 1}, {"assertions": [1, {"text": 1}, None]}])
+def test_a_manifest_that_says_nothing_of_assertions_has_no_verdicts(result: object) -> None:
+    assert recorded_verdicts([PageManifest("m.json", {"result": result})]) == []
+
+
+def test_verdicts_are_those_of_the_run() -> None:
+    entry = {"text": "a < 1", "passed": False, "message": "a < 1: it is 2"}
+    content = {"result": {"path": "run.csv", "assertions": [entry]}}
+    assert recorded_verdicts([PageManifest("m.json", content)]) == [("run.csv", Verdict(**entry))]
+
+
+def test_a_manifest_within_a_table_is_part_of_the_one_beside_it() -> None:
+    inner = json.loads('{"mjrun": "1", "model": {"path": "a"}}')
+    assert PageManifest("t", inner).is_part_of(PageManifest("m", {**inner, "result": {}}))
+    assert not PageManifest("t", inner).is_part_of(PageManifest("m", {**inner, "model": {"path": "b"}}))
+
+
+def test_a_page_is_published_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text("old")
+    with PageWriter(str(path)) as writer:
+        writer.write(Page("t", "m"))
+    assert path.read_text() == "old"
+    with PageWriter(str(path)) as writer:
+        writer.write(Page("t", "m"))
+        writer.publish()
+    assert path.read_text().endswith("</html>\n")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "page", "page.svg"])
+def test_only_a_page_is_written_over(name: str, tmp_path: Path) -> None:
+    with pytest.raises(BadValueError, match=r"ends with \.html"):
+        PageWriter(str(tmp_path / name))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=12,
+)
+ALLOWED = {"article", "h3", "dl", "div", "dt", "dd", "code", "details", "summary", "table", "caption"}
+ALLOWED |= {"thead", "tbody", "tr", "th", "td"}
+KEYS = st.sampled_from(["mjrun", "command", "model", "options", "result", "outputs", "seed", "<b>"])
+
+
+def article(*manifests: PageManifest) -> str:
+    return "".join(manifest_articles(manifests))
+
+
+@given(st.dictionaries(KEYS, JSON, max_size=6))
+def test_a_manifest_of_anything_is_shown(content: dict[str, object]) -> None:
+    tags = {tag for tag, _ in read(article(PageManifest("m.json", content))).tags}
+    assert tags <= ALLOWED
+
+
+def test_a_manifest_of_ours_says_what_made_it() -> None:
+    content = {
+        "mjrun": "0.1.0",
+        "mujoco": "4.0.0",
+        "command": "mjrun trace <b>.xml",
+        "model": {"path": "<b>.xml", "sha256": "12ab"},
+        "options": {"simulation": {"duration": 2.0, "key": None}, "assert_": ["a < 1"]},
+        "result": {"path": "x", "wall": 1.25, "assertions": [{"text": "a < 1"}]},
+        "outputs": [{"path": "run.csv", "bytes": 12, "sha256": "feed"}],
+    }
+    text = read(article(PageManifest("run.json", content))).text
+    for part in ("mjrun trace <b>.xml", "12ab", "mjrun 0.1.0, mujoco 4.0.0", "Wall [s]1.25", "feed", "Options (2)"):
+        assert part in text
+    assert "simulation.key" not in text
+
+
+def test_mappings_are_taken_apart_to_a_limit() -> None:
+    deep = json.loads('{"a":' * 400 + "1" + "}" * 400)
+    assert len(flat(deep)) == 1
+    assert flat({"a": {"b_": 1, "c": []}, "d": False}) == {"a.b": 1, "d": False}
+
+
+def test_what_all_manifests_say_is_said_once() -> None:
+    shared = {"command": "mjrun run study.yaml", "seed": 0}
+    pages = [
+        PageManifest(name, {**shared, "result": {"wall": wall}}) for name, wall in (("a.mp4", 1.0), ("b.csv", 2.0))
+    ]
+    text = read(article(*pages)).text
+    assert text.count("mjrun run study.yaml") == 1
+    assert text.index("mjrun run") < text.index("a.mp4") < text.index("b.csv")
+    assert "Wall [s]1" in text
+    assert read(article(pages[0])).text.count("mjrun run study.yaml") == 1

@@ -1,10 +1,21 @@
-"""Panels by group and unit, and their titles."""
+"""Panels of figures, and the texts that describe them."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mjrun.errors import BadValueError, UnknownNameError, UsageError
 from mjrun.outputs.trace import columns
+from mjrun.plotting.curve_syntax import (
+    ReferenceLine,
+    panel_index,
+    parse_curves,
+    parse_log,
+    parse_panel,
+    parse_reference_line,
+    split_unit,
+)
 from mjrun.plotting.panel import CURVES, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.simulation.simulation import Simulation
 
@@ -118,3 +129,116 @@ def test_a_table_s_own_units_come_first_and_brackets_second() -> None:
 
 def test_the_time_of_another_program_may_be_in_anything() -> None:
     assert with_units(["time", "force"], {}) == {"time": "", "force": ""}
+
+
+COLUMNS = ["time", "qpos/knee", "qpos/hip/x", "qvel/knee", "a,b", "force [N]", "x=y", "joint:3"]
+ROWS = {name: np.array([1.0, 2.0]) * (i + 1) for i, name in enumerate(COLUMNS)}
+
+
+def curves(text: str) -> list[tuple[str, str | None, float]]:
+    """Name, unit and first value of every curve of a panel."""
+    found = parse_panel(text, COLUMNS).curves
+    return [(c.name, c.unit, float(c.expression.values(ROWS)[0])) for c in found]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("qpos/knee", [("qpos/knee", None, 2)]),
+        ("qpos/*", [("qpos/knee", None, 2), ("qpos/hip/x", None, 3)]),
+        ("qpos", [("qpos/knee", None, 2), ("qpos/hip/x", None, 3)]),
+        ("*knee", [("qpos/knee", None, 2), ("qvel/knee", None, 4)]),
+        ("qpos/knee, qvel/knee", [("qpos/knee", None, 2), ("qvel/knee", None, 4)]),
+        ("a,b", [("a,b", None, 5)]),
+        ("'a,b' * 2, time", [("'a,b' * 2", None, 10), ("time", None, 1)]),
+        ("max(qpos/knee, qvel/knee)", [("max(qpos/knee, qvel/knee)", None, 4)]),
+        ("qpos/knee*qvel/knee", [("qpos/knee*qvel/knee", None, 8)]),
+        ("qpos/knee * 2", [("qpos/knee * 2", None, 4)]),
+        ("force [N]", [("force [N]", None, 6)]),
+        ("knee [°]=qpos/knee*180/pi", [("knee", "°", 360 / np.pi)]),
+        ("angle=qpos/knee", [("angle", None, 2)]),
+        ("pure []=qpos/knee", [("pure", "", 2)]),
+        ("x=y", [("x=y", None, 7)]),
+        ("joint:3", [("joint:3", None, 8)]),
+        ("both: joint:3, time", [("joint:3", None, 8), ("time", None, 1)]),
+    ],
+)
+def test_a_panel_has_the_curves_that_its_text_names(text: str, expected: list[object]) -> None:
+    assert curves(text) == expected
+
+
+def test_a_wildcard_leaves_out_the_column_of_the_x_axis_unless_that_is_all_it_names() -> None:
+    def names(text: str) -> list[str]:
+        return [curve.name for curve in parse_panel(text, ["time", "a", "b"], "time").curves]
+
+    assert names("*") == ["a", "b"]
+    assert names("t*") == names("time") == ["time"]
+
+
+def test_a_panel_may_have_a_title_and_a_unit() -> None:
+    panel = parse_panel("contact force [N]: qpos/knee, up=qvel/knee", COLUMNS)
+    assert (panel.title, panel.unit, [c.name for c in panel.curves]) == ("contact force", "N", ["qpos/knee", "up"])
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "message"),
+    [
+        ("qpoz/*", UnknownNameError, "no column 'qpoz/\\*' in y .did you mean 'qpos/"),
+        ("qpos/kne", UnknownNameError, "did you mean 'qpos/knee'"),
+        ("both=qpos/*", UsageError, "'qpos/\\*' matches 2 columns, but has one name"),
+        ("qpos/knee +", UsageError, "found the end"),
+        ("mean(qpos/knee)", UsageError, "over all rows"),
+        (" ", UsageError, "y"),
+    ],
+)
+def test_what_names_nothing_is_refused(text: str, kind: type, message: str) -> None:
+    with pytest.raises(kind, match=message):
+        parse_panel(text, COLUMNS)
+
+
+def test_x_is_written_as_a_curve() -> None:
+    (x,) = parse_curves("t [ms]=time*1000", COLUMNS, "x")
+    assert (x.name, x.unit, x.column, x.expression.columns) == ("t", "ms", None, ("time",))
+
+
+@pytest.mark.parametrize(
+    ("text", "mark"),
+    [
+        ("m·g=87.356", ReferenceLine("m·g", 87.356)),
+        ("2:0.50", ReferenceLine("0.50", 0.5, panel=2)),
+        ("2:m·g = -1e3", ReferenceLine("m·g", -1000, panel=2)),
+        ("x:impact=0.52", ReferenceLine("impact", 0.52, vertical=True)),
+        ("a=b=3", ReferenceLine("a=b", 3)),
+        ("7", ReferenceLine("7", 7)),
+    ],
+)
+def test_a_mark_is_a_label_and_a_number(text: str, mark: ReferenceLine) -> None:
+    assert parse_reference_line(text) == mark
+
+
+@pytest.mark.parametrize("text", ["m·g", "a=", "a=nan", "x:a=b", "=inf"])
+def test_a_mark_without_a_number_is_refused(text: str) -> None:
+    with pytest.raises(BadValueError, match=r"mark: .* is not a NUMBER or LABEL=NUMBER"):
+        parse_reference_line(text)
+
+
+def test_axes_are_logarithmic_for_all_panels_or_one() -> None:
+    assert parse_log([], 3) == (False, frozenset())
+    assert parse_log(["x"], 3) == (True, frozenset())
+    assert parse_log(["y"], 3) == (False, {0, 1, 2})
+    assert parse_log(["both"], 2) == (True, {0, 1})
+    assert parse_log(["2:y", "x"], 3) == (True, {1})
+    with pytest.raises(BadValueError, match="log: 'z' is not x, y, both"):
+        parse_log(["z"], 1)
+    with pytest.raises(UsageError, match="log: panel 4 does not exist; the last is 3"):
+        parse_log(["4:y"], 3)
+
+
+def test_panels_are_counted_from_one() -> None:
+    assert panel_index(3, 3, "mark") == 2
+
+
+def test_a_unit_stands_in_brackets_at_the_end() -> None:
+    assert split_unit("depth [mm]") == ("depth", "mm")
+    assert split_unit("a[0] b") == ("a[0] b", None)
+    assert split_unit("[m]") == ("[m]", None)

@@ -1,4 +1,4 @@
-"""Which backends there are."""
+"""Backends: which there are, how each is tried, and the detection of one that works."""
 
 import platform
 import sys

@@ -1,8 +1,14 @@
 """What windows report is plain values."""
 
-import numpy as np
+import socket
 
-from mjrun.errors import spelled
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import UsageError, spelled
+from mjrun.viewer import browser_window
+from mjrun.viewer.browser_window import BrowserWindow
 from mjrun.viewer.window import PHYSICS_SETTINGS, Pull, Reset
 
 
@@ -14,3 +20,35 @@ def test_actions_are_values() -> None:
 
 def test_what_is_refused_says_which_option_does_it() -> None:
     assert "set, as in opt.gravity" in spelled(PHYSICS_SETTINGS.what)
+
+
+def test_a_port_in_use_is_said_at_once(swing: object) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(UsageError, match=f"port: {port} is not available: Address already in use"):
+            BrowserWindow(model, port)
+
+
+def test_without_a_wish_the_first_free_port_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as other, socket.socket() as free:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        free.bind(("127.0.0.1", 0))
+        taken, port = other.getsockname()[1], free.getsockname()[1]
+        free.close()
+        monkeypatch.setattr(browser_window, "PORTS", [taken, port])
+        assert browser_window._free_port(None) == port
+        monkeypatch.setattr(browser_window, "PORTS", [taken])
+        with pytest.raises(UsageError, match="all in use"):
+            browser_window._free_port(None)
+
+
+def test_a_missing_studio_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise ImportError("No module named 'mujoco.studio'")
+
+    monkeypatch.setattr(browser_window, "_studio_page", fail)
+    assert browser_window.obstacle() == "MuJoCo Studio cannot be loaded: No module named 'mujoco.studio'"

@@ -1,4 +1,4 @@
-"""Which figure fits a study, and its numbers against pandas."""
+"""The figures that suit studies, and their statistics."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mjrun.errors import BadValueError, UnknownNameError, UsageError
+from mjrun.errors import BadValueError, MissingExtraError, UnknownNameError, UsageError
 from mjrun.formats.study_folder import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan
+from mjrun.plotting.study.statistics import rank_correlations
 
 Columns = Mapping[str, "np.ndarray | list[str]"]
 
@@ -152,3 +153,26 @@ def test_what_cannot_be_shown_is_told() -> None:
     plan = StudyFigurePlan(results({"a": a}, {"z": z}), FigureOptions())
     assert plan.drawing.panels
     assert plan.notes == ["z: no point has a value"]
+
+
+def test_correlations_are_those_of_pandas_without_what_is_missing() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(60, 3)).round(1)  # with ties
+    metric = np.exp(values[:, 0]) - values[:, 1] ** 3 + 0.1 * rng.normal(size=60)
+    metric[[4, 9, 33]] = np.nan
+    frame = pd.DataFrame(np.column_stack([values, metric]))
+    expected = frame.corr(method="spearman").to_numpy()[:3, 3]
+    np.testing.assert_allclose(rank_correlations(list(values.T), metric), expected, rtol=1e-12)
+
+
+def test_what_does_not_vary_has_none() -> None:
+    found = rank_correlations([np.ones(5), np.arange(5.0)], np.arange(5.0) ** 3)
+    assert np.isnan(found[0])
+    assert found[1] == pytest.approx(1)
+    assert np.isnan(rank_correlations([np.arange(5.0)], np.array([1, 2, np.nan, np.nan, np.nan]))).all()
+
+
+def test_without_scipy_the_extra_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match="scipy"):
+        rank_correlations([], np.empty(0))
