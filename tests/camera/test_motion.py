@@ -62,8 +62,8 @@ def course(*shots: Shot) -> CameraMotion:
     return CameraMotion(CameraScript("a", shots), MODEL, SIZE)
 
 
-def film(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], spin: float = 50.0) -> list[Pose]:
-    """The poses at `times` of shots that end at `ends`; the film is at half the speed."""
+def poses_of(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float], spin: float = 50.0) -> list[Pose]:
+    """The poses at `times` of shots that end at `ends`; the video is at half the speed."""
     spans = list(itertools.pairwise([0.0, *ends]))
     return list(course(*shots).poses(states(times, spin), times, [2 * t for t in times], spans))
 
@@ -74,12 +74,12 @@ def around(
     return FreeRig(target, Ramp.still(distance), Ramp.still(azimuth), Ramp.still(elevation))
 
 
-def test_the_last_film_of_mujoco_s_tutorial() -> None:
+def test_the_last_video_of_mujoco_s_tutorial() -> None:
     throw = 0.9
     orbit = OrbitRig("geom:floor", Ramp.still(0.9), Ramp(140, 240, "cosine"), Ramp.still(-30))
     track = TrackRig("geom:box", Ramp.still(0.08), Ramp.still(280), Ramp.still(-10))
     times = np.arange(0, 2, 1 / 60)
-    found = film([Shot(orbit), Shot(track, blend=Blend("sigmoid", 0.3))], list(times), (throw, 2))
+    found = poses_of([Shot(orbit), Shot(track, blend=Blend("sigmoid", 0.3))], list(times), (throw, 2))
     data, camera, scene = mujoco.MjData(MODEL), mujoco.MjvCamera(), mujoco.MjvScene(MODEL, 1)
     mujoco.mjv_defaultCamera(camera)
     for pose, time, state in zip(found, times, states(list(times)), strict=True):
@@ -104,7 +104,7 @@ def test_cameras_follow_what_mj_forward_computes() -> None:
     times = [k / 5 for k in range(9)]
     data, camera, scene = mujoco.MjData(MODEL), mujoco.MjvCamera(), mujoco.MjvScene(MODEL, 1)
     camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, MODEL.camera("com").id
-    tracking, following = (film([Shot(rig)], times, (2,)) for rig in (ModelRig("com"), TrackRig("subtree:box")))
+    tracking, following = (poses_of([Shot(rig)], times, (2,)) for rig in (ModelRig("com"), TrackRig("subtree:box")))
     for track, follow, state in zip(tracking, following, states(times), strict=True):
         mujoco.mj_setState(MODEL, data, state, mujoco.mjtState.mjSTATE_INTEGRATION.value)
         mujoco.mj_forward(MODEL, data)
@@ -115,14 +115,14 @@ def test_cameras_follow_what_mj_forward_computes() -> None:
 
 def test_a_cut_is_at_the_first_frame_of_the_new_shot() -> None:
     shots = [Shot(around(1, 0)), Shot(around(2, 0)), Shot(around(3, 0))]
-    found = film(shots, [0, 0.5, 0.999, 1, 1.5, 2, 9], (1, 2, 3))
+    found = poses_of(shots, [0, 0.5, 0.999, 1, 1.5, 2, 9], (1, 2, 3))
     assert [pose.distance for pose in found] == [1, 1, 1, 2, 2, 3, 3]
 
 
 def test_a_ramp_lasts_as_long_as_its_shot_and_holds_outside_of_it() -> None:
     moving = FreeRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
     shots = [Shot(around(5, 0)), Shot(moving, blend=Blend("linear", 2)), Shot(around(9, 0), blend=Blend("linear", 2))]
-    found = film(shots, [1.5, 2, 2.5, 3, 5, 6, 6.5, 7.5], (2, 7, 10))
+    found = poses_of(shots, [1.5, 2, 2.5, 3, 5, 6, 6.5, 7.5], (2, 7, 10))
     weight = 0.25  # of the second shot at 1.5 s, which has not moved then
     expected = [(1 - weight) * 5 + weight * 1, (5 + 1) / 2, 0.25 * 5 + 0.75 * 1.2, 1.4, 2.2, 2.6, 2.1 + 0.25 * 9]
     assert [pose.distance for pose in found] == pytest.approx([*expected, 0.25 * 3 + 0.75 * 9])
@@ -135,7 +135,7 @@ def test_blends_that_overlap_are_folded_in_order(time: float) -> None:
         Shot(around(2, 40, -20, (1, 2, 3)), blend=Blend("cosine", 2)),
         Shot(around(5, 70, 10, (0, 1, 0)), blend=Blend("sigmoid", 0.4)),
     ]
-    pose = film(shots, [time], (1, 1.5, 3))[0]
+    pose = poses_of(shots, [time], (1, 1.5, 3))[0]
     window = np.clip((time - 1) / 2 + 0.5, 0, 1)
     first, second = (1 - math.cos(math.pi * window)) / 2, 1 / (1 + math.exp(-(time - 1.5) / 0.4))
 
@@ -151,7 +151,7 @@ def test_blends_that_overlap_are_folded_in_order(time: float) -> None:
 @given(st.floats(-400, 400), st.floats(-400, 400), st.floats(0, 1))
 def test_a_blend_goes_the_short_way(start: float, end: float, share: float) -> None:
     shots = [Shot(around(1, start)), Shot(around(1, end), blend=Blend("linear", 2))]
-    pose = film(shots, [2 * share], (1, 2))[0]
+    pose = poses_of(shots, [2 * share], (1, 2))[0]
     way = (end - start + 180) % 360 - 180
     if abs(way) < 179.999:
         assert pose.rotation == pytest.approx(rotation(start + share * way, 0), abs=1e-9)
@@ -183,7 +183,7 @@ def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, wi
     shots = [Shot(one), Shot(other, blend=Blend(shape, width), roll=Ramp(-20, 50))]
 
     def steps(times: Sequence[float]) -> np.ndarray:
-        return np.array(list(itertools.starmap(apart, itertools.pairwise(film(shots, times, (1, 2), spin)))))
+        return np.array(list(itertools.starmap(apart, itertools.pairwise(poses_of(shots, times, (1, 2), spin)))))
 
     times = np.linspace(1 - 0.7 * width, 1 + 0.7 * width, 100)
     coarse = steps(times.tolist())
@@ -199,7 +199,7 @@ def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
     chase = TrackRig("box", Ramp.still(1), Ramp.still(0), Ramp.still(0), heading=True)
     times = [float(t) for t in np.arange(0.5, 1.5, 1e-3)]
     spin = 170.0  # at 1 s the two are 170 degrees apart, soon after 180 and more
-    found = film([Shot(around(1, 0)), Shot(chase, blend=Blend("cosine", 1))], times, (1, 2), spin)
+    found = poses_of([Shot(around(1, 0)), Shot(chase, blend=Blend("cosine", 1))], times, (1, 2), spin)
     assert max(itertools.starmap(apart, itertools.pairwise(found))) < 0.02
     for pose, time in zip(found, times, strict=True):
         share = (1 - math.cos(math.pi * (time - 0.5))) / 2
@@ -210,7 +210,7 @@ def test_an_orbit_is_not_unwound_by_a_blend_that_began_long_ago() -> None:
     orbit = OrbitRig((0, 0, 0), Ramp.still(1), Ramp(0, 1080), Ramp.still(0))
     times = [float(t) for t in np.arange(0, 4, 0.01)]
     shots = [Shot(orbit), Shot(around(1, 30), blend=Blend("sigmoid", 0.5))]
-    found = film(shots, times, (3, 4))
+    found = poses_of(shots, times, (3, 4))
     for pose, time in zip(found, times, strict=True):
         angle, weight = min(360 * time, 1080), 1 / (1 + math.exp(-(time - 3) / 0.5))
         assert pose.rotation == pytest.approx(rotation(angle + weight * (1080 + 30 - angle), 0), abs=1e-9)
@@ -220,9 +220,9 @@ def test_an_orbit_is_not_unwound_by_a_blend_that_began_long_ago() -> None:
 def test_a_blend_away_from_a_camera_that_looks_down_is_smooth_although_down_has_no_azimuth(side: int) -> None:
     times = [float(t) for t in np.arange(0, 2, 0.01)]
     shots = [Shot(ModelRig("top")), Shot(around(1, 90 + 60 * side, -30), blend=Blend("cosine", 2))]
-    found = film(shots, times, (1, 2))
+    found = poses_of(shots, times, (1, 2))
     assert max(itertools.starmap(apart, itertools.pairwise(found))) < 0.05
-    half = film(shots, [1], (1, 2))[0]
+    half = poses_of(shots, [1], (1, 2))[0]
     assert half.rotation == pytest.approx(rotation(90 + 30 * side, -60), abs=1e-5)
 
 
@@ -246,7 +246,7 @@ def test_a_blend_follows_a_camera_that_nods_over_the_pole_where_its_azimuth_turn
 
 def test_fields_of_view_are_blended_by_their_tangents() -> None:
     shots = [Shot(around(1, 0), fovy=Ramp.still(90)), Shot(ModelRig("top"), blend=Blend("linear", 2))]
-    found = film(shots, [0, 0.5, 1, 2], (1, 2))
+    found = poses_of(shots, [0, 0.5, 1, 2], (1, 2))
     tangents = [math.tan(math.radians(pose.frustum.fovy / 2)) for pose in found]
     one, other = 1, math.tan(math.radians(30))
     assert tangents == pytest.approx([one, 0.75 * one + 0.25 * other, (one + other) / 2, other])
@@ -255,7 +255,7 @@ def test_fields_of_view_are_blended_by_their_tangents() -> None:
 
 def test_heights_of_orthographic_cameras_are_blended_too() -> None:
     shots = [Shot(ModelRig("flat")), Shot(ModelRig("flatter"), blend=Blend("linear", 2))]
-    found = film(shots, [0, 0.5, 1, 2], (1, 2))
+    found = poses_of(shots, [0, 0.5, 1, 2], (1, 2))
     assert [pose.frustum.fovy for pose in found] == pytest.approx([2, 2.5, 3, 4])
     assert all(pose.frustum.orthographic for pose in found)
 
@@ -263,7 +263,7 @@ def test_heights_of_orthographic_cameras_are_blended_too() -> None:
 def test_perspective_is_that_of_all_shots() -> None:
     assert course(Shot(around(1, 0)), Shot(ModelRig("top"))).perspective
     assert not course(Shot(around(1, 0)), Shot(ModelRig("flat"))).perspective
-    assert [p.frustum.orthographic for p in film([Shot(around(1, 0)), Shot(ModelRig("flat"))], [0, 1], (1, 2))] == [
+    assert [p.frustum.orthographic for p in poses_of([Shot(around(1, 0)), Shot(ModelRig("flat"))], [0, 1], (1, 2))] == [
         0,
         1,
     ]
@@ -271,30 +271,30 @@ def test_perspective_is_that_of_all_shots() -> None:
 
 def test_roll_and_field_of_view_are_ramps_of_their_shot() -> None:
     shot = Shot(around(1, 20, -10), roll=Ramp(0, 90, "in"), fovy=Ramp(20, 60))
-    poses = film([shot], [0, 1, 2], (2,))
+    poses = poses_of([shot], [0, 1, 2], (2,))
     assert [pose.angles[2] for pose in poses] == pytest.approx([0, 22.5, 90])
     assert [pose.frustum.fovy for pose in poses] == pytest.approx([20, 40, 60])
     assert all(pose.position == pytest.approx(poses[0].position) for pose in poses)
 
 
-def test_a_shake_turns_the_camera_about_itself_by_time_of_the_film() -> None:
+def test_a_shake_turns_the_camera_about_itself_by_time_of_the_video() -> None:
     shot = Shot(around(1, 20, -10), shake=Shake(angle=0.5, frequency=2, seed=4))
-    films = [k / 10 for k in range(1200)]
-    still = film([replace(shot, shake=None)], [0.0], (1,))[0]
+    video_times = [k / 10 for k in range(1200)]
+    still = poses_of([replace(shot, shake=None)], [0.0], (1,))[0]
     times = [k / 1000 for k in range(1200)]
-    found = list(course(shot).poses(states(times), times, films, [(0, 2)]))
+    found = list(course(shot).poses(states(times), times, video_times, [(0, 2)]))
     angles = [np.subtract(pose.angles, still.angles)[:2] * [math.cos(math.radians(10)), 1] for pose in found]
     assert np.std(angles, axis=0) == pytest.approx([0.5, 0.5], rel=0.15)
     assert all(np.array_equal(pose.position, still.position) for pose in found)
-    slower = list(course(shot).poses(states([0.0] * 1200), [0.0] * 1200, films, [(0, 2)]))
+    slower = list(course(shot).poses(states([0.0] * 1200), [0.0] * 1200, video_times, [(0, 2)]))
     assert all(np.array_equal(a.rotation, b.rotation) for a, b in zip(found, slower, strict=True))
 
 
 def test_a_shake_is_blended_with_its_shot() -> None:
     shaken = Shot(around(1, 0), blend=Blend("linear", 2), shake=Shake(angle=5))
     for time, share in ((0, 0), (0.5, 0.25), (1, 0.5), (2, 1)):
-        pose = film([Shot(around(1, 0)), shaken], [time], (1, 2))[0]
-        whole = film([replace(shaken, blend=None)], [time], (3,))[0]
+        pose = poses_of([Shot(around(1, 0)), shaken], [time], (1, 2))[0]
+        whole = poses_of([replace(shaken, blend=None)], [time], (3,))[0]
         assert pose.angles[:2] == pytest.approx(np.multiply(share, whole.angles[:2]), abs=0.02)
 
 
@@ -347,11 +347,11 @@ def test_frames_are_read_once_and_no_earlier_than_needed() -> None:
     assert next(poses, None) is None
 
 
-def test_a_shot_without_length_and_a_film_of_one_frame_have_a_pose() -> None:
+def test_a_shot_without_length_and_a_video_of_one_frame_have_a_pose() -> None:
     moving = FreeRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
-    assert film([Shot(moving)], [0], (0,))[0].distance == 1
+    assert poses_of([Shot(moving)], [0], (0,))[0].distance == 1
     shots = [Shot(around(5, 0)), Shot(moving), Shot(around(7, 0))]
-    assert [pose.distance for pose in film(shots, [0, 1, 2], (1, 1, 2))] == [5, 7, 7]
+    assert [pose.distance for pose in poses_of(shots, [0, 1, 2], (1, 1, 2))] == [5, 7, 7]
 
 
 @pytest.mark.parametrize(
@@ -389,8 +389,8 @@ def test_a_camera_that_sees_nothing_is_told_unless_the_shot_opens_it() -> None:
     text = '<mujoco><visual><global fovy="{}"/></visual><worldbody><geom size="1"/></worldbody></mujoco>'
     for fovy in ("nan", "-1"):
         model = mujoco.MjModel.from_xml_string(text.format(fovy))
-        with pytest.raises(ModelError, match=r"^camera film has an empty view: its field of view or near plane is 0"):
-            CameraMotion(CameraScript("film", (Shot(FreeRig()),)), model, SIZE)
+        with pytest.raises(ModelError, match=r"^camera video has an empty view: its field of view or near plane is 0"):
+            CameraMotion(CameraScript("video", (Shot(FreeRig()),)), model, SIZE)
         opened = Shot(FreeRig(), fovy=Ramp.still(45.0))
-        motion = CameraMotion(CameraScript("film", (opened,)), model, SIZE)
+        motion = CameraMotion(CameraScript("video", (opened,)), model, SIZE)
         assert motion.pose(save(model, mujoco.MjData(model))).frustum.fovy == pytest.approx(45)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import mujoco
 import pytest
 
+from mjrun.camera import rigs
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.rigs import registry
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats import calibration_writer, image_format
 from mjrun.options.option import options_of
@@ -43,7 +43,7 @@ def test_choices_are_those_that_are_implemented() -> None:
 
 def test_every_rig_that_the_command_line_can_write_has_an_example_in_the_help_of_cameras() -> None:
     box = mujoco.MjModel.from_xml_string("<mujoco><worldbody><body name='box'/></worldbody></mujoco>")
-    assert {*RIGS} == {kind for kind, rig in registry.RIGS.items() if rig.argument}
+    assert {*RIGS} == {kind for kind, rig in rigs.RIGS.items() if rig.argument}
     for kind, example in RIGS.items():
         (shot,) = parse_camera(example, box).shots
         assert shot.rig.kind == kind

@@ -33,7 +33,7 @@ class Warnings(WarningReporter):
 
 
 @pytest.fixture
-def film(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
+def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable:
     """Makes a video with two cores on which a frame is estimated to cost so much, and then measured to cost so much."""
     monkeypatch.setattr(frame_drawer, "available_cores", lambda: 2)
     monkeypatch.setattr(frame_drawer, "LONG", 0.0)
@@ -97,7 +97,7 @@ def pictures(folder: Path) -> np.ndarray:
     ],
 )
 def test_an_estimate_starts_processes_early_and_a_measurement_late(
-    film: Callable,
+    make_video: Callable,
     backend: Backend,
     tmp_path: Path,
     estimated: float,
@@ -106,10 +106,10 @@ def test_an_estimate_starts_processes_early_and_a_measurement_late(
     started: list[int],
     costs: str,
 ) -> None:
-    result, _, groups = film(estimated, measured, jobs=1)
+    result, _, groups = make_video(estimated, measured, jobs=1)
     alone = pictures(tmp_path / "f")
     assert (result.jobs, groups) == (1, [])
-    result, warning, groups = film(estimated, measured, draft)
+    result, warning, groups = make_video(estimated, measured, draft)
     assert len(alone) == result.frames == FRAMES
     assert np.array_equal(pictures(tmp_path / "f"), alone)
     if backend.software:
@@ -118,39 +118,39 @@ def test_an_estimate_starts_processes_early_and_a_measurement_late(
 
 
 def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
-    film: Callable, swing: Path, backend: Backend, tmp_path: Path
+    make_video: Callable, swing: Path, backend: Backend, tmp_path: Path
 ) -> None:
     keyframe = '<keyframe><key name="up" qpos="1 .6 0 .5 1 0 0 0"/></keyframe></mujoco>'
     swing.write_text(swing.read_text().replace("</mujoco>", keyframe))
     ghost = ["key=up"]
-    film(0.001, 0.001, jobs=1, ghost=ghost)
+    make_video(0.001, 0.001, jobs=1, ghost=ghost)
     alone = pictures(tmp_path / "f")
-    result, _, _ = film(0.001, 60.0, ghost=ghost)
+    result, _, _ = make_video(0.001, 60.0, ghost=ghost)
     assert result.jobs == (2 if backend.software else 1)
     assert np.array_equal(pictures(tmp_path / "f"), alone)
 
 
 @pytest.mark.parametrize("duration", [0.01, 0.05])
-def test_films_of_one_and_two_frames_are_drawn(film: Callable, backend: Backend, duration: float) -> None:
-    result, warning, groups = film(0.001, 60.0, duration=duration)
+def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: Backend, duration: float) -> None:
+    result, warning, groups = make_video(0.001, 60.0, duration=duration)
     assert (result.frames, result.jobs, groups) == (1 if duration < 0.02 else 2, 1, [])
     assert ("software rendering" in warning) == (backend.software and result.frames == 2)
 
 
-def test_drawing_that_takes_no_time_is_not_spoken_of(film: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drawing_that_takes_no_time_is_not_spoken_of(make_video: Callable, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frame_drawer, "LONG", 60.0)
-    assert film(0.001, 0.001)[1] == ""
+    assert make_video(0.001, 0.001)[1] == ""
 
 
-def test_a_draft_is_recommended_where_there_is_none(film: Callable, backend: Backend) -> None:
-    assert ("quality draft" in film(0.001, 0.001)[1]) == backend.software
-    assert "quality" not in film(0.001, 0.001, quality="draft")[1]
+def test_a_draft_is_recommended_where_there_is_none(make_video: Callable, backend: Backend) -> None:
+    assert ("quality draft" in make_video(0.001, 0.001)[1]) == backend.software
+    assert "quality" not in make_video(0.001, 0.001, quality="draft")[1]
 
 
-def test_colours_of_depth_are_chosen_before_anybody_draws(film: Callable, tmp_path: Path) -> None:
-    film(0.001, 0.001, view="depth")
+def test_colours_of_depth_are_chosen_before_anybody_draws(make_video: Callable, tmp_path: Path) -> None:
+    make_video(0.001, 0.001, view="depth")
     alone = pictures(tmp_path / "f")
-    _, _, groups = film(60.0, 60.0, view="depth", jobs=2)
+    _, _, groups = make_video(60.0, 60.0, view="depth", jobs=2)
     assert groups == [2]
     assert np.array_equal(pictures(tmp_path / "f"), alone)
 

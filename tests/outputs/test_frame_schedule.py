@@ -32,14 +32,14 @@ FPS = Fraction(30)
 
 
 def shots(*ends: dict) -> CameraScript:
-    return CameraScript("film", [Shot(ModelRig("0"), **end) for end in ends])
+    return CameraScript("intro", [Shot(ModelRig("0"), **end) for end in ends])
 
 
 def paced(*scripts: CameraScript, speed: int | Fraction = 1, **happened: list[int]):  # type: ignore[no-untyped-def]
     return video_schedule(scripts, LINE, FPS, Fraction(speed), {"hit": happened.get("hit", [])})
 
 
-def test_shots_without_a_word_about_time_are_the_whole_film() -> None:
+def test_shots_without_a_word_about_time_are_the_whole_video() -> None:
     found = paced(shots({}))
     assert list(found.steps) == LINE.frames(FPS)
     assert found.spans == [[(0, 2)]]
@@ -65,18 +65,18 @@ ends = st.lists(st.fractions(0, 2, max_denominator=50), min_size=1, max_size=4, 
 
 
 @given(st.data())
-def test_frame_k_shows_what_the_film_has_reached_at_k_over_fps(data: st.DataObject) -> None:
-    """Against simulated time as the integral of speed over the time of the film, frame by frame."""
+def test_frame_k_shows_what_the_video_has_reached_at_k_over_fps(data: st.DataObject) -> None:
+    """Against simulated time as the integral of speed over the time of the video, frame by frame."""
     until = data.draw(ends)
     pace = [data.draw(speeds) for _ in until]
     found = paced(shots(*({"until": end, "speed": s} for end, s in zip(until, pace, strict=True))))
 
-    def reached(film: Fraction) -> Fraction:
+    def reached(time: Fraction) -> Fraction:
         at = Fraction(0)
         for end, s in zip(until, pace, strict=True):
-            if film <= (end - at) / s:
-                return at + film * s
-            film, at = film - (end - at) / s, end
+            if time <= (end - at) / s:
+                return at + time * s
+            time, at = time - (end - at) / s, end
         return at
 
     lasts = sum((end - start) / s for start, end, s in zip([0, *until], until, pace, strict=False))
@@ -95,9 +95,13 @@ def test_a_shot_ends_when_an_event_happens_and_later_ones_count_from_there() -> 
 @pytest.mark.parametrize(
     ("event", "hit", "message"),
     [
-        (Event("hit"), [], r"^film: shots\[0\]: 'hit' never happens in the 2 s of the simulation\nadd `else: end` or"),
-        (Event("hit", nth=3), [4, 9], r"^film: shots\[0\]: 'hit' happens only 2 times, not 3, in the 2 s"),
-        (Event("hit", offset=Fraction(-1)), [100], r"^film: shots\[0\] would end at -0\.8 s, before it begins at 0 s$"),
+        (Event("hit"), [], r"^intro: shots\[0\]: 'hit' never happens in the 2 s of the simulation\nadd `else: end` or"),
+        (Event("hit", nth=3), [4, 9], r"^intro: shots\[0\]: 'hit' happens only 2 times, not 3, in the 2 s"),
+        (
+            Event("hit", offset=Fraction(-1)),
+            [100],
+            r"^intro: shots\[0\] would end at -0\.8 s, before it begins at 0 s$",
+        ),
     ],
 )
 def test_an_event_that_cannot_end_a_shot_is_an_error_that_says_so(event: Event, hit: list[int], message: str) -> None:
@@ -110,7 +114,7 @@ def test_what_counts_when_an_event_never_happens_can_be_said() -> None:
     assert paced(shots({"until": Event("hit", otherwise=Fraction(1, 2))}, {})).spans == [[(0, 0.5), (0.5, 2)]]
 
 
-def test_the_last_shot_may_end_the_film_early_but_none_goes_on_after_the_simulation() -> None:
+def test_the_last_shot_may_end_the_video_early_but_none_goes_on_after_the_simulation() -> None:
     assert len(paced(shots({"until": Fraction(1)})).steps) == 30
     late = paced(shots({"until": Fraction(1)}, {"lasting": Fraction(5)}, {}))
     assert len(late.steps) == 60
@@ -119,7 +123,7 @@ def test_the_last_shot_may_end_the_film_early_but_none_goes_on_after_the_simulat
 
 def test_a_shot_that_nobody_sees_is_told() -> None:
     found = paced(shots({"until": Fraction(3)}, {"lasting": Fraction(1)}))
-    assert found.warnings == ["film: shots[1] is not seen: the simulation ends at 2 s"]
+    assert found.warnings == ["intro: shots[1] is not seen: the simulation ends at 2 s"]
 
 
 def test_cameras_may_share_a_pace_but_not_have_two() -> None:
@@ -149,15 +153,15 @@ def thrown(path: Path) -> int:
     raise AssertionError("it never does")
 
 
-def test_an_event_cuts_stills_and_films_at_the_very_step(swing: Path, tmp_path: Path, backend: object) -> None:
+def test_an_event_cuts_stills_and_videos_at_the_very_step(swing: Path, tmp_path: Path, backend: object) -> None:
     hit = thrown(swing)
     assert 20 < hit < 200
     simulation = Simulation(swing, duration=0.5)
     event = Event("contact(ball, floor)")
     slow = CameraScript("hit", [Shot(FreeRig(), until=event), Shot(TrackRig("ball"), speed=Fraction(1, 2))])
-    film = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
+    slow_video = Video(simulation, f"{tmp_path}/f/", fps=20, size=SIZE, camera=slow, text="{step}")
     still = Image(simulation, f"{tmp_path}/i.png", time=event, size=SIZE)
-    video, image = perform([film, still])
+    video, image = perform([slow_video, still])
     assert isinstance(video, VideoResult)
     assert isinstance(image, ImageResult)
     timestep = Fraction(1, 500)

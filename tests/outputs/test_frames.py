@@ -28,7 +28,7 @@ SIZE = (64, 48)
 pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 
-def test_tags_say_what_made_the_film(swing: Path, tmp_path: Path) -> None:
+def test_tags_say_what_made_the_video(swing: Path, tmp_path: Path) -> None:
     Video(Simulation(swing, duration="0.1"), str(tmp_path / "f.mp4"), size=SIZE, fps=20, quality="draft").run()
     assert (
         f"mjrun {mjrun.__version__}, MuJoCo {mujoco.mj_versionString()}, ".encode() in (tmp_path / "f.mp4").read_bytes()

@@ -1,4 +1,4 @@
-"""Stills, against MuJoCo's own renderer and against films of the same instant."""
+"""Stills, against MuJoCo's own renderer and against videos of the same instant."""
 
 import io
 import json
@@ -80,7 +80,7 @@ def test_views_of_one_picture_stand_where_the_layout_says(swing: Path, tmp_path:
 
 
 @pytest.mark.filterwarnings("ignore:software rendering")
-def test_a_still_is_a_frame_of_the_film(swing: Path, tmp_path: Path) -> None:
+def test_a_still_is_a_frame_of_the_video(swing: Path, tmp_path: Path) -> None:
     options = {
         "size": SIZE,
         "view": ["rgb", "depth", "seg"],
@@ -144,7 +144,7 @@ def test_what_cannot_be_drawn_is_refused_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
-def test_a_film_s_suffix_names_the_command_that_makes_films(swing: Path, tmp_path: Path) -> None:
+def test_a_video_s_suffix_names_the_command_that_makes_videos(swing: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"is a video, .*\n`mjrun video` makes videos"):
         Image(Simulation(swing), f"{tmp_path}/a.mp4").run()
 

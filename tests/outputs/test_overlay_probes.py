@@ -24,7 +24,7 @@ SIZE = (160, 120)
 
 
 @pytest.mark.parametrize("side", ["under", "beside"])
-def test_graphs_stand_beside_the_film_and_leave_it_as_it_is(swing: Path, tmp_path: Path, side: str) -> None:
+def test_graphs_stand_beside_the_video_and_leave_it_as_it_is(swing: Path, tmp_path: Path, side: str) -> None:
     simulation = Simulation(swing, duration=0.1)
     plots = ["energy", "qpos[hinge]"]
     Video(simulation, f"{tmp_path}/p/", size=SIZE).run()

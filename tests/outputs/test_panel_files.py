@@ -53,7 +53,7 @@ def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> N
         Image(simulation, f"{tmp_path}/f.jpg", size=(32, 24), view="depth", text="hi").run()
 
 
-def test_everything_that_a_film_wrote_is_in_its_result(swing: Path, tmp_path: Path) -> None:
+def test_everything_that_a_video_wrote_is_in_its_result(swing: Path, tmp_path: Path) -> None:
     options = {"size": (32, 24), "calibration": f"{tmp_path}/c.json", "manifest": f"{tmp_path}/m.json"}
     views = {"view": ["rgb", "seg"], "separate": True}
     result = Video(Simulation(swing, duration=0.1), f"{tmp_path}/f.mkv", **options, **views).run()  # type: ignore[arg-type]
@@ -189,7 +189,7 @@ def test_projected_corners_of_a_box_land_on_its_pixels(swing: Path, tmp_path: Pa
         assert edges.max() - 1.2 < pixels.max() + 0.5 < edges.max() + 0.01
 
 
-def test_a_film_s_calibration_is_what_its_frames_were_drawn_through(
+def test_a_video_s_calibration_is_what_its_frames_were_drawn_through(
     swing: Path, tmp_path: Path, backend: Backend
 ) -> None:
     orbit = "orbit:lookat=box,azimuth=0..90,distance=1.5"

@@ -132,11 +132,11 @@ def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
 
 def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1, qpos={"hing": 1})
-    film = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
+    video = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
     trace = Trace(simulation, f"{tmp_path}/t.csv", probe=["qpos"])
     plot = Plot(simulation, f"{tmp_path}/p.png", probe=["enrgy"])
     with pytest.raises(InvalidJobsError) as caught:
-        perform([film, trace, plot])
+        perform([video, trace, plot])
     assert [index for index, _ in caught.value.faults] == [0, 2, None]
     assert [getattr(error, "name", None) for _, error in caught.value.faults] == ["sde", "enrgy", "hing"]
     assert [line for line in str(caught.value).splitlines() if line.startswith("no ")] == [
@@ -145,7 +145,7 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
     with pytest.raises(InvalidJobsError) as caught:  # each front end spells options in its own way
-        preview([film, Keyframe(simulation, f"{tmp_path}/key.txt")])
+        preview([video, Keyframe(simulation, f"{tmp_path}/key.txt")])
     assert "--save-key" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):
         preview([replace(plot, simulation=replace(simulation, qpos={}))])

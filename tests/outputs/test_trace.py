@@ -302,7 +302,7 @@ def test_a_trace_drives_again_what_it_was_taken_from(tmp_path: Path, suffix: str
     assert len(set(once["ctrl/m"])) == 201
 
 
-def test_a_film_and_a_trace_are_driven_alike(tmp_path: Path) -> None:
+def test_a_video_and_a_trace_are_driven_alike(tmp_path: Path) -> None:
     def act(model: mujoco.MjModel, data: mujoco.MjData) -> list[float]:
         return [data.qvel[6], np.cos(data.time)]
 

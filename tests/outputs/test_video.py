@@ -1,4 +1,4 @@
-"""Whole films of whole simulations, against a bare MuJoCo loop."""
+"""Whole videos of whole simulations, against a bare MuJoCo loop."""
 
 import json
 import subprocess
@@ -58,8 +58,8 @@ def test_two_seconds_of_humanoid_at_thirty_fps_are_sixty_frames(
 ) -> None:
     simulation = Simulation(shared_models / "humanoid/humanoid.xml", key="squat", duration=2)
     result = Video(simulation, str(tmp_path / "h.mp4"), size=SIZE, fps=30, quality="draft").run()
-    film = decode(tmp_path / "h.mp4")
-    assert result.frames == len(film.frames) == 60
+    decoded = decode(tmp_path / "h.mp4")
+    assert result.frames == len(decoded.frames) == 60
     assert result.steps == 400
     assert result.duration == result.simulated == 2
 
@@ -71,7 +71,7 @@ MODELS = sorted(path for path in SHARED.rglob("*.xml") if "malformed" not in pat
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
 @pytest.mark.parametrize("model", MODELS, ids=[path.stem for path in MODELS])
-def test_models_that_nobody_here_wrote_become_films(model: Path, tmp_path: Path) -> None:
+def test_models_that_nobody_here_wrote_become_videos(model: Path, tmp_path: Path) -> None:
     simulation = Simulation(model, steps=5)
     result = Video(simulation, str(tmp_path / "f.mp4"), size=SIZE, fps=2, quality="draft").run()
     assert result.frames == 1
@@ -100,12 +100,12 @@ def test_the_tippe_top_is_seen_to_turn_over(tmp_path: Path) -> None:
     assert stem > ball
 
 
-def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_film(exploding: Path, tmp_path: Path) -> None:
-    film = tmp_path / "film.mp4"
-    film.write_text("old")
+def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_video(exploding: Path, tmp_path: Path) -> None:
+    old = tmp_path / "video.mp4"
+    old.write_text("old")
     with pytest.raises(UnstableError, match="joint 'a'"):
-        Video(Simulation(exploding, key="fast", duration=5), str(film), size=SIZE, quality="draft").run()
-    assert film.read_text() == "old"
+        Video(Simulation(exploding, key="fast", duration=5), str(old), size=SIZE, quality="draft").run()
+    assert old.read_text() == "old"
 
 
 @pytest.mark.parametrize(
@@ -121,9 +121,9 @@ def test_an_unstable_simulation_publishes_nothing_and_keeps_the_old_film(explodi
         {"crf": 99},
         {"preset": "none"},
         {"gl": "none"},
-        {"output": "/dev/null/film.mp4"},
-        {"output": "film.avi"},
-        {"output": "film.gif", "fps": 30},
+        {"output": "/dev/null/video.mp4"},
+        {"output": "video.avi"},
+        {"output": "video.gif", "fps": 30},
     ],
 )
 def test_what_is_wrong_is_refused_before_the_first_step(
@@ -135,14 +135,14 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     monkeypatch.setattr(output, "observe", stepped)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(MjrunError) as caught:
-        Video(**{"simulation": Simulation(swing), "output": "film.mp4", "size": SIZE, **wrong}).run()
+        Video(**{"simulation": Simulation(swing), "output": "video.mp4", "size": SIZE, **wrong}).run()
     assert caught.value.exit_code in (2, 7)
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
 def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None:
     with pytest.raises(NoRendererError):
-        Video(Simulation(swing), str(tmp_path / "film.mp4"), gl="off").run()
+        Video(Simulation(swing), str(tmp_path / "video.mp4"), gl="off").run()
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
@@ -221,7 +221,7 @@ def test_pixels_are_the_same_for_any_number_of_processes(swing: Path, tmp_path: 
     assert np.array_equal(*found)
 
 
-def test_separate_views_are_films_of_the_same_instants(swing: Path, tmp_path: Path, decode: Callable) -> None:
+def test_separate_views_are_videos_of_the_same_instants(swing: Path, tmp_path: Path, decode: Callable) -> None:
     job = Video(Simulation(swing, duration=0.2), f"{tmp_path}/v.mkv", size=SIZE, camera="side", view=["rgb", "seg"])
     result = replace(job, separate=True).run()
     assert [Path(path).name for path in result.paths] == ["v-rgb.mkv", "v-seg.mkv", "v-seg.labels.json"]
@@ -238,7 +238,7 @@ def test_separate_views_are_films_of_the_same_instants(swing: Path, tmp_path: Pa
 
 @pytest.mark.parametrize("output", ["d.mkv", "d/"])
 @pytest.mark.parametrize("view", ["depth", "seg"])
-def test_numbers_of_a_film_are_those_of_stills(swing: Path, tmp_path: Path, output: str, view: str) -> None:
+def test_numbers_of_a_video_are_those_of_stills(swing: Path, tmp_path: Path, output: str, view: str) -> None:
     options = {"size": SIZE, "camera": "side", "view": view, "style": "exact"}
     Video(Simulation(swing, duration=0.2), f"{tmp_path}/{output}", fps=10, **options).run()  # type: ignore[arg-type]
     if output == "d/":
@@ -253,11 +253,11 @@ def test_numbers_of_a_film_are_those_of_stills(swing: Path, tmp_path: Path, outp
     assert (tmp_path / "d.labels.json").exists() == (view == "seg")
 
 
-def gray16(film: Path) -> np.ndarray:
-    """The frames of a film of 16-bit numbers."""
+def gray16(video: Path) -> np.ndarray:
+    """The frames of a video of 16-bit numbers."""
     program = imageio_ffmpeg.get_ffmpeg_exe()
     raw = ["-f", "rawvideo", "-pix_fmt", "gray16le", "-"]
-    done = subprocess.run([program, "-v", "error", "-i", str(film), *raw], capture_output=True, check=True)
+    done = subprocess.run([program, "-v", "error", "-i", str(video), *raw], capture_output=True, check=True)
     return np.frombuffer(done.stdout, "<u2").reshape(-1, SIZE[1], SIZE[0])
 
 
@@ -271,7 +271,7 @@ def gray16(film: Path) -> np.ndarray:
         ({"jobs": 0, "output": "s.mp4"}, "jobs: '0' is not a number of processes"),
     ],
 )
-def test_views_that_a_film_cannot_hold_are_refused(
+def test_views_that_a_video_cannot_hold_are_refused(
     swing: Path, tmp_path: Path, how: dict[str, object], said: str
 ) -> None:
     output = str(how.pop("output"))

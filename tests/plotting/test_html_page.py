@@ -35,7 +35,7 @@ PAGE = Page(
         ("b.csv", Verdict("b < 1", False, "b < 1: it is 2")),
     ],
     [
-        PageFile("film.mp4", "video/mp4", "data:video/mp4;base64,AAAA", 1234),
+        PageFile("video.mp4", "video/mp4", "data:video/mp4;base64,AAAA", 1234),
         PageFile(f"{EVIL}.png", "image/png", "./%3Cb.png", 12_345_678),
         PageFile("frames", None, "./frames", None),
     ],
@@ -168,7 +168,7 @@ def test_a_small_image_is_in_the_page_byte_by_byte(tmp_path: Path) -> None:
     assert file.is_embedded
 
 
-@pytest.mark.parametrize("name", ["film.mp4", "a film, 100% #1?.webm", "<b>.gif", "ü.png"])
+@pytest.mark.parametrize("name", ["video.mp4", "a video, 100% #1?.webm", "<b>.gif", "ü.png"])
 def test_what_is_larger_is_linked_from_where_the_page_is(name: str, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / name).write_bytes(bytes(1001))

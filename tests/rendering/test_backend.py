@@ -11,6 +11,7 @@ import pytest
 
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError
 from mjrun.rendering import backend as backend_module
+from mjrun.rendering import try_backend
 from mjrun.rendering.backend import (
     Backend,
     BackendDetection,
@@ -239,7 +240,7 @@ def test_a_backend_that_draws_is_seen_to_and_one_that_draws_nothing_is_refused(
     backend: Backend, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert BackendTrialProcess(backend.name, draw=True).result() == backend
-    script = Path(backend_module.__file__).with_name("try_backend.py").read_text()
+    script = Path(try_backend.__file__).read_text()
     blind = tmp_path / "try_backend.py"
     blind.write_text(script.replace("mujoco.mjr_render(rect, scene, context)", "pass"))
     monkeypatch.setattr(backend_module, "__file__", str(tmp_path / "backend.py"))
