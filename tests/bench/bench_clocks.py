@@ -44,12 +44,25 @@ class FakeClock:
         return self.now
 
 
+class BlockClock:
+    """Advances by the next of some durations [s] at every second reading, and counts readings."""
+
+    def __init__(self, *durations: float) -> None:
+        self.now, self.readings, self._durations = 0.0, 0, iter(durations)
+
+    def __call__(self) -> float:
+        self.readings += 1
+        if self.readings % 2 == 0:  # at the end of a block
+            self.now += next(self._durations)
+        return self.now
+
+
 class SimulatedMachine:
-    """A clock that advances with the steps that `mujoco.batch` takes, at the speed of a machine that is not this one.
+    """A clock that advances with the steps that `mujoco.batch` takes, at the speed of another machine.
 
     Args:
-      subject: how many times as long the steps of other models than the reference workload take.
-      slowdown: how many times as long everything takes, as a function of the time so far [s].
+      subject: cost of a step of another model, relative to the reference workload.
+      slowdown: factor of all costs, as a function of the time so far [s].
       noise: standard deviation of the logarithm of every wall time.
     """
 

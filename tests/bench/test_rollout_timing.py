@@ -17,6 +17,7 @@ from mjrun.bench.rollout_timing import (
 )
 from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import UnstableError
+from tests.bench.bench_clocks import BlockClock
 
 MODEL = """
 <mujoco>
@@ -41,19 +42,6 @@ CROWDED = """
 """
 
 
-class FakeClock:
-    """Advances by the next tick at every second reading, and counts readings."""
-
-    def __init__(self, ticks: Iterator[float]) -> None:
-        self.now, self.asked, self._ticks = 0.0, 0, ticks
-
-    def __call__(self) -> float:
-        self.asked += 1
-        if self.asked % 2 == 0:  # at the end of a block
-            self.now += next(self._ticks)
-        return self.now
-
-
 def run_of(noise: bool = True, integrator: str = "Euler", sleep: str = "disable") -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(MODEL.format(integrator=integrator, sleep=sleep))
     return RolloutInputs.of(model, mujoco.MjData(model), controls(model, 400, 0.5) if noise else None)
@@ -70,9 +58,9 @@ def bare(run: RolloutInputs, steps: int) -> mujoco.MjData:
 
 @pytest.mark.parametrize("kind", [BatchRoller, LoopRoller])
 def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(kind: type[Roller]) -> None:
-    clock = FakeClock(iter([1.0, 2.0, 4.0]))
+    clock = BlockClock(1.0, 2.0, 4.0)
     assert kind(run_of()).seconds(250, 100, clock).tolist() == [1.0, 2.0, 4.0]  # type: ignore[call-arg]
-    assert clock.asked == 6
+    assert clock.readings == 6
 
 
 @pytest.mark.parametrize("sleep", ["disable", "enable"])

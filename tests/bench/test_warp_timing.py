@@ -1,7 +1,7 @@
 """Benchmarks of many worlds, with a fake engine and a fake clock; options of only one engine."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, spelled
+from tests.bench.bench_clocks import BlockClock, FakeClock
 
 MODEL = """
 <mujoco>
@@ -27,21 +28,10 @@ MODEL = """
 OVERFLOW = "the constraints do not fit: raise njmax"
 
 
-class FakeClock:
-    """Advances by a second at every reading."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def __call__(self) -> float:
-        self.now += 1
-        return self.now
-
-
 class FakeWorlds:
     """Reads the clock where worlds do, and does nothing else."""
 
-    told: Sequence[str] = ()
+    sentences: Sequence[str] = ()
 
     def __init__(self, run: RolloutInputs, copies: int) -> None:
         self.run, self.copies = run, copies
@@ -58,7 +48,7 @@ class FakeWorlds:
         return StepProfile(3.0, 12.0, 2.5, None, None, None, warned=False)
 
     def overflows(self) -> Sequence[str]:
-        return self.told
+        return self.sentences
 
 
 class FakeEngine:
@@ -143,7 +133,7 @@ def test_a_base_of_another_engine_device_or_number_of_worlds_is_refused(path: Pa
 
 
 def test_what_does_not_fit_is_a_warning_and_stays_in_the_document(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(FakeWorlds, "told", (OVERFLOW,))
+    monkeypatch.setattr(FakeWorlds, "sentences", (OVERFLOW,))
     with pytest.warns(MjrunWarning) as heard:
         result = bench(path, scan={"timestep": [".01", ".02"]}).run(clock=FakeClock())
     assert [str(warning.message) for warning in heard] == [OVERFLOW]  # once for both points
@@ -213,19 +203,6 @@ FALLING, FALLEN = 25, 45  # steps; the ball meets the plane in between: it falls
 WORLDS = 2
 
 
-class BlockClock:
-    """Advances by the next tick at every second reading."""
-
-    def __init__(self, ticks: Iterator[float]) -> None:
-        self.now, self.asked, self._ticks = 0.0, 0, ticks
-
-    def __call__(self) -> float:
-        self.asked += 1
-        if self.asked % 2 == 0:
-            self.now += next(self._ticks)
-        return self.now
-
-
 def run_of(speed: float = 0.0) -> RolloutInputs:
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
@@ -254,7 +231,7 @@ def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRoller]:
     """Returns worlds that have taken their first step, since compiling takes most of the time."""
     run = run_of()
     roller = warp.open(run)
-    assert roller.first(BlockClock(iter([4.0]))) == 4.0
+    assert roller.first(BlockClock(4.0)) == 4.0
     return run, roller
 
 
@@ -263,7 +240,7 @@ def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
     pushed: tuple[RolloutInputs, WarpRoller], steps: int
 ) -> None:
     run, worlds = pushed
-    worlds.seconds(steps, 10, BlockClock(iter([1.0] * 5)))
+    worlds.seconds(steps, 10, BlockClock(*[1.0] * 5))
     result = worlds._worlds.read("qpos")
     assert result.shape == (WORLDS, run.model.nq)
     for world in range(WORLDS):
@@ -274,9 +251,9 @@ def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
 def test_every_block_is_timed_by_two_looks_at_the_clock_and_the_last_is_shorter(
     pushed: tuple[RolloutInputs, WarpRoller],
 ) -> None:
-    clock = BlockClock(iter([1.0, 2.0, 4.0]))
+    clock = BlockClock(1.0, 2.0, 4.0)
     assert pushed[1].seconds(5, 2, clock).tolist() == [1.0, 2.0, 4.0]
-    assert clock.asked == 6
+    assert clock.readings == 6
 
 
 def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, WarpRoller]) -> None:

@@ -19,6 +19,12 @@ from mjrun.evaluation.statistics import (
 LEVELS = st.sampled_from([0.8, 0.9, 0.95, 0.99])
 
 
+def ends(interval: Interval) -> tuple[float, float]:
+    assert interval.low is not None
+    assert interval.high is not None
+    return interval.low, interval.high
+
+
 def rounding(values: np.ndarray, *ends: float) -> float:
     """Returns a bound on rounding errors in computations with numbers as large as these."""
     return 1e-11 * max(1.0, *np.abs(values), *map(abs, ends))
@@ -80,9 +86,7 @@ def test_the_interval_of_a_difference_of_paired_shares_is_that_of_the_literature
 ) -> None:
     result = paired_share_interval(*paired(*table))
     digits = 3 if table[0] == 1 else 4
-    assert result.low is not None
-    assert result.high is not None
-    assert (round(result.low, digits), round(result.high, digits)) == expected
+    assert tuple(round(end, digits) for end in ends(result)) == expected
 
 
 @given(*[st.integers(0, 40)] * 4)
@@ -90,12 +94,10 @@ def test_a_difference_lies_in_its_interval_which_turns_around_with_the_sides(a: 
     if a + b + c + d == 0:
         return
     ours, theirs = paired(a, b, c, d)
-    result, other = paired_share_interval(ours, theirs), paired_share_interval(theirs, ours)
-    assert result.low is not None
-    assert result.high is not None
-    assert -1 <= result.low <= result.high <= 1
-    assert result.low - 1e-12 <= (b - c) / (a + b + c + d) <= result.high + 1e-12
-    assert (other.low, other.high) == pytest.approx((-result.high, -result.low), abs=1e-12)
+    low, high = ends(paired_share_interval(ours, theirs))
+    assert -1 <= low <= high <= 1
+    assert low - 1e-12 <= (b - c) / (a + b + c + d) <= high + 1e-12
+    assert ends(paired_share_interval(theirs, ours)) == pytest.approx((-high, -low), abs=1e-12)
 
 
 def test_intervals_cover_what_they_are_to_cover() -> None:
@@ -119,11 +121,8 @@ def test_the_mean_of_clusters_of_one_size_has_the_interval_of_their_own_means(
     numbers = np.array(values[: len(values) // size * size])
     means = numbers.reshape(-1, size).mean(axis=1)
     result = mean_interval(numbers, confidence, np.repeat(np.arange(len(means)), size))
-    expected = mean_interval(means, confidence)
-    assert expected.low is not None
-    assert expected.high is not None
-    ends = expected.low, expected.high
-    assert (result.low, result.high) == pytest.approx(ends, rel=1e-9, abs=rounding(numbers, *ends))
+    expected = ends(mean_interval(means, confidence))
+    assert ends(result) == pytest.approx(expected, rel=1e-9, abs=rounding(numbers, *expected))
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40), st.integers(1, 6))
@@ -161,9 +160,8 @@ def test_intervals_of_clusters_cover_what_they_are_to_cover_where_those_of_indep
 
 
 def _contains(interval: Interval, value: float) -> bool:
-    assert interval.low is not None
-    assert interval.high is not None
-    return interval.low <= value <= interval.high
+    low, high = ends(interval)
+    return low <= value <= high
 
 
 def test_a_summary_leaves_out_what_is_not_finite() -> None:
@@ -173,19 +171,12 @@ def test_a_summary_leaves_out_what_is_not_finite() -> None:
     assert result.median_interval == Interval(None, None)
 
 
-@pytest.mark.parametrize("values", [[], [np.nan]])
-def test_a_summary_of_nothing_says_nothing(values: list[float]) -> None:
+@pytest.mark.parametrize(("values", "count", "mean"), [([], 0, None), ([np.nan], 0, None), ([2.5], 1, 2.5)])
+def test_a_summary_of_at_most_one_value_has_no_interval(values: list[float], count: int, mean: float | None) -> None:
     result = summarized(values)
-    assert (result.count, result.mean, result.mean_interval) == (0, None, Interval(None, None))
-
-
-def test_one_value_has_a_mean_without_an_interval() -> None:
-    result = summarized([2.5])
-    assert (result.mean, result.std, result.mean_interval) == (2.5, None, Interval(None, None))
+    assert (result.count, result.mean, result.std, result.mean_interval) == (count, mean, None, Interval(None, None))
 
 
 def test_only_an_interval_on_one_side_excludes_zero() -> None:
-    assert Interval(0.1, 2).excludes_zero
-    assert Interval(-2, -0.1).excludes_zero
-    assert not Interval(-1, 1).excludes_zero
-    assert not Interval(None, None).excludes_zero
+    intervals = [Interval(0.1, 2), Interval(-2, -0.1), Interval(-1, 1), Interval(None, None)]
+    assert [interval.excludes_zero for interval in intervals] == [True, True, False, False]
