@@ -49,10 +49,24 @@ def test_a_program_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.Monke
     assert (answer.status.cause, answer.log) == ("idle", "waiting\n")
 
 
+@pytest.fixture(scope="module")
+def contents(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
+    """Two videos: three small black frames, and five grey ones."""
+    folder = tmp_path_factory.mktemp("videos")
+    for name, frames in (
+        ("black", np.zeros((3, 48, 64, 3), np.uint8)),
+        ("grey", np.full((5, 32, 48, 3), 200, np.uint8)),
+    ):
+        write_video(folder / f"{name}.mkv", frames, codec="ffv1")
+    return (folder / "black.mkv").read_bytes(), (folder / "grey.mkv").read_bytes()
+
+
 @pytest.mark.parametrize("suffix", VIDEOS)
 @pytest.mark.parametrize("playlist", PLAYLISTS)
-def test_a_playlist_under_the_name_of_a_video_is_not_followed(tmp_path: Path, playlist: str, suffix: str) -> None:
-    write_video(tmp_path / "other.mkv", np.zeros((3, 48, 64, 3), np.uint8))
+def test_a_playlist_under_the_name_of_a_video_is_not_followed(
+    tmp_path: Path, contents: tuple[bytes, bytes], playlist: str, suffix: str
+) -> None:
+    (tmp_path / "other.mkv").write_bytes(contents[0])
     (tmp_path / f"a.{suffix}").write_text(PLAYLISTS[playlist])
     with pytest.raises(FileError, match=rf"a\.{suffix}: cannot be read as"):
         list(read_video(tmp_path / f"a.{suffix}"))
@@ -60,15 +74,14 @@ def test_a_playlist_under_the_name_of_a_video_is_not_followed(tmp_path: Path, pl
 
 @pytest.mark.parametrize("name", ["a%d", "a*", "concat:a", "subfile,,start,1,end,9,,:a", "http://a", "-i", "|a"])
 def test_no_part_of_a_name_is_taken_for_more_than_a_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, contents: tuple[bytes, bytes], name: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for other in ("a", "a0", "a1"):
-        write_video(f"{other}.mkv", np.zeros((3, 48, 64, 3), np.uint8))
+        Path(f"{other}.mkv").write_bytes(contents[0])
         Path(f"{other}.exr").write_bytes(encode_exr(np.zeros((8, 8), np.float32)))
     Path(f"{name}.mkv").parent.mkdir(parents=True, exist_ok=True)
-    write_video("new.mkv", np.full((5, 32, 48, 3), 200, np.uint8), codec="ffv1")
-    Path("new.mkv").rename(f"{name}.mkv")
+    Path(f"{name}.mkv").write_bytes(contents[1])
     Path(f"{name}.exr").write_bytes(encode_exr(np.ones((4, 6), np.float32)))
     assert np.array_equal(read_video(f"{name}.mkv").frames, np.full((5, 32, 48, 3), 200))
     assert np.array_equal(read_image(f"{name}.exr"), np.ones((4, 6)))
