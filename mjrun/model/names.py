@@ -48,8 +48,8 @@ FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 VECTOR, QUATERNION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 ROTATION = ("wx", "wy", "wz")
 # The components of qpos and qvel of a joint by its type.
-QPOS_COMPONENTS = {FREE: VECTOR + QUATERNION, BALL: QUATERNION}
-QVEL_COMPONENTS = {FREE: ("vx", "vy", "vz", *ROTATION), BALL: ROTATION}
+QPOS_COMPONENTS: dict[int, tuple[str, ...]] = {FREE: VECTOR + QUATERNION, BALL: QUATERNION}
+QVEL_COMPONENTS: dict[int, tuple[str, ...]] = {FREE: ("vx", "vy", "vz", *ROTATION), BALL: ROTATION}
 
 
 def names(model: mujoco.MjModel, kind: str) -> list[str]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
-from mujoco.batch import SimulationError as BatchError
+from mujoco.batch import Batch  # pyright: ignore[reportMissingTypeStubs]
+from mujoco.batch import SimulationError as BatchError  # pyright: ignore[reportMissingTypeStubs]
 
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
@@ -163,7 +163,7 @@ class DerivedFields:
           mujoco.batch.SimulationError: MuJoCo raised an error on some of them.
         """
         k, rows, size = states.shape
-        slots = (np.arange(rows)[:, None] * self._count + ids).ravel()
+        slots = np.add.outer(np.arange(0, int(rows) * self._count, self._count), ids).reshape(-1)
         self._batch.state[slots] = states.swapaxes(0, 1).reshape(-1, size)
         self._batch.forward(slots)
         return {
@@ -247,7 +247,7 @@ class _Run:
         control = None
         if self._controls is not None and self._controls.shape[1]:
             table = ControlArray(self._controls[index])
-            control = ControlSignal(rational(model.opt.timestep), np.zeros(model.nu), table)
+            control = ControlSignal(rational(model.opt.timestep), np.zeros(int(model.nu)), table)
         stepper = PhysicsStepper(model, data, control)
         stepper.jump(step, self._states[index])
         return stepper

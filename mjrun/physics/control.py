@@ -106,7 +106,7 @@ class PeriodicController:
             )
         bad = np.flatnonzero(~np.isfinite(data.ctrl))
         if bad.size:
-            actuator = control_names(model)[bad[0]]
+            actuator = control_names(model)[int(bad[0])]
             raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {data.ctrl[bad[0]]} {when}")
 
     def _checked(self, model: mujoco.MjModel, controls: Any, when: str) -> np.ndarray:

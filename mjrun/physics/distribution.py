@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Any, cast
 
 import numpy as np
 
@@ -12,6 +13,20 @@ from mjrun.options.setting_kinds import DISTRIBUTIONS
 
 CALL = re.compile(r"\s*(\w+)\s*\((.*)\)\s*", re.DOTALL)
 Quantiles = Callable[[np.ndarray], np.ndarray]
+# The condition on the numbers of a distribution, in words and as a function.
+CONDITIONS: dict[str, tuple[str, Callable[[Sequence[float]], bool]]] = {
+    "uniform": ("LOW below HIGH", lambda numbers: numbers[0] < numbers[1]),
+    "loguniform": ("0 < LOW < HIGH", lambda numbers: 0 < numbers[0] < numbers[1]),
+    "normal": ("STD above 0", lambda numbers: numbers[1] > 0),
+    "truncnormal": (
+        "STD above 0 and LOW below HIGH",
+        lambda numbers: numbers[1] > 0 and numbers[2] < numbers[3],
+    ),
+    "integers": (
+        "whole numbers, FIRST not above LAST",
+        lambda numbers: numbers[0] <= numbers[1] and all(number == int(number) for number in numbers),
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -61,8 +76,14 @@ def parse_distribution(text: str, place: str) -> Distribution | None:
         if not all(arguments):
             raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}")
         return Distribution(text.strip(), name, arguments)
-    if not _is_valid(name, arguments):
-        raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}, {_condition(name)}")
+    condition, is_valid = CONDITIONS[name]
+    try:
+        numbers = [float(argument) for argument in arguments]
+    except ValueError:
+        numbers = []
+    has_all = len(numbers) == DISTRIBUTIONS[name].count(",") + 1 and np.isfinite(numbers).all()
+    if not has_all or not is_valid(numbers):
+        raise UsageError(f"{place}: {clean(text)}: write {DISTRIBUTIONS[name]}, {condition}")
     return Distribution(text.strip(), name, arguments)
 
 
@@ -88,54 +109,25 @@ def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.nd
             return generator.integers(int(first), int(last) + 1, count).astype(float)
         case "choice", _:
             return np.array(numbers)[generator.integers(len(numbers), size=count)]
-    return _quantiles(distribution.name, numbers)(generator.random(count))
+        case name, _:
+            return _quantiles(name, numbers)(generator.random(count))
 
 
 def draw_text(text: str, generator: np.random.Generator) -> str:
     """Draws one value from the distribution `text`, as text; returns any other `text` unchanged."""
     distribution = _parsed(text)
-    match distribution:
-        case None:
-            return text
-        case Distribution(name="choice", arguments=arguments):
-            return arguments[int(generator.integers(len(arguments)))]
-        case Distribution(name="integers"):
-            return str(int(draw_numbers(text, generator, 1)[0]))
-    return repr(float(draw_numbers(text, generator, 1)[0]))
-
-
-def _is_valid(name: str, arguments: Sequence[str]) -> bool:
-    try:
-        numbers = [float(argument) for argument in arguments]
-    except ValueError:
-        return False
-    if len(numbers) != DISTRIBUTIONS[name].count(",") + 1 or not np.isfinite(numbers).all():
-        return False
-    match name:
-        case "uniform":
-            return numbers[0] < numbers[1]
-        case "loguniform":
-            return 0 < numbers[0] < numbers[1]
-        case "normal":
-            return numbers[1] > 0
-        case "truncnormal":
-            return numbers[1] > 0 and numbers[2] < numbers[3]
-    return numbers[0] <= numbers[1] and all(number == int(number) for number in numbers)
-
-
-def _condition(name: str) -> str:
-    conditions = {
-        "uniform": "LOW below HIGH",
-        "loguniform": "0 < LOW < HIGH",
-        "normal": "STD above 0",
-        "truncnormal": "STD above 0 and LOW below HIGH",
-    }
-    return conditions.get(name, "whole numbers, FIRST not above LAST")
+    if distribution is None:
+        return text
+    if distribution.name == "choice":
+        return distribution.arguments[int(generator.integers(len(distribution.arguments)))]
+    number = float(draw_numbers(text, generator, 1)[0])
+    return str(int(number)) if distribution.name == "integers" else repr(number)
 
 
 def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
-    from scipy import stats
+    from scipy import stats as scipy_stats  # pyright: ignore[reportMissingTypeStubs]
 
+    stats = cast("Any", scipy_stats)
     match name, numbers:
         case "uniform", (low, high):
             return stats.uniform(low, high - low).ppf
@@ -147,4 +139,5 @@ def _quantiles(name: str, numbers: Sequence[float]) -> Quantiles:
             return stats.truncnorm((low - mean) / std, (high - mean) / std, mean, std).ppf
         case "integers", (first, last):
             return stats.randint(int(first), int(last) + 1).ppf
-    raise ValueError(name)
+        case _:
+            raise ValueError(name)

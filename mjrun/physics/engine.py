@@ -37,8 +37,8 @@ class RolloutBlock:
     fields: Fields
     initial: Fields
     counts: np.ndarray
-    failures: Mapping[int, SimulationError] = field(default_factory=dict)
-    shortages: Mapping[int, int] = field(default_factory=dict)
+    failures: Mapping[int, SimulationError] = field(default_factory=dict[int, SimulationError])
+    shortages: Mapping[int, int] = field(default_factory=dict[int, int])
 
 
 class Engine(Protocol):

@@ -26,9 +26,9 @@ class InitialState:
     """
 
     key: str | None = None
-    qpos: Mapping[str, Values] = field(default_factory=dict)
-    qvel: Mapping[str, Values] = field(default_factory=dict)
-    ctrl: Mapping[str, Values] = field(default_factory=dict)
+    qpos: Mapping[str, Values] = field(default_factory=dict[str, Values])
+    qvel: Mapping[str, Values] = field(default_factory=dict[str, Values])
+    ctrl: Mapping[str, Values] = field(default_factory=dict[str, Values])
     perturb: float = 0.0
     seed: int = 0
 
@@ -72,7 +72,7 @@ class InitialState:
         data, controls = self.data(model), control_names(model)
         driven = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
         clamps = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
-        texts = []
+        texts: list[str] = []
         for i in sorted(driven if clamps else ()):
             low, high = model.actuator_ctrlrange[i]
             if model.actuator_ctrllimited[i] and not low <= data.ctrl[i] <= high:
@@ -97,7 +97,7 @@ def _joint_slices(
     model: mujoco.MjModel, addresses: np.ndarray, parts: dict[int, tuple[str, ...]], name: str
 ) -> list[slice]:
     """Returns the places in qpos or qvel of the joints, or the joint components, that `name` selects."""
-    slices = []
+    slices: list[slice] = []
     for joint, component in _joints(model, parts, name):
         start, size = int(addresses[joint]), len(parts.get(int(model.jnt_type[joint]), ("",)))
         slices.append(

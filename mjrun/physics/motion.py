@@ -80,7 +80,7 @@ class Motion:
 
     def _place(self, time: float) -> tuple[int, float]:
         """Returns the last row at or before `time`, and the fraction of the way to the next."""
-        row = max(0, int(np.searchsorted(self._time, time + self._slack, side="right")) - 1)
+        row = max(0, int(np.searchsorted(self._time, float(time + self._slack), side="right")) - 1)
         since = time - self._time[row]
         if since <= self._slack or row == len(self._time) - 1:
             return row, 0.0

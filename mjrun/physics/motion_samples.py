@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -121,7 +122,7 @@ class CompleteSamples:
         hold = self._interpolation.hold_controls if field == "ctrl" else self._interpolation.hold
         if hold:
             return values[rows[np.searchsorted(rows, np.arange(len(values)), side="right") - 1]]
-        return np.interp(self.time, self.time[rows], values[rows])
+        return cast("np.ndarray", np.interp(self.time, self.time[rows], values[rows]))
 
     def _quaternions(self, name: str, values: np.ndarray) -> np.ndarray:
         """Returns quaternions `(n, 4)` without gaps, normalized and of continuous sign."""

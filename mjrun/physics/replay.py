@@ -6,7 +6,7 @@ import tempfile
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import mujoco
 import numpy as np
@@ -254,7 +254,7 @@ def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mappi
       UsageError: they are not.
     """
     ours = state.sizes(model)
-    theirs = recorded if isinstance(recorded, Mapping) else {}  # a recording is untrusted
+    theirs = cast("Mapping[str, Any]", recorded if isinstance(recorded, Mapping) else {})  # a recording is untrusted
     differing = [name for name in state.SIZES if theirs.get(name, ours[name]) != ours[name]]
     if differing:
         facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]

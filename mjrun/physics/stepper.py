@@ -263,6 +263,6 @@ class PhysicsStepper:
     def _joint(self, index: int, of_qpos: bool) -> str:
         starts = self.model.jnt_qposadr if of_qpos else self.model.jnt_dofadr
         joint = int(np.searchsorted(starts, index, side="right")) - 1
-        body = names(self.model, "body")[self.model.jnt_bodyid[joint]]
+        body = names(self.model, "body")[int(self.model.jnt_bodyid[joint])]
         name = names(self.model, "joint")[joint]
         return f"joint '{name}'" + (f" of body '{body}'" if name == f"joint:{joint}" else "")

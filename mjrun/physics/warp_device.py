@@ -5,7 +5,7 @@ Warp is imported on first use.
 
 import dataclasses
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
 from importlib.metadata import version
@@ -53,7 +53,7 @@ class WarpDevice:
         return self.warp.ScopedDevice(self.alias)
 
     @contextmanager
-    def refusals(self, worlds: int) -> Iterator[None]:
+    def refusals(self, worlds: int) -> Generator[None]:
         """Converts errors of mujoco_warp: on a model, or on a lack of memory for this number of worlds."""
         engine = option("engine")
         try:
@@ -89,7 +89,7 @@ def _imported() -> tuple[Any, Any]:
     import warp  # pyright: ignore[reportMissingImports]
 
     warp.config.log_level = max(warp.config.log_level, warp.LOG_WARNING)
-    import mujoco_warp  # pyright: ignore[reportMissingImports]
+    import mujoco_warp  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
 
     return warp, mujoco_warp
 

@@ -64,19 +64,19 @@ def bare(model: mujoco.MjModel, steps: int, ctrl: Callable[[int, mujoco.MjData],
     return {field: np.stack(values) for field, values in found.items()}
 
 
-def stepped_in_c(run: PhysicsStepper, steps: int, chunk: int = 64) -> dict[str, np.ndarray]:
-    found: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
-    for _, _, block in blocks(run, FIELDS, steps, chunk):
-        for field in FIELDS:
+def stepped_in_c(run: PhysicsStepper, steps: int, fields: Sequence[str] = FIELDS) -> dict[str, np.ndarray]:
+    found: dict[str, list[np.ndarray]] = {field: [] for field in fields}
+    for _, _, block in blocks(run, fields, steps, 64):
+        for field in fields:
             found[field].append(block[field][0])
     return {field: np.concatenate(values) for field, values in found.items()}
 
 
-def by_instants(run: PhysicsStepper, steps: int) -> dict[str, np.ndarray]:
-    found: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
+def by_instants(run: PhysicsStepper, steps: int, fields: Sequence[str] = FIELDS) -> dict[str, np.ndarray]:
+    found: dict[str, list[np.ndarray]] = {field: [] for field in fields}
     for step in range(steps + 1):
         run.advance(step)
-        for field in FIELDS:
+        for field in fields:
             found[field].append(np.array(getattr(run.instant(), field)))
     return {field: np.stack(values) for field, values in found.items()}
 

@@ -1,6 +1,7 @@
 """Controls from several things at once, against bare loops."""
 
 import math
+import sys
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -8,7 +9,7 @@ from functools import cache
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import ControllerError, UnknownNameError, UnstableError, UsageError
@@ -63,6 +64,7 @@ def whole_noise(smooth: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("smooth", [0.0, 0.05])
+@settings(max_examples=30)
 @given(first=st.integers(0, 3 * NOISE_BLOCK), count=st.integers(0, 2 * NOISE_BLOCK))
 def test_noise_is_the_same_wherever_one_begins(smooth: float, first: int, count: int) -> None:
     whole = whole_noise(smooth)
@@ -131,11 +133,8 @@ GOOD = {"time": np.array([0, 1.0]), "ctrl/m": np.zeros(2), "ctrl/g": np.zeros(2)
         ),
         ({"time": np.zeros(1)}, UsageError, "lacks columns for actuators of the model: ctrl/m, ctrl/g"),
         ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
-        ({k: v[:0] for k, v in GOOD.items()}, UsageError, "has no rows"),
         ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 1: time 0 follows 1; times must ascend"),
-        ({**GOOD, "time": np.array([0.0, 0])}, UsageError, "row 1: time 0 follows 0; times must ascend"),
         ({**GOOD, "time": np.array([0.5, 1])}, UsageError, "begins at 0.5 s"),
-        ({**GOOD, "time": np.array([0, np.nan])}, UsageError, "row 1: time is nan"),
         ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 1: ctrl/g is inf"),
     ],
 )
@@ -178,9 +177,17 @@ class Swing:
         data.xfrc_applied[3, 2] = 3 * len(self.calls)
 
 
-@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicitfast"])
 @pytest.mark.parametrize("taken", [stepped_in_c, by_instants])
-@pytest.mark.parametrize(("period", "every"), [("0.002", 1), ("0.014", 7), ("0.3", 150)])
+@pytest.mark.parametrize(
+    ("integrator", "period", "every"),
+    [
+        ("Euler", "0.002", 1),
+        ("Euler", "0.014", 7),
+        ("Euler", "0.3", 150),
+        ("RK4", "0.014", 7),
+        ("implicitfast", "0.014", 7),
+    ],
+)
 def test_a_controller_drives_as_a_bare_loop_does(integrator: str, taken: Callable, period: str, every: int) -> None:
     model, swing, other = arm(integrator), Swing(), Swing()
     run = stepper(model, controller=periodic(swing, period))
@@ -194,8 +201,8 @@ def test_a_controller_that_does_nothing_changes_nothing() -> None:
     model = arm()
     idle = stepper(model, controller=periodic(lambda model, data: None, "0.004"))
     alone = stepper(model)
-    idle.advance(500)
-    alone.advance(500)
+    idle.advance(120)
+    alone.advance(120)
     assert np.array_equal(idle.state(), alone.state())
 
 
@@ -252,20 +259,13 @@ def test_returned_controls_count() -> None:
         (lambda model, data: [0, math.nan], "set g to nan at step 0"),
         (lambda model, data: data.qvel.fill(1), "changed the state at step 0"),
         (lambda model, data: 1 / 0, "(?s)at step 0, time 0 s, raised ZeroDivisionError: .*in <lambda>"),
+        (lambda model, data: sys.exit(), "raised SystemExit"),
         (lambda data: None, r"must take \(model, data\)"),
     ],
 )
 def test_a_controller_that_fails_says_how(controller: Callable, said: str) -> None:
     with pytest.raises(ControllerError, match=said):
         stepper(arm(), controller=periodic(controller, "0.002"))
-
-
-def test_a_controller_that_leaves_is_an_error() -> None:
-    def leave(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        raise SystemExit(0)
-
-    with pytest.raises(ControllerError, match="raised SystemExit"):
-        stepper(arm(), controller=periodic(leave, "0.002"))
 
 
 def test_a_controller_cannot_be_called_between_steps() -> None:

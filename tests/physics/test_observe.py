@@ -87,12 +87,6 @@ def test_watching_every_step_in_every_way_is_the_same_run_as_watching_none() -> 
     assert motion(alone) == bare(BOUNCE, UNTIL)[UNTIL]
 
 
-def test_a_step_that_occurs_twice_is_written_twice() -> None:
-    served: list[int] = []
-    observe(stepper(), [Tap([0, 0, 3, 3, 3, 5], step_of, served.append)], 5)
-    assert served == [0, 0, 3, 3, 3, 5]
-
-
 def test_taps_that_share_a_step_see_the_same_instant_in_the_order_they_were_given() -> None:
     log: list[tuple[str, int, int]] = []
     taps = [Tap(range(0, 31, n), lambda s, n=n: (str(n), s.step, id(s.instant())), log.append) for n in (10, 15, 5)]
@@ -127,12 +121,6 @@ def test_a_cadence_is_read_as_it_is_needed_so_a_long_one_costs_no_memory() -> No
     assert served == [0, 10, 20]
 
 
-def test_without_taps_the_run_still_goes_to_its_end() -> None:
-    run = stepper()
-    observe(run, [Tap([], step_of, print)], UNTIL)
-    assert motion(run) == bare(BOUNCE, UNTIL)[UNTIL]
-
-
 @pytest.mark.parametrize("steps", [[0, 7], [7]])
 def test_a_tap_never_sees_a_step_beyond_the_end_of_the_run(steps: list[int]) -> None:
     served: list[int] = []
@@ -152,8 +140,8 @@ def falling(step: int) -> mujoco.MjModel:
 <worldbody><body><joint type="slide" axis="1 0 0"/><geom size="1"/></body></worldbody></mujoco>""")
 
 
-@pytest.mark.parametrize("every", [1, 7, 49, 50, 51, 1000])
-@pytest.mark.parametrize("bad", [2, CHUNK - 1, CHUNK, CHUNK + 1, 120])
+@pytest.mark.parametrize("every", [1, 7, 50, 1000])
+@pytest.mark.parametrize("bad", [2, CHUNK, CHUNK + 1, 120])
 def test_what_is_written_before_a_run_becomes_unstable_is_good_and_nothing_is_written_after(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bad: int, every: int
 ) -> None:

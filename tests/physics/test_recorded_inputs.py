@@ -1,6 +1,5 @@
 """Physics under recorded inputs is the recorded simulation, bit for bit."""
 
-from dataclasses import dataclass
 from fractions import Fraction
 
 import mujoco
@@ -14,26 +13,10 @@ from mjrun.physics.control import ControlSignal, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.replay import AHEAD, RecordedInputs
 from mjrun.physics.stepper import PhysicsStepper
-from tests.physics.tumbler import model
+from tests.physics.tumbler import Kept, model
 
 STEP = Fraction(1, 500)
 LAST = 240
-
-
-@dataclass
-class Kept:
-    rows: np.ndarray
-
-    @property
-    def steps(self) -> range:
-        return range(len(self.rows))
-
-    @property
-    def size(self) -> int:
-        return self.rows.shape[1]
-
-    def state(self, index: int) -> np.ndarray:
-        return self.rows[index].copy()
 
 
 def act(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -54,7 +37,7 @@ def recorded() -> Kept:
     for step in range(1, LAST + 1):
         stepper.advance(step)
         rows.append(stepper.state())
-    return Kept(np.stack(rows))
+    return Kept(np.arange(LAST + 1), np.stack(rows))
 
 
 def again(kept: Kept) -> PhysicsStepper:

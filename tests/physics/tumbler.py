@@ -21,6 +21,21 @@ XML = """<mujoco><option timestep="0.002"/><worldbody>
 <keyframe><key name="bent" qpos="0 0 2 1 0 0 0 .5 1 0 0 0 .1" ctrl=".3 .4" mpos="1 2 3"/></keyframe></mujoco>"""
 
 
+@dataclass(frozen=True)
+class Kept:
+    """Recorded states, in memory."""
+
+    steps: np.ndarray
+    rows: np.ndarray
+
+    @property
+    def size(self) -> int:
+        return self.rows.shape[1]
+
+    def state(self, index: int) -> np.ndarray:
+        return self.rows[index].copy()
+
+
 @cache
 def model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(XML)

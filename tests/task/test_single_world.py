@@ -29,13 +29,13 @@ FORCED = {
 
 
 def assert_same(task: Task, scale: float = 1.0) -> None:
-    """Plays three episodes in both."""
+    """Plays two episodes in both."""
     single, worlds = SingleWorld(task), TaskWorlds(task, 1)
     generator = np.random.default_rng(2)
-    for seed in (3, 4, 5):
+    for seed in (3, 4):
         np.testing.assert_array_equal(single.start(seed), worlds.reset([seed])[0])
         assert single.ended_at_start == worlds.ended_at_start
-        for _ in range(30):
+        for _ in range(20):
             action = scale * generator.uniform(-1, 1, len(worlds.action_names))
             ours, theirs = single.act(action.astype(np.float32)), worlds.step(action.astype(np.float32)[None])
             np.testing.assert_array_equal(ours.observations, theirs.observations[0])
@@ -84,9 +84,12 @@ def test_actions_that_cannot_be_are_refused() -> None:
     single.act(np.array([1e200, 0]))  # whose square is not finite
 
 
+def pickled(thing: Any) -> Any:
+    return pickle.loads(pickle.dumps(thing))
+
+
 @pytest.mark.parametrize("derived", ["current", "lagged"])
-@pytest.mark.parametrize("values", [{}, EVERYTHING, FORCED], ids=["plain", "everything", "forced"])
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
+@pytest.mark.parametrize(("values", "copied"), [({}, copy.deepcopy), (EVERYTHING, pickled), (FORCED, pickled)])
 def test_copies_go_on_with_the_same_bits(
     tmp_path: Path, values: Mapping[str, object], derived: str, copied: Callable[[Any], Any]
 ) -> None:
