@@ -42,8 +42,9 @@ from mjrun.rendering.graph import graph_size
 from mjrun.study.executors import ENGINES
 
 SIMULATING = (VideoOptions, ImageOptions, TraceOptions, SimulationOptions, CommandOptions, ConsoleOptions)
+# By name: workers of pytest must collect the classes in the same order.
 ALL = {
-    value
+    (value.__module__, value.__name__): value
     for path in Path(mjrun.options.__file__).parent.glob("*.py")
     for value in vars(import_module(f"mjrun.options.{path.stem}")).values()
     if isinstance(value, type) and issubclass(value, Options) and value is not Options
@@ -58,7 +59,7 @@ EVALUATION = partial(EvaluationOptions, None, "out")
 EVENT = object()
 
 
-@pytest.mark.parametrize("cls", ALL, ids=lambda cls: cls.__name__)
+@pytest.mark.parametrize("cls", [ALL[name] for name in sorted(ALL)], ids=lambda cls: cls.__name__)
 def test_a_default_is_a_value_of_its_kind_and_help_has_single_spaces(cls: type[Options]) -> None:
     for each in options_of(cls):
         assert "  " not in each.help, each.name
