@@ -53,12 +53,12 @@ class Command:
 
     @property
     def timed(self) -> bool:
-        """Whether it reports on this machine, so that only its exit code and the names of its files repeat."""
+        """True if it reports on this machine, so that only its exit code and the names of its files repeat."""
         return self.text.startswith(("mjrun bench", "mjrun doctor"))
 
     @property
     def prose(self) -> bool:
-        """Whether it informs, so that what it prints may be worded differently."""
+        """True if it prints information, whose wording may change."""
         return bool(re.match(r"mjrun (info|check|schema)\b|.* --(list|dry-run)\b", self.text))
 
     @property
@@ -69,7 +69,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Run:
-    """What a command left behind: `folder` has its files in `files/`, its `stdout` and its `stderr`."""
+    """The outputs of a command: `folder` has its files in `files/`, its `stdout` and its `stderr`."""
 
     folder: Path
     exit: int
@@ -90,7 +90,7 @@ class Comparison:
 
 
 def contents(path: Path) -> Parts:
-    """The parts of a file that two states must agree on; of a file that cannot be read, its bytes."""
+    """Returns the parts of a file that must be equal in two states; its bytes if it cannot be read."""
     try:
         return READERS.get(path.suffix.lower(), _bytes)(path)
     except Exception as error:  # a damaged output is a result too
@@ -106,7 +106,7 @@ def _bytes(path: Path) -> Parts:
 
 
 def _video(path: Path) -> Parts:
-    """Each decoded frame in its own pixel format, with its time stamps; and what the stream's header says."""
+    """Returns each decoded frame in its pixel format, with its time stamps, and the stream's header."""
     ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-map", "0", "-f", "framemd5", "-"]
     lines = subprocess.run(ffmpeg, capture_output=True, text=True, check=True).stdout.splitlines()
     frames = [line for line in lines if not line.startswith("#")]
@@ -115,7 +115,7 @@ def _video(path: Path) -> Parts:
 
 
 def _image(path: Path) -> Parts:
-    """Each frame as it is stored: mode, size, pixels, palette, transparency, duration."""
+    """Returns each stored frame: mode, size, pixels, palette, transparency, duration."""
     parts: Parts = {}
     with Image.open(path) as image:
         for i, frame in enumerate(ImageSequence.Iterator(image)):
@@ -126,7 +126,7 @@ def _image(path: Path) -> Parts:
 
 
 def _arrays(arrays: Iterable[tuple[str, np.ndarray]]) -> Parts:
-    """Each array's type, shape and bits; a lone text is metadata."""
+    """Returns each array's type, shape and bits; a single text is metadata."""
     return {
         name: f"{array.dtype} {array.shape} {_digest(np.ascontiguousarray(array).tobytes())}"
         for name, array in arrays
@@ -152,7 +152,7 @@ def _mat(path: Path) -> Parts:
 
 
 def _arrow(path: Path) -> Parts:
-    """Each column's type and values, floats by their bits."""
+    """Returns each column's type and values, floats by their bits."""
     from pyarrow import feather, parquet
 
     table = (parquet.read_table if path.suffix == ".parquet" else feather.read_table)(path)
@@ -167,7 +167,7 @@ def _arrow(path: Path) -> Parts:
 
 
 def _json(path: Path) -> Parts:
-    """Each key's value without wall times; of a manifest or a benchmark, that it is one."""
+    """Returns each key's value without wall times; for a manifest or a benchmark, only its kind."""
     document = json.loads(path.read_text("utf-8"))
     if isinstance(document, dict) and {"mjrun", "machine"} & set(document):
         return {"kind": "manifest"}
@@ -183,7 +183,7 @@ def _lasting(value: Any) -> Any:
 
 
 def _yaml(path: Path) -> Parts:
-    """A document by its keys, under their new names."""
+    """Returns a document by its keys, under their new names."""
     document = yaml.safe_load(path.read_text("utf-8"))
     return {_renamed(key): json.dumps(value, sort_keys=True) for key, value in document.items()}
 
@@ -204,7 +204,7 @@ READERS: dict[str, Callable[[Path], Parts]] = {
 
 
 def difference(old: Path, new: Path) -> str:
-    """In what two files differ, in a few words; empty where they hold the same."""
+    """Returns the difference of two files in a few words; empty if there is none."""
     before, after = contents(old), contents(new)
     different = [name for name in {**before, **after} if before.get(name) != after.get(name)]
     if not different:
@@ -213,7 +213,7 @@ def difference(old: Path, new: Path) -> str:
 
 
 def compare(old: Run, new: Run, comparison: Comparison) -> None:
-    """Add to `comparison` what two runs made differently."""
+    """Adds the differences of two runs to `comparison`."""
     command, differences = comparison.old, comparison.differences
     if old.exit != new.exit:
         differences.append(f"exit code {old.exit}, now {new.exit}")
@@ -246,7 +246,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _printed(run: Run, command: Command) -> tuple[list[bytes], list[bytes]]:
-    """The lines of standard output that are a payload, and all prose, without wall times."""
+    """Returns the lines of standard output that are a payload, and all prose, without wall times."""
     lines = (run.folder / "stdout").read_bytes().splitlines()
     prose = [line for line in lines if command.prose or MADE_IN.search(line)]
     messages = [line for line in (run.folder / "stderr").read_bytes().splitlines() if not SLOW.search(line)]
@@ -254,7 +254,7 @@ def _printed(run: Run, command: Command) -> tuple[list[bytes], list[bytes]]:
 
 
 def _first_difference(old: list[bytes], new: list[bytes]) -> list[str]:
-    """The first line in which two texts differ, as it was and as it is; nothing where they are equal."""
+    """Returns the first line in which two texts differ, before and after; nothing if they are equal."""
     if old == new:
         return []
     lines = next((b, a) for b, a in zip_longest(old, new, fillvalue=b"(nothing)") if b != a)
@@ -320,7 +320,7 @@ class State:
     jobs: str = "1"
 
     def run(self, command: Command, cached: bool = False) -> Run:
-        """Run a command, or take what it left when it ran here before."""
+        """Runs a command, or returns the outputs of an earlier run."""
         folder = self.store / _digest(command.text.encode())[:16]
         outcome = folder / "outcome.json"
         if not (cached and outcome.exists()):
@@ -331,7 +331,7 @@ class State:
         return Run(folder, result["exit"], result["seconds"])
 
     def fingerprint(self) -> str:
-        """What outputs depend on: the code, the scenes, the installed libraries, and how commands are changed."""
+        """Returns a hash of everything that outputs depend on: code, scenes, installed libraries, changed commands."""
         sources = [*_files(self.checkout / "scenes"), *sorted((self.checkout / "mjrun").rglob("*.py"))]
         libraries = sorted(f"{each.name} {each.version}" for each in distributions() if each.name != "mjrun")
         return _digest(repr(([_bytes(path) for path in sources], libraries, self._programs())).encode())[:16]
@@ -351,7 +351,7 @@ class State:
         return {"exit": done.returncode, "seconds": round(seconds, 1)}
 
     def _installed(self, folder: Path) -> dict[str, str]:
-        """An environment in which `mjrun` and `python` are the checkout's, put into `folder`."""
+        """Returns an environment in which `mjrun` and `python` are the checkout's, made in `folder`."""
         folder.mkdir()
         for name, script in self._programs().items():
             (folder / name).write_text(script)
@@ -386,7 +386,7 @@ class State:
 
 
 def report(comparison: Comparison, old: Run, new: Run) -> str:
-    """Print a command's line of the table, with what differs below; return its verdict."""
+    """Prints a command's line of the table, with its differences below; returns its verdict."""
     verdict = "DIFFERS" if comparison.differences else "prose" if comparison.prose else "equal"
     print(f"{verdict:8}{old.exit:5}{old.seconds:8.1f}{new.seconds:8.1f}  {comparison.new.label[:LINE]}")
     if comparison.old.text != comparison.new.text:
@@ -400,7 +400,7 @@ def report(comparison: Comparison, old: Run, new: Run) -> str:
 
 
 def main() -> int:
-    """Run the comparison that the command line asks for."""
+    """Runs the comparison that the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("old", type=Path, help="a checkout")
     parser.add_argument("new", type=Path, help="a checkout that is to make the same")

@@ -45,7 +45,7 @@ def make_font(source: Path, target: Path) -> None:
 
 
 def _substitutions(font: TTFont, feature: str) -> dict[str, str]:
-    """The glyphs that a feature shows in place of others."""
+    """Returns the glyphs that a feature substitutes for others."""
     table = font["GSUB"].table
     records = [record for record in table.FeatureList.FeatureRecord if record.FeatureTag == feature]
     indices = sorted({index for record in records for index in record.Feature.LookupListIndex})

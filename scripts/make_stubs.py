@@ -1,8 +1,8 @@
-"""Writes mjrun/__init__.pyi: what type checkers and editors know of `import mjrun`, from the declarations of options.
+"""Writes mjrun/__init__.pyi, the types of `import mjrun`, from the declarations of options.
 
     .venv/bin/python scripts/make_stubs.py
 
-An option accepts more than its attribute holds: a text where there are several, a number where it is exact. The
+An option accepts more types than its attribute has: a text for several values, a number for an exact one. The
 classes of jobs convert these, which pyright follows and mypy does not. So each class gets its `__init__` written out.
 """
 
@@ -49,7 +49,7 @@ ACCEPTED: dict[type[AnyKind], str] = {
 
 
 def accepted(kind: AnyKind) -> str:
-    """The type of the values that a kind accepts."""
+    """Returns the type of the values that a kind accepts."""
     match kind:
         case Optional():
             return f"{accepted(kind.each)} | None"
@@ -65,7 +65,7 @@ def accepted(kind: AnyKind) -> str:
 
 
 def written(annotation: Any) -> str:
-    """A type as source."""
+    """Returns a type as source."""
     match annotation:
         case None | types.NoneType:
             return "None"
@@ -86,7 +86,7 @@ def written(annotation: Any) -> str:
 
 
 def class_stub(name: str, cls: type[Options]) -> str:
-    """A class with its `__init__` written out."""
+    """Returns a class with its `__init__` written out."""
     declared = {each.attribute: each for each in options_of(cls)}
     positional, keywords = [], []
     for field in (field for field in dataclasses.fields(cls) if field.init):  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ def class_stub(name: str, cls: type[Options]) -> str:
 
 
 def stub() -> str:
-    """The whole file, formatted."""
+    """Returns the whole file, formatted."""
     imports, classes = [], []
     for name in sorted(set(mjrun.__all__) - {"__version__"}):
         value, home = getattr(mjrun, name), mjrun._HOMES[name]

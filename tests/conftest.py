@@ -1,4 +1,4 @@
-"""What tests share: paths, a renderer, and oracles that look at files from outside."""
+"""Shared parts of the tests: paths, a renderer, and oracles that inspect files from outside."""
 
 import os
 import re
@@ -118,7 +118,7 @@ def vulkan() -> Backend:
 
 @pytest.fixture(scope="session")
 def display() -> Iterator[dict[str, str]]:
-    """An environment with a display that nobody sees. The set-up installs Xvfb; without it tests fail."""
+    """An environment with a virtual display. The set-up installs Xvfb; tests fail without it."""
     program = shutil.which("Xvfb")
     assert program, "Xvfb is not installed: scripts/setup.sh installs it"
     reading, writing = os.pipe()
@@ -141,7 +141,7 @@ def no_display() -> dict[str, str]:
 
 @pytest.fixture
 def shared_models() -> Path:
-    """Models that nobody here wrote; the test is skipped where they are absent."""
+    """Models from other projects; the test is skipped where they are missing."""
     path = ROOT / "../shared/models"
     if not path.is_dir():
         pytest.skip("../shared/models is not here")
@@ -150,7 +150,7 @@ def shared_models() -> Path:
 
 @dataclass(frozen=True)
 class Film:
-    """What a decoder finds in a film: `frames` `(n, height, width, 3)` uint8, the stream's description, start [s]."""
+    """A decoded video: `frames` `(n, height, width, 3)` uint8, the stream's description, start [s]."""
 
     frames: np.ndarray
     stream: str
@@ -160,7 +160,7 @@ class Film:
 
 @pytest.fixture
 def decode() -> Callable[[Path], Film]:
-    """Decodes every frame of a film to RGB."""
+    """Decodes every frame of a video to RGB."""
 
     def decoded(path: Path) -> Film:
         program = imageio_ffmpeg.get_ffmpeg_exe()
@@ -181,7 +181,7 @@ def decode() -> Callable[[Path], Film]:
 
 @dataclass(frozen=True)
 class Command:
-    """Runs mjrun in a process of its own, in a folder of its own."""
+    """Runs mjrun in a separate process, in an empty folder."""
 
     folder: Path
 
@@ -205,7 +205,7 @@ class Command:
         return subprocess.CompletedProcess(child.args, child.returncode, out, without_progress(err))
 
     def files(self) -> list[str]:
-        """The names in the folder, hidden ones too."""
+        """Returns the names in the folder, hidden ones too."""
         return sorted(path.name for path in self.folder.iterdir())
 
 
@@ -219,13 +219,13 @@ def mjrun(tmp_path: Path) -> Command:
 
 @dataclass(frozen=True)
 class CommandInProcess(Command):
-    """Runs mjrun in this process, which takes a fraction of the time where a process of its own shows nothing more."""
+    """Runs mjrun in this process, which is faster, where a separate process would show nothing more."""
 
     capture: pytest.CaptureFixture[bytes]
 
     def __call__(self, *arguments: str | Path, **settings: object) -> subprocess.CompletedProcess[bytes]:
         environment = cast(dict[str, str], settings.pop("env", {}))
-        assert not settings, "only a process of its own has them"
+        assert not settings, "only a separate process has them"
         self.capture.readouterr()
         with mock.patch.dict(os.environ, environment):
             code = cli.run([*map(str, arguments)])
@@ -243,7 +243,7 @@ def mjrun_here(mjrun: Command, capfdbinary: pytest.CaptureFixture[bytes], monkey
 
 
 def _log_to_file(enabled: bool) -> None:
-    """Whether MuJoCo writes its warnings to MUJOCO_LOG.TXT in the working directory of this process."""
+    """Sets whether MuJoCo writes its warnings to MUJOCO_LOG.TXT in the working directory of this process."""
     config = mujoco.MjLogConfig.get()
     config.logto_file = enabled
     config.set()
@@ -256,7 +256,7 @@ _log_to_file(False)  # bare loops diverge on purpose
 
 @pytest.fixture
 def mujoco_log() -> Iterator[None]:
-    """MuJoCo writes its log, as it does by default; only for tests in a folder of their own."""
+    """MuJoCo writes its log, as it does by default; only for tests in a separate folder."""
     _log_to_file(True)
     yield
     _log_to_file(False)
@@ -271,7 +271,7 @@ def _nothing_is_left(tmp_path: Path) -> Iterator[None]:
 
 @pytest.fixture
 def still() -> Callable[..., np.ndarray]:
-    """MuJoCo's own renderer, the oracle: the picture of `data` through a camera."""
+    """Renders `data` through a camera with MuJoCo's own renderer, the oracle."""
 
     def drawn(
         model: mujoco.MjModel,

@@ -14,7 +14,7 @@ PROGRESS = re.compile(rb"^mjrun: \d+ of \d+ (?!.* are )[a-z ]+(, \d+ failed)?\n"
 
 
 def without_progress(messages: bytes) -> bytes:
-    """Messages without the lines of progress that a command prints now and then where it takes its time."""
+    """Returns messages without the lines of progress that a slow command prints."""
     return PROGRESS.sub(b"", messages)
 
 
@@ -28,14 +28,14 @@ def wait_until(condition: Callable[[], object], while_running: "subprocess.Popen
 
 
 def command_line_of(pid: int) -> bytes:
-    """The command line of a process; empty once it has ended, even if nobody has waited for it."""
+    """Returns the command line of a process; empty once it has ended, even as a zombie."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{pid}/cmdline").read_bytes()
     return b""
 
 
 def children(parent: int) -> list[int]:
-    """Process ids of its children, ended ones that nobody waited for included."""
+    """Returns the process ids of its children, including zombies."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
@@ -46,7 +46,7 @@ def children(parent: int) -> list[int]:
 
 
 def worker(command: "subprocess.Popen[bytes]") -> int:
-    """The process that does the work of a `mjrun` that was started: its only child, which it watches."""
+    """Returns the process that does the work of a started `mjrun`: its only child, which it watches."""
     while not (found := children(command.pid)):
         assert command.poll() is None
         time.sleep(0.01)

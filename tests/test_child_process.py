@@ -30,7 +30,7 @@ def python(code: str, **how: object) -> ChildProcess:
 
 
 def gone(pid: int) -> bool:
-    """Whether there is no such process, or only a zombie that somebody else is to reap."""
+    """Tells whether a process has ended; zombies count as ended."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
     return True

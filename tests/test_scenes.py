@@ -34,7 +34,7 @@ GRAVITY = 9.81
 
 
 def load(name: str, keyframe: str | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The scene at its start, or at a keyframe of it, with everything derived from the state computed."""
+    """Loads a scene at its start, or at one of its keyframes, with all derived quantities computed."""
     model = mujoco.MjModel.from_xml_path(str(SCENES / f"{name}.xml"))
     data = mujoco.MjData(model)
     if keyframe is not None:
@@ -44,26 +44,26 @@ def load(name: str, keyframe: str | None = None) -> tuple[mujoco.MjModel, mujoco
 
 
 def run(model: mujoco.MjModel, data: mujoco.MjData, until: float) -> Iterator[None]:
-    """Step up to the instant `until`, handing over after every step."""
+    """Steps to the time `until`, and yields after every step."""
     while data.time < until - model.opt.timestep / 2:
         mujoco.mj_step(model, data)
         yield
 
 
 def advance(model: mujoco.MjModel, data: mujoco.MjData, until: float) -> None:
-    """Step up to the instant `until`."""
+    """Steps to the time `until`."""
     for _ in run(model, data, until):
         pass
 
 
 def keyframes(name: str) -> list[str]:
-    """The names of the scene's keyframes."""
+    """Returns the names of the scene's keyframes."""
     model, _ = load(name)
     return [model.key(i).name for i in range(model.nkey)]
 
 
 def normal_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Vector:
-    """The normal force of every contact, in newtons."""
+    """Returns the normal force of every contact [N]."""
     wrench = np.zeros(6)
     forces = np.zeros(data.ncon)
     for i in range(data.ncon):
@@ -73,7 +73,7 @@ def normal_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Vector:
 
 
 def bodies_in_contact(model: mujoco.MjModel, data: mujoco.MjData) -> set[frozenset[str]]:
-    """The pairs of bodies that touch."""
+    """Returns the pairs of bodies that touch."""
     return {
         frozenset(model.body(model.geom_bodyid[g]).name for g in (contact.geom1, contact.geom2))
         for contact in data.contact
@@ -89,7 +89,7 @@ class View:
     angle: float
 
     def clearance(self, centres: Vector, radii: Vector, aspect: float) -> float:
-        """The least distance by which the spheres stay inside the four planes of the picture's pyramid."""
+        """Returns the least distance of the spheres from the four planes of the view, positive inside."""
         x, y, depth = self._coordinates(centres)
         up = np.tan(self.angle / 2)
         side = up * aspect
@@ -98,7 +98,7 @@ class View:
         return float(np.min(np.minimum(inside_height, inside_width) - radii))
 
     def share(self, centres: Vector, radii: Vector, aspect: float) -> float:
-        """The part of the picture's height or width, whichever is more, that the spheres take up."""
+        """Returns the fraction of the image's height or width, whichever is larger, that the spheres cover."""
         x, y, depth = self._coordinates(centres)
         half_height = np.tan(self.angle / 2)
         shares = (
@@ -113,13 +113,13 @@ class View:
 
 
 def named_view(model: mujoco.MjModel, data: mujoco.MjData, camera: int) -> View:
-    """The view through a camera of the model."""
+    """Returns the view through a camera of the model."""
     axes = data.cam_xmat[camera].reshape(3, 3)
     return View(data.cam_xpos[camera].copy(), axes, float(np.deg2rad(model.cam_fovy[camera])))
 
 
 def free_view(model: mujoco.MjModel) -> View:
-    """The view through the free camera as a film starts with it."""
+    """Returns the view through the free camera at the start of a video."""
     look = model.vis.global_
     azimuth, elevation = np.deg2rad(look.azimuth), np.deg2rad(look.elevation)
     forward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
@@ -129,7 +129,7 @@ def free_view(model: mujoco.MjModel) -> View:
 
 
 def subject(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Vector, Vector]:
-    """Centres and radii of the bounding spheres of what can move and is drawn."""
+    """Returns centres and radii of the bounding spheres of visible geoms that can move."""
     moves = np.array([model.body_weldid[body] != 0 for body in model.geom_bodyid])
     shown = moves & (model.geom_group < 3)
     return data.geom_xpos[shown], model.geom_rbound[shown]
@@ -226,7 +226,7 @@ def test_the_tippe_top_turns_over_within_seven_seconds() -> None:
 
 
 def energy_spread(timestep: float, until: float) -> float:
-    """By how much the total energy of the kicked chaotic pendulum varies, in joules."""
+    """Returns the range of the total energy of the kicked chaotic pendulum [J]."""
     model, data = load("chaotic_pendulum", "kick")
     model.opt.timestep = timestep
     return float(np.ptp([data.energy.sum() for _ in run(model, data, until)]))
@@ -254,7 +254,7 @@ def test_the_free_body_ends_at_rest_on_contacts_that_carry_its_weight(keyframe: 
 
 
 def ramp(wood: float | None = None) -> tuple[mujoco.MjModel, mujoco.MjData, Vector, float]:
-    """The ramp with its wooden box's friction as given, the downhill direction, and the slope [rad]."""
+    """Returns the ramp with this friction of its wooden box, the downhill direction, and the slope [rad]."""
     spec = mujoco.MjSpec.from_file(str(SCENES / "friction_ramp.xml"))
     if wood is not None:
         spec.geom("wood").friction[0] = wood
@@ -320,7 +320,7 @@ def test_the_dominos_throw_the_box_within_three_seconds() -> None:
 
 
 def driven(forward: float, turn: float) -> tuple[Vector, float, Vector]:
-    """The car after three seconds: its place, the angle turned (radians), the torques of its wheels."""
+    """Returns position, angle turned [rad] and wheel torques of the car after three seconds."""
     model, data = load("car")
     data.ctrl = forward, turn
     heading = 0.0

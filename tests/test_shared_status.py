@@ -1,4 +1,4 @@
-"""What a process is doing can be read by another when it has died."""
+"""The status of a process can be read by another process after it has died."""
 
 import os
 import signal

@@ -39,7 +39,7 @@ CALM = 150  # steps without the bat before a new blow
 
 
 def scene(name: str, timestep: float | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A scene, with a timestep set as the tutorial sets it."""
+    """Loads a scene, with a timestep set as the tutorial sets it."""
     model = mujoco.MjModel.from_xml_path(str(ROOT / f"scenes/{name}.xml"))
     if timestep is not None:
         model.opt.timestep = timestep
@@ -47,7 +47,7 @@ def scene(name: str, timestep: float | None = None) -> tuple[mujoco.MjModel, muj
 
 
 def trace(tmp_path: Path, simulation: Simulation, *probes: str) -> dict[str, Vector]:
-    """Every row of a simulation, by column; up to where it becomes unstable, if it does."""
+    """Returns every row of a simulation by column, up to its instability if there is one."""
     output = tmp_path / "trace.npz"
     with suppress(UnstableError):
         Trace(simulation, str(output), probe=probes, keep_partial=True).run()
@@ -56,7 +56,7 @@ def trace(tmp_path: Path, simulation: Simulation, *probes: str) -> dict[str, Vec
 
 
 def columns(found: dict[str, Vector], group: str, parts: str) -> Vector:
-    """The columns `group/part` `(rows, parts)`."""
+    """Returns the columns `group/part` `(rows, parts)`."""
     return np.column_stack([found[f"{group}/{part}"] for part in parts.split()])
 
 
@@ -175,7 +175,7 @@ def test_energy_drifts_in_proportion_to_the_timestep(energies: dict[float, dict[
 
 @pytest.fixture
 def warned() -> Iterator[list[str]]:
-    """What MuJoCo warns of, kept from the log file that it would write."""
+    """MuJoCo's warnings, caught before they reach its log file."""
     said: list[str] = []
     mujoco.set_mju_user_warning(said.append)
     yield said
@@ -183,7 +183,7 @@ def warned() -> Iterator[list[str]]:
 
 
 def diverging(timestep: float) -> tuple[int, str, Vector]:
-    """The tutorial's loop: the step of the warning, the joint that it names, and the speeds before."""
+    """Runs the tutorial's loop; returns the step of the warning, its joint, and the speeds before."""
     model, data = scene("chaotic_pendulum", timestep)
     data.qvel[0] = 11
     speed = []
@@ -295,7 +295,7 @@ def test_the_pinata_s_accelerometer_reads_as_in_the_tutorial_s_loop_and_feels_ea
 
 
 def calls(command: str) -> list[list[str]]:
-    """The arguments of each call of mjrun in a line of shell, which may be a loop."""
+    """Returns the arguments of each call of mjrun in a line of shell, which may be a loop."""
     loop = re.fullmatch(r"for (?P<name>\w+) in (?P<values>.*?); do (?P<body>.*); done", command)
     bodies = [command]
     if loop:

@@ -18,7 +18,7 @@ BUILD = "import sys; from hatchling import build; print(getattr(build, sys.argv[
 
 
 def built(kind: str, project: Path, folder: Path) -> Path:
-    """The wheel or source distribution of `project`."""
+    """Builds the wheel or source distribution of `project`."""
     command = [sys.executable, "-c", BUILD, kind, str(folder)]
     done = subprocess.run(command, cwd=project, capture_output=True, text=True, check=True)
     return folder / done.stdout.splitlines()[-1]
@@ -34,7 +34,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(installed: Path, *arguments: str) -> str:
-    """What the installed mjrun prints, run away from the checkout."""
+    """Returns the output of the installed mjrun, run outside the checkout."""
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     command = [sys.executable, *arguments]
     done = subprocess.run(command, cwd=installed.parent, env=environment, capture_output=True, text=True, check=True)

@@ -26,7 +26,7 @@ ERRORS = [
 
 
 class Server:
-    """What the workers of these tests do."""
+    """The requests that the workers of these tests answer."""
 
     def echo(self, *values: object) -> tuple[object, ...]:
         return values

@@ -111,7 +111,7 @@ def _quick_commands(model: Path) -> Iterator[Command]:
 
 
 def _commands(model: Path, folder: Path, backend: str) -> Iterator[Command]:
-    """Every command, with the exit codes that it may have for a model that loads."""
+    """Yields every command, with its exit codes for a model that loads."""
     path = str(model)
     (folder / "run.yaml").write_text(DOCUMENT.format(model=model) + (IMAGE if backend else ""))
     (folder / "data.csv").write_text(TABLE)

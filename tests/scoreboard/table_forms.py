@@ -1,4 +1,4 @@
-"""Hostile tables: cut off, lying about their sizes, with what would run code; and what every reader does with them."""
+"""Hostile tables: cut off, with false sizes, with code; and the result of every reader."""
 
 import io
 import pickle
@@ -22,10 +22,10 @@ COLUMNS = {"time": TIME, "qpos/hinge": np.sin(TIME), "ctrl/motor": np.cos(TIME)}
 LINES = CSV.splitlines()
 ESCAPE = "\x1b[2J\x1b]0;owned\x07"
 
-# Who reads tables, with the words of the command line; {} is the table.
+# Readers of tables, with their command lines; {} is the table.
 INPUTS = inputs_of(__name__)
 READERS = INPUTS["READERS"]
-# Readers for whom such a table is readable, and means what cannot be; 7 for all others.
+# Exit codes of readers that can read such a table, but not use it; all others exit with 7.
 EXCEPTIONS = {
     ("words", "points"): (2,),
     ("other keys", "replay"): (2,),  # a second row without numbers
@@ -42,7 +42,7 @@ EXCEPTIONS = {
 
 
 class Bomb:
-    """What makes the canary as it is unpickled."""
+    """An object that makes the canary when it is unpickled."""
 
     def __reduce__(self) -> tuple[Callable[..., object], tuple[str, str]]:
         return open, (CANARY, "w")
@@ -55,7 +55,7 @@ def npy(array: np.ndarray) -> bytes:
 
 
 def header(descr: str, shape: str, order: str = "False") -> bytes:
-    """The head of an .npy that says what it likes."""
+    """Returns the head of an .npy with any content."""
     text = f"{{'descr': {descr}, 'fortran_order': {order}, 'shape': {shape}, }}"
     text += " " * (-(len(text) + 11) % 64) + "\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode()
@@ -70,7 +70,7 @@ def archive(members: Mapping[str, bytes], packed: bool = False) -> bytes:
 
 
 def npz(**changed: bytes) -> bytes:
-    """An archive of the good columns, but for those that are changed: `time`, `position` (and so the control)."""
+    """Returns an archive of the columns, with changed `time` or `position` (and thus control)."""
     names = {"time": "time", "position": "qpos/hinge", "control": "ctrl/motor"}
     changed = {"control": changed["position"], **changed} if "position" in changed else changed
     members = {f"{name}.npy": changed.get(key) or npy(COLUMNS[name]) for key, name in names.items()}
@@ -102,7 +102,7 @@ def mat(**changed: object) -> bytes:
 
 
 def made(make: Callable[[Path], object]) -> Callable[[], bytes]:
-    """The bytes of what a function writes."""
+    """Returns a function for the bytes that `make` writes."""
 
     def read() -> bytes:
         import tempfile
@@ -153,7 +153,7 @@ def _circle(file: h5py.File) -> None:
 
 
 def broken() -> Iterator[tuple[str, str, Content]]:
-    """Tables that nobody can read: what is wrong, the name of the file, and its content."""
+    """Yields tables that no reader accepts: the fault, the name of the file, and its content."""
     yield "empty", "t.csv", b""
     yield "a newline", "t.csv", b"\n"
     yield "no header", "t.csv", "0,1,2\n1,2,3\n"
@@ -268,13 +268,13 @@ def _doubled() -> bytes:
 
 
 def _recomputed(content: bytes) -> bytes:
-    """The archive with the checksum of its first member changed in its directory."""
+    """Returns the archive with a wrong checksum of its first member in its directory."""
     at = content.index(b"PK\1\2") + 16
     return content[:at] + b"\1\2\3\4" + content[at + 4 :]
 
 
 def _zip64_lie() -> bytes:
-    """An archive whose directory says that a member has 2^62 bytes."""
+    """Returns an archive whose directory claims a member of 2^62 bytes."""
     content = bytearray(npz())
     at = content.index(b"PK\1\2")
     length = struct.unpack("<H", content[at + 28 : at + 30])[0]
@@ -304,7 +304,7 @@ def _packed_rows(path: Path) -> None:
 
 
 def odd() -> Iterator[tuple[str, str, Content, dict[str, tuple[int, ...]]]]:
-    """Tables that can be read, and who makes what of them; 0 is for those who are not named."""
+    """Yields tables that can be read, with the exit codes of each reader."""
     gaps = {"plot": (0,), "diff": (1,), "replay": (0, 7), "controls": (0, 2, 7), "fit": (0, 1, 2, 7)}
     rows = [line.split(",") for line in LINES]
     rows[6][1] = "nan"

@@ -1,4 +1,4 @@
-"""What type checkers know of mjrun: the stubs are those of the declarations, and README's Python passes strictly."""
+"""The types of mjrun: the stubs are those of the declarations, and README's Python passes strict checks."""
 
 import json
 import re
@@ -41,7 +41,7 @@ def test_the_stubs_are_those_of_the_declarations() -> None:
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with modules that are right, and one whose every line but the first is wrong."""
+    """A folder with correct modules, and one whose lines are all wrong except the first."""
     folder = tmp_path_factory.mktemp("typed")
     for index, block in enumerate([*BLOCKS, ACCEPTED]):
         (folder / f"right_{index}.py").write_text(block)
@@ -52,7 +52,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def faults(project: Path, *checker: str) -> list[tuple[str, int]]:
-    """The files and lines in which a type checker finds errors."""
+    """Returns the files and lines in which a type checker finds errors."""
     done = subprocess.run([sys.executable, "-m", *checker], cwd=project, capture_output=True, text=True)
     matches = re.findall(r"(\w+\.py):(\d+)(?::\d+)?(?: -|:) error", done.stdout)
     return sorted({(name, int(line)) for name, line in matches})

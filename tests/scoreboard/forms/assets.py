@@ -21,7 +21,7 @@ def _bytes(content: str | bytes) -> bytes:
 
 
 def _cut(content: str | bytes) -> Iterator[tuple[str, bytes]]:
-    """Beginnings of a file, and the file with rubbish behind it."""
+    """Yields beginnings of a file, and the file followed by rubbish."""
     whole = _bytes(content)
     for fraction in FRACTIONS:
         yield f"{fraction:.0%} of", whole[: int(len(whole) * fraction)]
@@ -149,7 +149,7 @@ def _skins_and_fields() -> Iterator[Form]:
 
 
 def _bomb(width: int, height: int) -> bytes:
-    """A PNG of one grey."""
+    """Returns a PNG of one grey."""
     packer = zlib.compressobj(9)
     line = bytes(1 + width)
     data = b"".join([packer.compress(line * 100) for _ in range(height // 100)] + [packer.flush()])

@@ -1,4 +1,4 @@
-"""Small files of the formats that models name, right in every byte, to be damaged by others."""
+"""Small valid files in the formats that models name, which other modules damage."""
 
 import io
 import struct
@@ -13,27 +13,27 @@ Triangles = Sequence[Sequence[int]]
 
 
 def stl(vertices: Points = VERTICES, faces: Triangles = FACES, count: int | None = None) -> bytes:
-    """A binary STL; `count` faces are claimed."""
+    """Returns a binary STL; `count` faces are claimed."""
     parts = [bytes(80), struct.pack("<I", len(faces) if count is None else count)]
     parts += [struct.pack("<12fH", 0, 0, 0, *(x for i in face for x in vertices[i]), 0) for face in faces]
     return b"".join(parts)
 
 
 def obj(vertices: Points = VERTICES, faces: Triangles = FACES) -> str:
-    """A Wavefront OBJ."""
+    """Returns a Wavefront OBJ."""
     lines = [f"v {' '.join(map(str, vertex))}" for vertex in vertices]
     return "\n".join([*lines, *(f"f {' '.join(str(i + 1) for i in face)}" for face in faces)]) + "\n"
 
 
 def msh(vertices: Points = VERTICES, faces: Triangles = FACES, counts: Sequence[int] | None = None) -> bytes:
-    """MuJoCo's own binary mesh; `counts` of vertices, normals, texture coordinates and faces are claimed."""
+    """Returns MuJoCo's own binary mesh; `counts` of vertices, normals, texture coordinates and faces are claimed."""
     head = struct.pack("<4i", *(counts or (len(vertices), 0, 0, len(faces))))
     flat = [x for vertex in vertices for x in vertex]
     return head + struct.pack(f"<{len(flat)}f", *flat) + b"".join(struct.pack("<3i", *face) for face in faces)
 
 
 def gmsh(nodes: int | None = None, elements: int | None = None, version: str = "4.1") -> str:
-    """A tetrahedron in Gmsh's text format; `nodes` and `elements` are claimed."""
+    """Returns a tetrahedron in Gmsh's text format; `nodes` and `elements` are claimed."""
     node_count, element_count = 4 if nodes is None else nodes, 1 if elements is None else elements
     points = [" ".join(f"{x:g}" for x in vertex) for vertex in VERTICES]
     if version == "2.2":
@@ -47,7 +47,7 @@ def gmsh(nodes: int | None = None, elements: int | None = None, version: str = "
 
 
 def hfield(rows: int = 2, columns: int = 3, values: Sequence[float] = (0, 1, 2, 3, 4, 5)) -> bytes:
-    """MuJoCo's own binary height field."""
+    """Returns MuJoCo's own binary height field."""
     return struct.pack("<2i", rows, columns) + struct.pack(f"<{len(values)}f", *values)
 
 
@@ -59,7 +59,7 @@ def skin(
     weights: Sequence[float] = (1, 1, 1, 1),
     bone: bytes = b"b",
 ) -> bytes:
-    """MuJoCo's own binary skin, of one bone; `counts` of vertices, texture coordinates, faces and bones."""
+    """Returns MuJoCo's own binary skin of one bone; `counts` of vertices, texture coordinates, faces, bones."""
     parts = [struct.pack("<4i", *counts), struct.pack("<12f", *(x for vertex in VERTICES for x in vertex))]
     parts += [struct.pack("<3i", *face) for face in faces]
     parts += [bone.ljust(40, b"\0")[:40], struct.pack("<7f", 0, 0, 0, 1, 0, 0, 0), struct.pack("<i", bone_count)]
@@ -68,7 +68,7 @@ def skin(
 
 
 def png_chunk(kind: bytes, data: bytes, checksum: int | None = None) -> bytes:
-    """A chunk of a PNG, with its own checksum unless another is given."""
+    """Returns a chunk of a PNG, with its own checksum by default."""
     checksum = zlib.crc32(kind + data) if checksum is None else checksum
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
 
@@ -83,7 +83,7 @@ def png(
     interlace: int = 0,
     chunks: Sequence[tuple[bytes, bytes]] = (),
 ) -> bytes:
-    """A PNG; `pixels` are its lines with their filters, grey RGB unless given; `chunks` stand before them."""
+    """Returns a PNG; `pixels` are its lines with their filters, grey RGB by default; `chunks` precede them."""
     if pixels is None:
         pixels = (b"\0" + b"\x80" * (3 * width)) * height
     head = struct.pack(">2I5B", width, height, depth, color, 0, 0, interlace)
@@ -93,7 +93,7 @@ def png(
 
 
 def archive(members: Mapping[str, str | bytes], compression: int = zipfile.ZIP_DEFLATED) -> bytes:
-    """A zip of these members."""
+    """Returns a zip of these members."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", compression) as opened:
         for name, content in members.items():

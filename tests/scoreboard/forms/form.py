@@ -1,7 +1,4 @@
-"""What a hostile model is: files to write, and what mjrun may say to them.
-
-The files are generated; none is copied from anybody.
-"""
+"""Hostile models: the files to write, and the right results of mjrun. All files are generated."""
 
 import os
 import socket
@@ -45,13 +42,13 @@ class Form:
     """One hostile model.
 
     Attributes:
-      name: of what it is, unique.
-      files: what to write, by path.
-      model: the one that commands get.
+      name: a unique description.
+      files: the files to write, by path.
+      model: the file that commands get.
       loads: exit codes of a command that only loads it; None where MuJoCo's own verdict decides.
       runs: exit codes of a simulation, if it loads.
-      drawn: whether drawing it is of interest.
-      draws: exit codes of that, if it loads.
+      drawn: true if it is rendered as well.
+      draws: exit codes of rendering it, if it loads.
     """
 
     name: str
@@ -86,7 +83,7 @@ class Form:
 
 
 def mjcf(inner: str, attributes: str = "") -> str:
-    """A model around some elements."""
+    """Returns a model around some elements."""
     return f"<mujoco{attributes and ' '}{attributes}>\n{inner}\n</mujoco>\n"
 
 
@@ -98,5 +95,5 @@ def simple(
     runs: Codes = RUNS,
     drawn: bool = False,
 ) -> Form:
-    """A form that is one MJCF with these elements, and the files that it names."""
+    """Returns a form that is one MJCF with these elements, and the files that it names."""
     return Form(name, {"model.xml": mjcf(inner), **(files or {})}, loads=loads, runs=runs, drawn=drawn)
