@@ -1,7 +1,7 @@
-"""Child processes: how they are started, limited, listened to and ended.
+"""Child processes: their start, limits, output and end.
 
-A child has no standard input unless it is fed, inherits no descriptors but those named, and has a session of its own:
-the terminal's signals, such as Ctrl-C's, are its parent's business, and killing it kills what it has started.
+A child has no standard input unless it is fed, inherits only listed descriptors, and has a separate session: signals
+of the terminal, such as Ctrl-C, reach only its parent, and killing it kills its descendants.
 """
 
 import fcntl
@@ -26,12 +26,12 @@ from mjrun.interruption import uninterrupted
 from mjrun.shared_status import note_child, note_end_of_child
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
-STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line says why
+STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line gives the reason
 POLL_INTERVAL = 0.05  # [s]
-LAST_SECONDS = 5  # of computing, from the signal of the soft limit to the hard one
+LAST_SECONDS = 5  # CPU time between the signal of the soft limit and the hard limit
 PIPE_GRACE = 1.0  # [s] for a pipe to end after its process
 KILLED_GRACE = 0.1  # [s] for it to end after a process that was killed
-IDLE_INTERVAL = 1.0  # [s] between two looks at what a process does
+IDLE_INTERVAL = 1.0  # [s] between two checks for activity
 STATUS = Path("/proc/self/statm")
 BOOT = (
     "import sys; end = 2 + int(sys.argv[1]); sys.path[:] = sys.argv[2:end]; "
@@ -43,12 +43,12 @@ Stream = Literal["discard", "inherit", "capture"] | IO[bytes] | int
 
 
 def python_call(function: str, *arguments: str, path: Sequence[str] | None = None) -> list[str]:
-    """The command that calls a function in a new Python interpreter, which never imports `__main__`.
+    """Returns the command that calls a function in a new Python interpreter, which never imports `__main__`.
 
     Args:
       function: `package.module:name`.
-      arguments: of the function, all strings.
-      path: where it looks for modules; where this process does, when None.
+      arguments: arguments of the function, all strings.
+      path: the search path for modules; by default, that of this process.
     """
     module, _, name = function.partition(":")
     path = sys.path if path is None else path
@@ -58,12 +58,12 @@ def python_call(function: str, *arguments: str, path: Sequence[str] | None = Non
 
 @dataclass(frozen=True)
 class ExitStatus:
-    """How a process ended; as text, the end of a sentence about it.
+    """The end of a process; as text, the end of a sentence about it.
 
     Attributes:
       code: its exit code, or minus the number of the signal that killed it.
       cause: why this process ended it: it exceeded its `time` or `memory`, was `idle`, or was `ended` as no longer
-        needed; None if it ended by itself or was killed by somebody else.
+        needed; None if it ended by itself or was killed by another process.
     """
 
     code: int
@@ -78,7 +78,7 @@ class ExitStatus:
 
     @property
     def out_of_memory(self) -> bool:
-        """Whether memory is the likely reason: when it runs out, the system kills processes with SIGKILL."""
+        """True if memory is the likely reason: the system kills processes with SIGKILL when it runs out."""
         return self.cause == "memory" or (self.cause is None and self.code == -signal.SIGKILL)
 
     def __str__(self) -> str:
@@ -92,21 +92,21 @@ class ExitStatus:
 
 
 class ChildProcess:
-    """A child process, which starts at once. Leaving its `with` block ends it, as does losing it or leaving Python.
+    """A child process, which starts at once. It ends with its `with` block, with its last reference, or with Python.
 
     Args:
       command: the program and its arguments, such as `python_call` gives.
       environment: variables to change; None removes one.
-      descriptors: that the child gets under new numbers, which are appended to the command.
+      descriptors: descriptors that the child gets under new numbers, which are appended to the command.
       inherited: descriptors that the child gets under the same numbers.
-      fed: whether its standard input is what `feed` gives it.
-      stdout, stderr: where they go, also as a descriptor. What is captured is read as it comes, so that a child never
-        waits for it.
-      stdout_limit: bytes of captured output that are kept.
+      fed: the child reads standard input from `feed`.
+      stdout, stderr: their destinations, possibly descriptors. Captured output is read continuously, so that the child
+        never waits for it.
+      stdout_limit: bytes of captured output to keep.
 
     Raises:
-      FileError: the program may not be executed.
-      OSError: the system refuses.
+      FileError: the program is not executable.
+      OSError: the system refuses to start it.
     """
 
     def __init__(
@@ -123,10 +123,10 @@ class ChildProcess:
     ) -> None:
         self._cause: Cause | None = None
         variables = {**os.environ, **(environment or {})}
-        with ExitStack() as stack, uninterrupted():  # so that none is started and forgotten
+        with ExitStack() as stack, uninterrupted():  # so that no process is started and lost
             copies: list[int] = []
             for descriptor in descriptors:
-                # Above 2, which it may be when this process has no standard input: the child's 0 to 2 are taken.
+                # Above 2, as the child uses 0 to 2; it may be lower if this process has no standard input.
                 copies.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
                 stack.callback(os.close, copies[-1])
             try:
@@ -141,7 +141,7 @@ class ChildProcess:
                     start_new_session=True,
                 )
             except PermissionError as error:
-                reason = "cannot be started, which mjrun needs processes of its own for"
+                reason = "cannot be started; mjrun requires separate processes"
                 raise FileError(command[0], f"{reason}: {error.strerror or error}") from None
             note_child(self._popen.pid)
             self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
@@ -157,33 +157,33 @@ class ChildProcess:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended yet."""
+        """True until the process has ended."""
         return self._popen.poll() is None
 
     @property
     def stdout(self) -> bytes:
-        """What it has printed, if captured; complete after `wait` or `end`."""
+        """The captured output so far; complete after `wait` or `end`."""
         return bytes(self._stdout.content)
 
     @property
     def stderr(self) -> bytes:
-        """What it has printed on standard error, if captured; complete after `wait` or `end`."""
+        """The captured standard error so far; complete after `wait` or `end`."""
         return bytes(self._stderr.content)
 
     @property
     def last_words(self) -> str:
-        """The last line of `stderr`, where programs say why they end; empty if there is none."""
+        """The last line of `stderr`, where programs report why they end; possibly empty."""
         return self.stderr.decode(errors="replace").strip().rpartition("\n")[2]
 
     def feed(self, content: memoryview, idle: float = math.inf, is_held_up: Callable[[], bool] = lambda: False) -> None:
         """Writes to the standard input of a process that is `fed`.
 
         Args:
-          idle: seconds for which it may take nothing and compute nothing, before it is killed.
-          is_held_up: whether it waits for somebody else now, which is no idleness.
+          idle: seconds without reading or computing after which it is killed.
+          is_held_up: returns whether it waits for another process, which does not count as idle.
 
         Raises:
-          OSError: it takes nothing any more.
+          OSError: the process no longer reads.
         """
         assert self._popen.stdin
         if self._popen.stdin.closed:  # as after `wait`
@@ -204,7 +204,7 @@ class ChildProcess:
                     self.kill("idle")
 
     def end_feeding(self) -> None:
-        """Ends its standard input."""
+        """Closes its standard input."""
         assert self._popen.stdin
         self._popen.stdin.close()
 
@@ -215,12 +215,12 @@ class ChildProcess:
         idle: float = math.inf,
         is_held_up: Callable[[], bool] = lambda: False,
     ) -> ExitStatus:
-        """Waits until the process has ended, and kills it when it exceeds a limit.
+        """Waits until the process has ended, and kills it if it exceeds a limit.
 
         Args:
-          seconds: from now on.
-          memory: bytes that it fills (its resident set); not known on every system.
-          idle: seconds for which it may compute nothing.
+          seconds: maximum time from now on.
+          memory: maximum resident memory [bytes]; unknown on some systems.
+          idle: maximum seconds without computing.
           is_held_up: as in `feed`.
         """
         deadline = time.monotonic() + seconds
@@ -249,13 +249,13 @@ class ChildProcess:
         return ExitStatus(self._popen.returncode, self._cause)
 
     def kill(self, cause: Cause = "ended") -> None:
-        """Kills the process and what it has started, if it has not ended; from any thread."""
+        """Kills the process and its descendants if it is still running; callable from any thread."""
         if self.running:
             self._cause = self._cause or cause
             _kill(self._popen)
 
     def end(self, grace: float = 0) -> ExitStatus:
-        """Ends the process: asks it to terminate, and kills it when it has not done so after `grace` [s]."""
+        """Ends the process: requests termination, and kills it after `grace` [s]."""
         if grace > 0 and self.running:
             self._cause = "ended"
             self._popen.terminate()
@@ -270,7 +270,7 @@ class ChildProcess:
         self.end()
 
     def _collect(self) -> None:
-        """Waits for the ends of the pipes. What the process has left behind may hold them, and is killed."""
+        """Waits for the pipes to close, and kills descendants that keep them open."""
         self._finalizer.detach()
         note_end_of_child(self.pid)
         if self._popen.stdin:
@@ -291,14 +291,14 @@ def limit_this_process(
     core: float | None = None,
     hard: bool = False,
 ) -> None:
-    """Sets soft limits of the process that calls it, which it can lift by `math.inf`. A system may know fewer.
+    """Sets soft limits of this process; `math.inf` lifts them. Some systems support fewer limits.
 
     Args:
-      memory: bytes of addresses beyond those in use now; MemoryError tells of the limit.
-      cpu: seconds of computing; SIGXCPU tells of the limit.
-      file_size: bytes of a file that it writes; an OSError tells of the limit in Python, elsewhere SIGXFSZ.
-      core: bytes of the memory image of a crash.
-      hard: whether neither this process nor what it starts can lift them again.
+      memory: bytes of address space beyond the current use; exceeding it raises MemoryError.
+      cpu: seconds of CPU time; exceeding it raises SIGXCPU.
+      file_size: bytes of a written file; exceeding it raises OSError in Python, and SIGXFSZ elsewhere.
+      core: bytes of a core dump.
+      hard: make the limits permanent for this process and its descendants.
     """
     if memory is not None:
         pages = int(STATUS.read_text().split()[0]) if STATUS.exists() else 0
@@ -310,13 +310,13 @@ def limit_this_process(
         with suppress(OSError, ValueError):
             highest = resource.getrlimit(kind)[1]
             soft = highest if most == math.inf else most if highest == resource.RLIM_INFINITY else min(most, highest)
-            # At the hard limit of computing the kernel kills, and nobody knows why.
+            # At the hard limit the kernel kills the process without a reason.
             lasting = soft + LAST_SECONDS if kind == resource.RLIMIT_CPU and most < math.inf else soft
             resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
 
 
 class _Capture:
-    """Reads a pipe to its end in a thread, and keeps `limit` bytes of it; nothing without a pipe."""
+    """Reads a pipe to its end in a thread and keeps `limit` bytes; does nothing without a pipe."""
 
     def __init__(self, pipe: IO[bytes] | None, limit: float, keep: Literal["beginning", "end"]) -> None:
         self.content = bytearray()
@@ -326,7 +326,7 @@ class _Capture:
             self._thread.start()
 
     def wait(self, seconds: float) -> bool:
-        """Whether the pipe has ended, after `seconds` at most."""
+        """Returns whether the pipe closes within `seconds`."""
         if self._thread is None:
             return True
         self._thread.join(seconds)
@@ -342,9 +342,9 @@ class _Capture:
 
 
 class _Idleness:
-    """How long a process and what it has started have done nothing.
+    """The time for which a process and its descendants have done nothing.
 
-    Time is counted as it is waited for, not by a clock: whoever is suspended meanwhile has not waited.
+    Time is counted while waiting, not by a clock, so that a suspension of this process does not count.
     """
 
     def __init__(self, session: int, limit: float) -> None:
@@ -352,11 +352,11 @@ class _Idleness:
         self._seconds, self._computed = 0.0, -1.0
 
     def end(self) -> None:
-        """It has done something."""
+        """Resets the time after activity."""
         self._seconds = 0
 
     def exceeds(self, seconds: float) -> bool:
-        """Whether it has been idle for too long, after `seconds` more."""
+        """Adds `seconds`; returns whether the process has been idle for too long."""
         computed = _computing_time(self._session)
         self._seconds = self._seconds + seconds if computed == self._computed else 0
         self._computed = computed
@@ -370,7 +370,7 @@ def _target(stream: Stream) -> int | IO[bytes] | None:
 
 
 def _kill(popen: subprocess.Popen[bytes]) -> None:
-    """Kills a process that was not reaped, and its session with it."""
+    """Kills a process that was not reaped, with its session."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(popen.pid, signal.SIGKILL)
     popen.kill()
@@ -384,7 +384,7 @@ def _kill_and_reap(popen: subprocess.Popen[bytes], parent: int) -> None:
 
 
 def _resident(pid: int) -> int:
-    """The memory that a process fills [bytes]; 0 where that is not known."""
+    """Returns the resident memory of a process [bytes]; 0 if unknown."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
     except (OSError, ValueError, IndexError):
@@ -392,7 +392,7 @@ def _resident(pid: int) -> int:
 
 
 def _computing_time(session: int) -> float:
-    """What the processes of a session have computed [clock ticks]; 0 where that is not known."""
+    """Returns the CPU time of all processes in a session [clock ticks]; 0 if unknown."""
     ticks = 0
     for process in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError, ValueError, IndexError):

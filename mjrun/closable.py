@@ -1,15 +1,15 @@
-"""What is open until it is closed, as at the end of a `with` block."""
+"""Base class of objects that are closed, for example at the end of a `with` block."""
 
 from abc import ABC, abstractmethod
 from typing import Self
 
 
 class Closable(ABC):
-    """Base of what is to be closed."""
+    """Base of objects with `close`."""
 
     @abstractmethod
     def close(self) -> None:
-        """Closes it; closing it once more does nothing."""
+        """Closes the object; a second call does nothing."""
 
     def __enter__(self) -> Self:
         return self

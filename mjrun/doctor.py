@@ -1,4 +1,4 @@
-"""`mjrun doctor`: what works on this machine, and how to fix what does not."""
+"""The diagnosis of `mjrun doctor`: the state of all components, and how to fix those that fail."""
 
 import importlib.metadata
 import importlib.util
@@ -52,7 +52,7 @@ from mjrun.version import __version__
 
 OK, WARNING, MISSING = "ok", "warning", "missing"
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-STUDIO, WEBSOCKETS = "mujoco-studio", "websockets"  # which it depends on
+STUDIO, WEBSOCKETS = "mujoco-studio", "websockets"  # a dependency of mujoco-studio
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Diagnostic:
       group, name: of the component.
       status: `ok`, `warning` or `missing`.
       value: its version, or why it does not work.
-      remedy: what to do about it; empty if nothing needs to be done.
+      remedy: how to fix it, or an empty text.
     """
 
     group: str
@@ -79,8 +79,8 @@ class DoctorReport:
 
     Attributes:
       findings: the state of each component.
-      can_draw: whether the backend that the environment requests can draw; if it requests none, whether any can.
-      can_encode: whether videos can be encoded.
+      can_draw: true if the backend requested by the environment can render, or any backend if none is requested.
+      can_encode: true if videos can be encoded.
     """
 
     findings: Sequence[Diagnostic]
@@ -89,10 +89,10 @@ class DoctorReport:
 
 
 def examine(spelling: Spelling = str) -> DoctorReport:
-    """Tests everything that mjrun needs; backends and drivers in child processes.
+    """Tests all components, including backends and drivers, in child processes.
 
     Args:
-      spelling: how remedies write the names of mjrun's options.
+      spelling: spells the names of options in remedies.
     """
     trials = {name: BackendTrialProcess(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
     if platform.system() == "Darwin":
@@ -147,7 +147,7 @@ def _wrong_version(group: str, name: str, status: str, error: WrongVersionError)
 
 
 def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
-    """The extras of mjrun: the libraries that each installs, and the features that need them."""
+    """Returns the extras of mjrun: the libraries that each installs, and the features that need them."""
     extras: dict[str, tuple[Sequence[str], list[str]]] = {}
     for table in FORMATS.values():
         if table.extra:
@@ -179,7 +179,7 @@ def _extras() -> list[Diagnostic]:
 
 
 def _collections() -> list[Diagnostic]:
-    """The collections of models that can be named, such as `scene:` and `menagerie:`."""
+    """Yields the state of the collections of models, such as `scene:` and `menagerie:`."""
     findings = []
     for prefix, collection in sorted(model_collections().items()):
         try:
@@ -196,7 +196,7 @@ def _collections() -> list[Diagnostic]:
 
 @dataclass(frozen=True)
 class _OpenGL:
-    """The backends of OpenGL: the one that mjrun uses, if any, and the environment variables that request one."""
+    """The OpenGL backends: the one in use, if any, and the environment variables that request one."""
 
     findings: Sequence[Diagnostic]
     used: str | None
@@ -204,7 +204,7 @@ class _OpenGL:
 
 
 def _opengl(results: Mapping[str, Backend | str]) -> _OpenGL:
-    """The state of the backends that were tested, and the one that mjrun would use."""
+    """Yields the state of the tested backends, and the one that mjrun would use."""
     variables = {name: os.environ[name] for name in (GL, DEVICE) if os.environ.get(name)}
     names, error = _requested()
     if names == candidates():
@@ -215,7 +215,7 @@ def _opengl(results: Mapping[str, Backend | str]) -> _OpenGL:
 
 
 def _requested() -> tuple[Sequence[str], str]:
-    """The backends that mjrun would try; or none, and the reason."""
+    """Returns the backends that mjrun would try; or an empty list, and the reason."""
     try:
         return requested_backends(), ""
     except NoRendererError as error:
@@ -243,7 +243,7 @@ def _backends(results: Mapping[str, Backend | str], used: str | None, default: b
 
 
 def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
-    """The devices of EGL, each tested. MuJoCo numbers them as CUDA does where the driver tells the number."""
+    """Yields the EGL devices, each tested. MuJoCo uses the numbering of CUDA if the driver reports it."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
     trials = [BackendTrialProcess("egl", draw=True, device=number) for number in numbers]
     findings = []
@@ -271,7 +271,7 @@ def _filament(vulkan: Backend | str, used: str | None) -> Diagnostic:
 
 
 def _window(glfw: Backend | str) -> Diagnostic:
-    """Whether `mjrun view` can open a window: it needs what the backend of GLFW needs."""
+    """Returns whether `mjrun view` can open a window, which requires GLFW."""
     if isinstance(glfw, Backend):
         return Diagnostic("view", "window", OK, f"{glfw.renderer} draws on this display")
     displays = [f"{name}={os.environ[name]}" for name in DISPLAYS if os.environ.get(name)]
@@ -282,14 +282,14 @@ def _window(glfw: Backend | str) -> Diagnostic:
 
 
 def _studio() -> Diagnostic:
-    """Whether `mjrun view` can serve a page."""
+    """Returns whether `mjrun view` can serve a page."""
     if importlib.util.find_spec("mujoco.studio") and importlib.util.find_spec(WEBSOCKETS):
         return Diagnostic("view", "browser", OK, f"MuJoCo Studio {importlib.metadata.version(STUDIO)}")
     return Diagnostic("view", "browser", MISSING, f"{STUDIO} is not installed", f"pip install {STUDIO}")
 
 
 def _untrusted() -> list[Diagnostic]:
-    """What keeps models that nobody vouches for from other files and from the network."""
+    """Returns the mechanisms that confine untrusted models from other files and the network."""
     files, network = means()
     kernel = f"{option('untrusted')} checks paths; Linux 5.13 or later, with Landlock, confines the process itself"
     confined = Diagnostic("untrusted", "files", WARNING if files == CHECKS else OK, files, kernel * (files == CHECKS))

@@ -1,4 +1,6 @@
-"""How far compressed files may expand: a small one that fills the memory is refused before it is decoded."""
+"""Limits on the expansion of compressed files: a small file that would fill the memory is refused before it is
+decoded.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Signals that end the process, and what they may not interrupt."""
+"""Signals that end the process, and sections that they must not interrupt."""
 
 import threading
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ _waiting: BaseException | None = None
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """What `interrupt` raises is raised at the end of the `with` block, which should be short."""
+    """Delays errors from `interrupt` to the end of the `with` block, which should be short."""
     global _depth, _waiting
     if threading.current_thread() is not threading.main_thread():  # handlers of signals run in the main thread
         yield
@@ -26,7 +26,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 def interrupt(error: BaseException) -> None:
-    """Raises `error`, if not now, then as soon as the main thread may be interrupted; for handlers of signals."""
+    """Raises `error` as soon as the main thread may be interrupted; for signal handlers."""
     global _waiting
     if not _depth:
         raise error

@@ -1,6 +1,6 @@
-"""The packages that mjrun needs: which are missing or have a wrong version, and which other package requires that.
+"""Checks of required packages: missing ones, wrong versions, and the packages that require those versions.
 
-Versions are compared with those in mjrun's own metadata, which pip reads too. Without metadata none is wrong.
+Versions are compared with mjrun's metadata, which pip reads too. Without metadata, all versions are accepted.
 """
 
 import importlib.util
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MODULES = {"pillow": "PIL", "pyyaml": "yaml", "scikit-image": "skimage", "warp-lang": "warp"}  # by package
 PACKAGES = {module: package for package, module in MODULES.items()}
 FIELD = "Requires-Dist: "  # of metadata
-COMPUTING = ("mujoco", "numpy")  # packages of which another version may fail late, or compute something else
+COMPUTING = ("mujoco", "numpy")  # packages whose other versions may fail late, or compute other results
 
 _REQUIREMENT = r"([\w.-]+)\s*(?:\[[^]]*\])?\s*\(?([^;()]*)\)?\s*(?:;(.*))?"
 _CLAUSE = r"(~=|===?|!=|<=|>=|<|>)\s*([^\s,]+)"
@@ -36,12 +36,12 @@ _LENGTH = 6  # numbers of a release that are compared
 
 
 class Requirement(NamedTuple):
-    """What a package needs of another one.
+    """A requirement of one package for another.
 
     Attributes:
-      package: the name of the other one, normalized: `scikit-image`.
-      specifier: of its versions: `<15,>=13.7`; empty for any.
-      marker: of when it is needed: `extra == 'plot'`; empty for always.
+      package: the normalized name of the required package: `scikit-image`.
+      specifier: the accepted versions: `<15,>=13.7`; empty for any.
+      marker: the condition of the requirement: `extra == 'plot'`; empty for always.
     """
 
     package: str
@@ -55,19 +55,19 @@ class Requirement(NamedTuple):
 
     @property
     def lowest(self) -> str:
-        """The lowest version; empty if any will do."""
+        """The lowest version, or an empty text."""
         return next((bound for comparison, bound in re.findall(_CLAUSE, self.specifier) if comparison == ">="), "")
 
     def allows(self, version: str) -> bool:
-        """Whether the package may have this version."""
+        """Returns whether the requirement accepts a version."""
         return all(_satisfies(version, comparison, bound) for comparison, bound in re.findall(_CLAUSE, self.specifier))
 
 
 def require(use: str, extra: str, *modules: str) -> dict[str, str]:
-    """The versions of the libraries of an extra, by package; each is one that mjrun works with.
+    """Returns the versions of the libraries of an extra, by package, after checking them.
 
     Args:
-      use: what needs them, as the subject of a sentence.
+      use: the feature that needs them, as the subject of a sentence.
 
     Raises:
       MissingExtraError: one is not installed.
@@ -84,16 +84,16 @@ def require(use: str, extra: str, *modules: str) -> dict[str, str]:
 
 
 def require_all(extras: Mapping[str, tuple[Sequence[str], str]]) -> None:
-    """The same for several extras, each with its libraries and with what needs them."""
+    """Does the same for several extras, each with its libraries and its features."""
     for extra, (modules, use) in extras.items():
         require(use, extra, *modules)
 
 
 def require_computing() -> None:
-    """Checks the versions of MuJoCo and NumPy, as far as they are imported; this takes a fraction of a millisecond.
+    """Checks the versions of MuJoCo and NumPy if they are imported, in a fraction of a millisecond.
 
     Raises:
-      WrongVersionError: one is not what mjrun needs.
+      WrongVersionError: a version is not supported.
     """
     imported = {package: sys.modules[package] for package in COMPUTING if package in sys.modules}
     for error in wrong_versions({package: str(module.__version__) for package, module in imported.items()}):
@@ -101,12 +101,12 @@ def require_computing() -> None:
 
 
 def installed_wrong() -> Iterator[WrongVersionError]:
-    """An error for each package that mjrun always needs and that is installed in another version."""
+    """Yields an error for each always required package with a wrong version."""
     return wrong_versions({each.package: _version(each.package) for each in _requirements() if not each.marker})
 
 
 def wrong_versions(versions: Mapping[str, str]) -> Iterator[WrongVersionError]:
-    """An error for each package, of those with a version here, that mjrun needs in another one."""
+    """Yields an error for each package, given with its version, that mjrun requires in another version."""
     needed = {each.package: each for each in _requirements()}
     for package, version in versions.items():
         if version and package in needed and not needed[package].allows(version):
@@ -114,7 +114,7 @@ def wrong_versions(versions: Mapping[str, str]) -> Iterator[WrongVersionError]:
 
 
 def cause_of(error: BaseException) -> MjrunError | None:
-    """What is wrong with the packages here, if anything is, so that an unexpected `error` is no surprise."""
+    """Returns a package problem that may explain an unexpected `error`, if there is one."""
     for wrong in installed_wrong():
         return wrong
     if not isinstance(error, ImportError):
@@ -129,7 +129,7 @@ def cause_of(error: BaseException) -> MjrunError | None:
 
 
 def _requiring(needed: Requirement) -> dict[str, str]:
-    """What asks for other versions than mjrun needs: by the packages that brought it here, in words."""
+    """Returns the reasons for other versions than mjrun's, by the installed packages that require them."""
     from importlib.metadata import distributions
 
     installed = [(each.name, each.version, _read(each)) for each in distributions() if each.name != "mjrun"]
@@ -152,7 +152,7 @@ def _requiring(needed: Requirement) -> dict[str, str]:
 
 
 def _requirements() -> list[Requirement]:
-    """What mjrun needs; nothing is known if it is not installed, as in a folder on PYTHONPATH."""
+    """Returns mjrun's requirements; empty if it is not installed, as in a folder on PYTHONPATH."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
@@ -162,7 +162,7 @@ def _requirements() -> list[Requirement]:
 
 
 def _read(distribution: "Distribution") -> list[Requirement]:
-    """What a package needs, from its headers alone: to parse a whole README takes longer."""
+    """Reads a package's requirements from its headers alone, as parsing a whole README is slow."""
     headers, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
     texts = [line.removeprefix(FIELD) for line in headers.splitlines() if line.startswith(FIELD)]
     matches = [match for match in (re.match(_REQUIREMENT, text) for text in texts) if match]
@@ -173,12 +173,12 @@ def _read(distribution: "Distribution") -> list[Requirement]:
 
 
 def _normalized(name: str) -> str:
-    """The name of a package as packages are compared by it."""
+    """Normalizes the name of a package."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
 def _version(package: str) -> str:
-    """The version of a package; empty if it is not installed."""
+    """Returns the version of a package; empty if it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -188,7 +188,7 @@ def _version(package: str) -> str:
 
 
 def _satisfies(version: str, comparison: str, bound: str) -> bool:
-    """Whether `version` is what a clause such as `>=2.0` asks for; `==1.*` and `~=` compare the first numbers alone."""
+    """Returns whether `version` satisfies a clause such as `>=2.0`; `==1.*` and `~=` compare the first numbers only."""
     mine, theirs = _release(version), _release(bound)
     count = bound.removesuffix(".*").count(".") + 1
     if comparison == "~=":
@@ -199,7 +199,7 @@ def _satisfies(version: str, comparison: str, bound: str) -> bool:
 
 
 def _release(version: str) -> tuple[int, ...]:
-    """The numbers of a release, 1.2.0 as 1.2, without what follows them: `rc1`, `+cpu`."""
+    """Returns the numbers of a release, 1.2.0 as 1.2, without suffixes such as `rc1` and `+cpu`."""
     match = re.match(r"v?(?:\d+!)?(\d+(?:\.\d+)*)", version)
     numbers = [int(part) for part in match[1].split(".")] if match else []
     return tuple([*numbers, *[0] * _LENGTH][:_LENGTH])

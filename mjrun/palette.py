@@ -1,4 +1,4 @@
-"""Colours of curves: they print, and colour-blind readers can tell them apart.
+"""Colours of curves that remain distinguishable in print and for colour-blind readers.
 
 The hues of M. Okabe and K. Ito, "Color Universal Design", 2008, moved apart as far as protanopes and deuteranopes see
 them, and darker on light ground. They are in the order in which they are used.

@@ -1,4 +1,4 @@
-"""Python that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`: the only place where code comes from."""
+"""Loading of Python code that the user names, `FILE.py:NAME` or `PACKAGE.MODULE:NAME`; no other code is loaded."""
 
 import ast
 import contextlib
@@ -22,7 +22,7 @@ from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageErro
 
 
 class RedirectedFunction:
-    """A function whose prints go to standard error, as standard output carries the payload; so do its `reset`'s."""
+    """A function, with its `reset`, whose prints go to standard error, as standard output carries the payload."""
 
     def __init__(self, function: Callable[..., object]) -> None:
         self._function = self.__wrapped__ = function
@@ -84,7 +84,7 @@ def import_from(sources: Sequence[ModuleSource]) -> None:
 def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> tuple[ModuleSource, ...]:
     """Returns the sources of the modules that hold the user's code, and of the modules that they import.
 
-    Installed packages and modules without a Python file are left out; so is `__main__`, which nobody can import.
+    Installed packages and modules without a Python file are left out; so is `__main__`, which cannot be imported.
 
     Args:
       code: functions, objects, and texts `FILE.py:NAME` or `PACKAGE.MODULE:NAME`.
@@ -174,15 +174,15 @@ class _SealedModules(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
 
 
 def load_code(code: str, name: str, form: str) -> object:
-    """What `code` names.
+    """Loads the target of `code`.
 
     Args:
-      name: of the option.
-      form: what such code is, for messages.
+      name: the name of the option.
+      form: the expected form of such code, for messages.
 
     Raises:
-      UsageError: `code` is not of that form, or names what is not there.
-      FileError: there is no such file.
+      UsageError: `code` does not have that form, or its target does not exist.
+      FileError: the file does not exist.
       ControllerError: its code failed.
     """
     require_unconfined(f"{option(name)} {quoted(code)} is code")
@@ -193,7 +193,7 @@ def load_code(code: str, name: str, form: str) -> object:
 
 
 def made(thing: object, code: str, name: str) -> object:
-    """An instance, if `thing` is a class; raises ControllerError if that fails."""
+    """Instantiates `thing` if it is a class; raises ControllerError if that fails."""
     if not isinstance(thing, type):
         return thing
     try:

@@ -1,4 +1,4 @@
-"""How a job speaks while it works; the command line and the Python API listen in their own ways."""
+"""Messages and progress of a running job, which the command line and the Python API report differently."""
 
 import warnings
 from collections.abc import Iterable
@@ -8,27 +8,27 @@ from mjrun.errors import MjrunWarning, clean, spelled
 
 
 class Reporter(Protocol):
-    """Hears a job."""
+    """Receives messages and progress of a job."""
 
     def note(self, text: str) -> None:
-        """Something the user may want to know."""
+        """Reports information for the user."""
         ...
 
     def warn(self, text: str) -> None:
-        """Something that may make the result other than expected."""
+        """Reports a circumstance that may make the result differ from expectations."""
         ...
 
     def ask(self, text: str) -> None:
-        """Something the user has to do, without which the job does not go on."""
+        """Reports an action that the user must take before the job can continue."""
         ...
 
     def progress(self, what: str, done: int, total: int) -> None:
-        """`done` of `total` are done."""
+        """Reports that `done` of `total` are done."""
         ...
 
 
 class WarningReporter:
-    """The Python API's: warnings become Python warnings, and so does what is asked; the rest is silent."""
+    """The reporter of the Python API: warnings and requests become Python warnings; the rest is silent."""
 
     def note(self, text: str) -> None:
         pass
@@ -44,6 +44,6 @@ class WarningReporter:
 
 
 def pass_on(heard: Iterable[str], reporter: Reporter) -> None:
-    """Tells `reporter` what MuJoCo warned of, a line each."""
+    """Reports MuJoCo's warnings to `reporter`, one per line."""
     for text in heard:
         reporter.warn(f"MuJoCo: {clean('; '.join(text.splitlines()))}")

@@ -1,7 +1,7 @@
-"""What this process is doing, in shared memory that another process can still read when this one has died.
+"""The activity of this process, in shared memory that another process can read after this one has died.
 
-Nothing is noted without such memory, as in programs that import mjrun. A process that is about to confine itself makes
-a promise, which the other one takes down at once: what the memory holds later may have been written by an attacker.
+Without such memory, as in programs that import mjrun, nothing is recorded. A process that is about to confine itself
+makes a promise, which its parent records at once: later contents of the memory may come from an attacker.
 """
 
 import json
@@ -28,12 +28,12 @@ Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
 
 @dataclass
 class Promise:
-    """What a process is going to be confined to.
+    """The resources to which a process is about to confine itself.
 
     Attributes:
-      temporary: the folder of its temporary files, which it has made.
-      written: the folders that it may write in, as links lead to them.
-      seconds: how long it may last.
+      temporary: the folder of its temporary files, which it created.
+      written: the folders that it may write to, with links resolved.
+      seconds: its maximum duration.
     """
 
     temporary: str
@@ -43,15 +43,15 @@ class Promise:
 
 @dataclass
 class ProcessStatus:
-    """What a process is doing.
+    """The activity of a process.
 
     Attributes:
-      activity: what it does with a model at the moment.
-      model: which, the last that it has read or compiled.
-      folders: where it has written outputs under temporary names.
-      made: the folders of outputs that it has made.
-      children: the processes that it has started and that have not ended.
-      promise: what it will be confined to, if it will be.
+      activity: its current action on a model.
+      model: the last model that it read or compiled.
+      folders: the folders in which it writes outputs under temporary names.
+      made: the output folders that it created.
+      children: its running child processes.
+      promise: its future confinement, if any.
     """
 
     activity: Activity = ""
@@ -76,15 +76,15 @@ class _Mark:
 
 
 class SharedStatus:
-    """Holds the status of one process in memory that it shares with those that it is forked from or into.
+    """The status of one process in memory shared with its parent and its children.
 
     Attributes:
       memory: two copies of the status, and marks before them.
-      reader: the process that has made it.
-      heard: whether the process has heard that it is to end, and clears away.
-      completing: whether the process does what it should be given the time for, though it is to end.
-      believed: whether the promise was taken down.
-      answered: whether the process has printed its JSON document, or begun to.
+      reader: the process that created it.
+      heard: the process has received the signal to end and is cleaning up.
+      completing: the process is doing work that must be completed even if it is to end.
+      believed: the promise was recorded.
+      answered: the process has printed its JSON document, or begun to.
     """
 
     heard, completing, believed, answered = (_Mark(place) for place in (HEARD, COMPLETING, BELIEVED, ANSWERED))
@@ -94,7 +94,7 @@ class SharedStatus:
         self.reader = os.getpid()
 
     def write(self, notice: ProcessStatus) -> None:
-        """Replaces the status; whenever the process dies, there is the old one or the new one."""
+        """Replaces the status; if the process dies meanwhile, either the old or the new status remains."""
         text = json.dumps(asdict(notice)).encode()
         if len(text) >= SIZE:
             return
@@ -104,7 +104,7 @@ class SharedStatus:
         self.memory[CURRENT] = other
 
     def read(self) -> ProcessStatus:
-        """The status; an empty one if the memory holds none."""
+        """Returns the status; an empty one if the memory contains none."""
         begin = MARKS + (self.memory[CURRENT] & 1) * SIZE
         text = self.memory[begin : max(begin, self.memory.find(b"\0", begin))]
         with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
@@ -117,14 +117,14 @@ _notice, _lock = ProcessStatus(), threading.Lock()
 
 
 def write_on(board: SharedStatus | None) -> None:
-    """Lets this process write its status to `board` from now on."""
+    """Makes this process write its status to `board` from now on."""
     global _board, _notice
     _board, _notice = board, ProcessStatus()
 
 
 @contextmanager
 def doing(activity: Activity, model: Path | str = "") -> Iterator[None]:
-    """Notes what is done with a model, with the last one if none is given, within the `with` block."""
+    """Records an action on a model, by default the last one, for the `with` block."""
     before = _notice.activity
     with _noting() as notice:
         notice.activity, notice.model = activity, str(model) or notice.model
@@ -136,15 +136,15 @@ def doing(activity: Activity, model: Path | str = "") -> Iterator[None]:
 
 
 def note_folder(folder: Path) -> None:
-    """Notes that outputs are written in `folder` under temporary names."""
-    path = os.path.abspath(folder)  # noqa: PTH100 – as it is, without following links
+    """Records that outputs are written in `folder` under temporary names."""
+    path = os.path.abspath(folder)  # noqa: PTH100 – links are not followed
     if path not in _notice.folders:
         with _noting() as notice:
             notice.folders.append(path)
 
 
 def note_made_folder(folder: Path) -> None:
-    """Notes that `folder` was made for outputs, to be removed if it stays empty."""
+    """Records that `folder` was created for outputs, to be removed if it stays empty."""
     path = str(folder)
     if path not in _notice.made:
         with _noting() as notice:
@@ -152,23 +152,23 @@ def note_made_folder(folder: Path) -> None:
 
 
 def note_child(pid: int) -> None:
-    """Notes that a process was started."""
+    """Records that a process was started."""
     with _noting() as notice:
         notice.children.append(pid)
 
 
 def note_end_of_child(pid: int) -> None:
-    """Notes that a process has ended."""
+    """Records that a process has ended."""
     with _noting() as notice:
         if pid in notice.children:
             notice.children.remove(pid)
 
 
 def make_promise(promise: Promise) -> None:
-    """Notes what this process is going to be confined to, and waits until the process that reads it knows.
+    """Records the future confinement of this process, and waits until its reader has recorded it.
 
     Raises:
-      OSError: that process does not answer.
+      OSError: the reader does not respond.
     """
     assert _board
     with _noting() as notice:
@@ -183,25 +183,25 @@ def make_promise(promise: Promise) -> None:
 
 
 def is_watched() -> bool:
-    """Whether another process reads the notice of this one when it has died."""
+    """Returns whether another process reads the status of this one after its death."""
     return _board is not None
 
 
 def note_heard() -> None:
-    """Notes that this process has heard that it is to end."""
+    """Records that this process has received a signal to end."""
     if _board:
         _board.heard = True
 
 
 def note_answered() -> None:
-    """Notes that this process prints its JSON document."""
+    """Records that this process prints its JSON document."""
     if _board:
         _board.answered = True
 
 
 @contextmanager
 def completing() -> Iterator[None]:
-    """Notes that what is done within the `with` block must come to its end, also when the process is to end."""
+    """Records that the `with` block must be completed even if the process is to end."""
     if _board:
         _board.completing = True
     try:
@@ -212,7 +212,7 @@ def completing() -> Iterator[None]:
 
 
 def _parsed(values: dict[str, Any]) -> ProcessStatus:
-    """The status in a document of any content."""
+    """Parses the status from a document with any content."""
     activity = str(values["activity"])
     promise = values["promise"]
     return ProcessStatus(

@@ -1,7 +1,7 @@
-"""Exact time: which step each frame and row of a run falls on.
+"""Exact time: the step of each frame and row of a run.
 
-Times are rationals, never sums of floats. A float stands for the decimal number it prints as, so a
-timestep of 0.002 is exactly 1/500.
+Times are rationals, never sums of floats. A float represents the decimal number it prints as, so a timestep of 0.002
+is exactly 1/500.
 """
 
 import math
@@ -16,10 +16,10 @@ _VAST = re.compile(r"[eE][+-]?\d{4}")
 
 
 def rational(value: float | str | Fraction) -> Fraction:
-    """The exact number meant by `value`: `0.002` is 1/500, `"30000/1001"` is NTSC's frame rate.
+    """Returns `value` as an exact number: `0.002` is 1/500, `"30000/1001"` is NTSC's frame rate.
 
     Raises:
-      ValueError: not a finite number.
+      ValueError: the value is not a finite number.
     """
     if isinstance(value, Fraction):
         return value
@@ -33,7 +33,7 @@ def rational(value: float | str | Fraction) -> Fraction:
 
 
 def seconds(steps: Any, timestep: Fraction) -> Any:
-    """The times [s] of `steps`, an integer array `(n,)` in order: exact, then rounded once."""
+    """Returns the times [s] of `steps`, an ordered integer array `(n,)`: exact, then rounded once."""
     above, below = timestep.numerator, timestep.denominator
     if len(steps) and max(abs(int(steps[0])), abs(int(steps[-1]))) * above < EXACT and below < EXACT:
         return steps * above / below
@@ -41,7 +41,7 @@ def seconds(steps: Any, timestep: Fraction) -> Any:
 
 
 def nearest(value: Fraction) -> int:
-    """`value` rounded to the nearest integer, halves up, so that even spacing stays even."""
+    """Rounds `value` to the nearest integer, halves up, so that even spacing stays even."""
     return math.floor(value + Fraction(1, 2))
 
 
@@ -49,7 +49,7 @@ def nearest(value: Fraction) -> int:
 class Timeline:
     """A run of `steps` steps of `timestep` [s], which lasts `duration` [s].
 
-    `duration` is what was asked for; `steps` is that duration in whole steps.
+    `duration` is the requested duration; `steps` is that duration in whole steps.
     """
 
     timestep: Fraction
@@ -58,20 +58,20 @@ class Timeline:
 
     @classmethod
     def lasting(cls, timestep: Fraction, duration: Fraction) -> "Timeline":
-        """The run of `duration` [s]: `round(duration / timestep)` steps."""
+        """Returns the run of `duration` [s]: `round(duration / timestep)` steps."""
         return cls(timestep, duration, nearest(duration / timestep))
 
     @classmethod
     def of_steps(cls, timestep: Fraction, steps: int) -> "Timeline":
-        """The run of exactly `steps` steps."""
+        """Returns the run of exactly `steps` steps."""
         return cls(timestep, steps * timestep, steps)
 
     def time(self, step: int) -> Fraction:
-        """The simulated time [s] at `step`."""
+        """Returns the simulated time [s] at `step`."""
         return step * self.timestep
 
     def frames(self, fps: Fraction, speed: Fraction = Fraction(1)) -> list[int]:
-        """The step that each frame of a video shows.
+        """Returns the step of each frame of a video.
 
         Frame k shows time k·speed/fps; the frames are the k with k·speed/fps < duration, so the video
         lasts duration/speed.
@@ -79,7 +79,7 @@ class Timeline:
         return self.paced(fps, [(self.duration, speed)])[0]
 
     def paced(self, fps: Fraction, pieces: Sequence[tuple[Fraction, Fraction]]) -> list[list[int]]:
-        """The steps that the frames of a video show whose speed changes, piece by piece.
+        """Returns the steps of the frames of a video whose speed changes, piece by piece.
 
         Args:
           pieces: the simulated time [s] at which each piece ends, in order, and its speed.
@@ -94,13 +94,13 @@ class Timeline:
         return steps_of_parts
 
     def rows(self, every: int = 1, rate: Fraction | None = None) -> Sequence[int]:
-        """The step that each row of a trace shows: 0, s, 2s, … ≤ `steps`, the last step included.
+        """Returns the step of each row of a trace: 0, s, 2s, … ≤ `steps`, the last step included.
 
         s is `every` steps, or the time between rows at `rate` [Hz].
         """
         period = self.timestep * every if rate is None else 1 / rate
         spacing = period / self.timestep
-        if spacing <= 1:  # a rate above the steps' own has a row at every step
+        if spacing <= 1:  # a rate above that of the steps gives a row at every step
             return range(self.steps + 1)
         if spacing.denominator == 1 and self.steps % spacing.numerator == 0:
             return range(0, self.steps + 1, spacing.numerator)
@@ -109,7 +109,7 @@ class Timeline:
         return rows if rows[-1] == self.steps else [*rows, self.steps]
 
     def _every(self, period: Fraction, numbers: range, offset: Fraction = Fraction(0)) -> list[int]:
-        """The steps nearest to `offset` + k·`period` [s] of the `numbers` k."""
+        """Returns the steps nearest to `offset` + k·`period` [s] for the `numbers` k."""
         # floor((offset + k·period)/timestep + 1/2) in integers: a Fraction per frame is 20 times slower.
         ratio, shift = period / self.timestep, offset / self.timestep
         below = math.lcm(ratio.denominator, shift.denominator)

@@ -1,3 +1,3 @@
-"""The version of mjrun; the build reads it here too."""
+"""The version of mjrun, which the build reads from here."""
 
 __version__ = "0.1.0"

@@ -25,8 +25,8 @@ from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_pro
 from mjrun.closable import Closable
 from mjrun.errors import MjrunError, clean
 
-# Libraries read these as they are loaded: one thread each, as workers share the cores. MuJoCo reads its own as it is
-# imported: else it imports GLFW, which starts a process to look for its library.
+# Libraries read these when they are loaded: one thread each, as workers share the cores. MuJoCo reads MUJOCO_GL when it
+# is imported, and would otherwise import GLFW, which starts a process to find its library.
 ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 GRACE = 1.0  # [s] from when the parent hangs up until a busy worker ends
 DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up

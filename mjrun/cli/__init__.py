@@ -1,1 +1,1 @@
-"""The command line: click and rich live here and nowhere else."""
+"""The command line; no other room uses click or rich."""

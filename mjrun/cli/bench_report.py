@@ -26,13 +26,13 @@ Table = list[list[str]]  # rows of cells, the first is the header
 
 
 def bench_report(result: "BenchResult") -> Report:
-    """The report of a benchmark."""
+    """Returns the report of a benchmark."""
     forms = {"csv": lambda: csv_table(result), "markdown": lambda: markdown(result)}
     return Report("bench", result, lambda: text(result), forms=forms)
 
 
 def text(result: "BenchResult") -> str:
-    """For a terminal of 80 columns, or a pipe."""
+    """Formats the report for a terminal of 80 columns, or a pipe."""
     lines = [_model(result), _machine(result), "", *_single_point(result)]
     lines += [f"{'load':{LABEL}}{_load(result.load)}"] if result.load else []
     for title, table in sections(result):
@@ -48,7 +48,7 @@ def text(result: "BenchResult") -> str:
 
 
 def markdown(result: "BenchResult") -> str:
-    """For the summary of a CI job."""
+    """Formats the report for the summary of a CI job."""
     parts = [f"### mjrun bench: {_escaped(_model(result))}", _escaped(_machine(result))]
     if comparison := result.comparison:
         parts.append(f"against {_escaped(clean(comparison.base))}: **{comparison.verdict}**")
@@ -88,7 +88,7 @@ def _machine(result: "BenchResult") -> str:
 
 
 def _single_point(result: "BenchResult") -> list[str]:
-    """The cost of a step in labelled lines; none for a grid, which is a table."""
+    """Formats the cost of a step in labelled lines; empty for a grid, which is shown as a table."""
     row, worlds = result.rows[0], result.engine.worlds
     step, counts = row.step, row.counts
     if len(result.rows) > 1 or step is None or counts is None:
@@ -116,18 +116,18 @@ def _load(load: "LoadTiming") -> str:
 
 
 def _notes(result: "BenchResult") -> list[str]:
-    """What a reader should know, and why something has failed."""
+    """Formats remarks about the measurement, and the reasons of failures."""
     notes = list(result.notes)
     for row in result.rows:
         point = " ".join(f"{path}={value}" for path, value in row.point.items())
-        # What fails with noise fails without it too, at another step.
+        # A point that fails with noise also fails without it, at another step.
         for failure in dict.fromkeys((row.failure or (row.accuracy and row.accuracy.failure), *row.overflows)):
             notes += [f"{point}: {failure}".removeprefix(": ")] if failure else []
     return [clean(note) for note in notes]
 
 
 def _reference_workload(comparison: "BaselineComparison") -> list[str]:
-    """How much slower or faster the machine itself is, where ratios are relative to that."""
+    """Formats the change in speed of the machine itself, where ratios are relative to it."""
     factors = [one.reference_workload for one in comparison.ratios if one.reference_workload is not None]
     if not factors:
         return []
@@ -141,7 +141,7 @@ def _bytes(count: int) -> str:
 
 
 def _aligned(table: Table) -> list[str]:
-    """The first column to the left, the others to the right."""
+    """Aligns the first column to the left, the others to the right."""
     widths = [max(len(row[i]) for row in table if i < len(row)) for i in range(len(table[0]))]
     lines: list[str] = []
     for row in table:
@@ -151,12 +151,12 @@ def _aligned(table: Table) -> list[str]:
 
 
 def _escaped(text: str) -> str:
-    """Text that is nothing but text in Markdown."""
+    """Escapes text for Markdown."""
     return "".join(f"\\{c}" if c in r"\`*_{}[]<>#|" else c for c in text)
 
 
 def sections(result: "BenchResult") -> Iterator[tuple[str, Table]]:
-    """Every table of the report, with its title."""
+    """Yields every table of the report with its title."""
     first = result.rows[0]
     if len(result.rows) > 1 or not first.step:
         yield _grid_title(result), _grid(result.rows)
@@ -202,7 +202,7 @@ def _grid(rows: Sequence["GridPointResult"]) -> Table:
 
 
 def _unsure(step: "SampleStatistics") -> str:
-    """How far the farther end of the interval is from the median."""
+    """Returns the distance from the median to the farther end of the interval."""
     if step.low is None or step.high is None:
         return "-"
     share = max(step.high - step.median, step.median - step.low) / step.median
@@ -268,12 +268,12 @@ def _ratios(comparison: "BaselineComparison") -> Table:
 
 
 def _short(path: str) -> str:
-    """The last part of a setting's path."""
+    """Returns the last part of a setting's path."""
     return clean(path.rpartition(".")[2])
 
 
 def duration(seconds: float | None, significant: int = 4) -> str:
-    """`12.34 ms`: in the unit that suits the value."""
+    """Formats a time in the unit that suits its value: `12.34 ms`."""
     if seconds is None:
         return "-"
     scale, unit = next((u for u in UNITS if abs(seconds) >= u[0]), UNITS[-1])
@@ -281,13 +281,13 @@ def duration(seconds: float | None, significant: int = 4) -> str:
 
 
 def digits(value: float, significant: int = 4) -> str:
-    """So many significant digits, without an exponent where possible."""
+    """Formats a number with N significant digits, without an exponent where possible."""
     size = len(str(int(abs(value))))
     return f"{value:,.{max(0, significant - size)}f}" if abs(value) < 1e9 else f"{value:.{significant}g}"
 
 
 def csv_table(result: "BenchResult") -> str:
-    """A line for each point of the grid, times in seconds; what was not measured is empty."""
+    """Formats a line per point of the grid, with times in seconds; unmeasured values are empty."""
     rows = [_record(result, row) for row in result.rows]
     names = list(dict.fromkeys(name for row in rows for name in row))
 
@@ -339,7 +339,7 @@ def _accuracy_columns(accuracy: "Accuracy | None") -> dict[str, object]:
 
 
 def phases_of(phase: "Phase | None", above: str = "", depth: int = 0) -> Iterator[tuple[str, int, "Phase"]]:
-    """Every phase, with its path and depth in the tree."""
+    """Yields every phase, with its path and depth in the tree."""
     if phase is None:
         return
     yield above + phase.name, depth, phase

@@ -1,4 +1,4 @@
-"""Findings as text, JSON, SARIF and annotations of a GitHub workflow."""
+"""The report of a check: findings as text, JSON, SARIF and GitHub annotations."""
 
 import os
 import re
@@ -19,7 +19,7 @@ ANNOTATIONS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
 def check_report(result: CheckResult) -> Report:
-    """The report of a check."""
+    """Returns the report of a check."""
     return Report(
         "check",
         result,
@@ -30,7 +30,7 @@ def check_report(result: CheckResult) -> Report:
 
 
 def lines(result: CheckResult) -> Iterator[str]:
-    """A line for each finding, as compilers write them, and its remedy below it; models in their order."""
+    """Yields a line per finding in the style of compilers, with its remedy below it, in the order of the models."""
     for finding, model in _all(result):
         place = clean(finding.file) + (f":{finding.line}" if finding.line else "")
         yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
@@ -39,7 +39,7 @@ def lines(result: CheckResult) -> Iterator[str]:
 
 
 def summary(result: CheckResult) -> str:
-    """The numbers of models and findings, in one line."""
+    """Formats the numbers of models and findings in one line."""
     counts = [_counted(result.count(severity), severity) for severity in reversed(SEVERITIES)]
     findings = ", ".join(count for count in counts if count) or "nothing found"
     unloaded = sum(not model.loads for model in result.models)
@@ -53,7 +53,7 @@ def summary(result: CheckResult) -> str:
 
 
 def full_message(finding: Finding, model: str) -> str:
-    """The message with the object that it is about, and with the model if the file is another."""
+    """Returns the message with the object it concerns, and with the model if the file is another one."""
     where = "" if finding.file in (model, short_path(Path(model))) else f" (in {model})"
     if not finding.object or finding.object.startswith("<") or finding.object in finding.message:  # names elements
         return finding.message + where
@@ -61,7 +61,7 @@ def full_message(finding: Finding, model: str) -> str:
 
 
 def annotations(result: CheckResult) -> Iterator[str]:
-    """An annotation of a GitHub workflow for each finding."""
+    """Returns a GitHub annotation per finding."""
     for finding, model in _all(result):
         text = "\n".join(filter(None, (full_message(finding, model), finding.remedy)))
         title = f"{finding.code} {RULES[finding.code].title}"
@@ -69,7 +69,7 @@ def annotations(result: CheckResult) -> Iterator[str]:
 
 
 def sarif(result: CheckResult) -> dict[str, object]:
-    """A SARIF 2.1.0 document: https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html."""
+    """Returns a SARIF 2.1.0 document: https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html."""
     codes = list(RULES)
     driver = {"name": "mjrun", "version": __version__, "informationUri": HOME, "rules": [_rule(code) for code in codes]}
     run = {
@@ -109,7 +109,7 @@ def _result(finding: Finding, model: str, index: int) -> dict[str, object]:
 
 
 def _all(result: CheckResult) -> Iterator[tuple[Finding, str]]:
-    """All findings, each with its model."""
+    """Yields all findings, each with its model."""
     return ((finding, model.model) for model in result.models for finding in model.findings)
 
 
@@ -118,6 +118,6 @@ def _counted(number: int, what: str) -> str:
 
 
 def _uri(path: str) -> str:
-    """A file as a URI, relative unless it is absolute."""
+    """Converts a file name to a URI, relative unless the name is absolute."""
     text = quote(os.fsencode(Path(path).as_posix()))
     return f"file://{text}" if text.startswith("/") else text

@@ -1,4 +1,4 @@
-"""Commands from declared options: click's parameters, help by section, and typed values for the body."""
+"""Commands made from declared options: click parameters, help by section, and typed values."""
 
 import faulthandler
 import sys
@@ -27,10 +27,10 @@ C = TypeVar("C", bound=Options)
 Body = Callable[[Console, "CommandLine"], None]
 
 
-# Sections that several commands have. What a command has for itself comes before them.
+# Sections that several commands share; they follow the sections of a single command.
 SHARED_SECTIONS = ("View", "Renderer", "Simulation", "Policy", "Model", "Output", "Trust", "Messages")
 TERM_WIDTH = 26  # columns of help for an option's spelling, with the gap before its text
-# What options are called in earlier versions and in other tools, where their spellings do not suggest it.
+# Names of options in earlier versions and in other tools that are too different to be suggested by similarity.
 OTHER_NAMES = {
     "at": "time",
     "framerate": "fps",
@@ -39,39 +39,39 @@ OTHER_NAMES = {
     "resolution": "size",
     "width": "size",
 }
-SHORT_DEFAULT = 24  # characters that are not broken over two lines
+SHORT_DEFAULT = 24  # characters that are kept on one line
 
 
 class CommandLine:
-    """The options and arguments of one command line, by name, to be made into typed values."""
+    """The options and arguments of one command line, by name, from which typed values are made."""
 
     def __init__(self, params: Mapping[str, object]) -> None:
         self._params = {name: value for name, value in params.items() if value is not None}
 
     def make(self, cls: type[C], **values: object) -> C:
-        """A `cls` with the options of this command line; `values` take precedence.
+        """Makes a `cls` with the options of this command line; `values` take precedence.
 
         Raises:
-          UsageError: options that exclude each other.
+          UsageError: options exclude each other.
         """
         options = {each.attribute: self._params[each.name] for each in options_of(cls) if each.name in self._params}
         return cls(**{**options, **values})
 
     def value(self, name: str) -> object:
-        """The value of an option; None if it is left out."""
+        """Returns the value of an option, or None if it is left out."""
         return self._params.get(name)
 
     def explicit(self, *classes: type[Options]) -> dict[str, object]:
-        """The options of classes that are not left out, by attribute."""
+        """Returns the explicit options of classes, by attribute."""
         known = {each.name: each.attribute for cls in classes for each in options_of(cls)}
         return {known[name]: value for name, value in self._params.items() if name in known}
 
     def with_defaults(self, **defaults: object) -> "CommandLine":
-        """The same, with `defaults` for options that are left out."""
+        """Returns a copy with `defaults` for options that are left out."""
         return CommandLine({**defaults, **self._params})
 
     def with_converted(self, name: str, convert: Callable[[str], object]) -> "CommandLine":
-        """The same, with the text of an option converted, if it is given; or each of its texts."""
+        """Returns a copy with the text of an option converted, or each of its texts."""
         value = self._params.get(name)
         if value is None:
             return self
@@ -81,10 +81,11 @@ class CommandLine:
         return CommandLine({**self._params, name: convert(str(value))})
 
     def form(self, *names: str) -> str:
-        """The option of `names` that asks for a form of the report other than prose and JSON; empty if none does.
+        """Returns the option of `names` that requests a form of the report other than prose and JSON, or an empty
+        text.
 
         Raises:
-          UsageError: several forms are asked for.
+          UsageError: several forms are requested.
         """
         asked = [name for name in ("json", *names) if self._params.get(name)]
         if len(asked) > 1:
@@ -95,11 +96,11 @@ class CommandLine:
         return asked[0] if asked and asked != ["json"] else ""
 
     def argument(self, name: str) -> str:
-        """The value of an argument."""
+        """Returns the value of an argument."""
         return str(self._params[name])
 
     def arguments(self, name: str) -> tuple[str, ...]:
-        """The values of an argument that can be repeated."""
+        """Returns the values of a repeatable argument."""
         return cast("tuple[str, ...]", self._params.get(name, ()))
 
 
@@ -107,7 +108,7 @@ class ModelArgument(click.Argument):
     """An argument that may name a model, a document or a folder of them.
 
     Attributes:
-      written: whether a folder that it names is also written.
+      written: the command also writes to a folder given as this argument.
     """
 
     def __init__(self, name: str, *, written: bool = False, **settings: Any) -> None:
@@ -122,15 +123,15 @@ class ModelArgument(click.Argument):
 
 @dataclass(frozen=True)
 class Declaration:
-    """Facts about a command beside its options and its help; what lists commands is derived from them.
+    """Facts about a command in addition to its options and its help, from which lists of commands are derived.
 
     Attributes:
       options: the classes of its options.
-      python: the class of the Python API that has these options; empty if none has.
-      key: the list of run documents whose entries have these options; empty if none has.
+      python: the class of the Python API with these options, or an empty text.
+      key: the list in run documents whose entries have these options, or an empty text.
       reports: the kinds of JSON documents that it prints, each with its dataclass: `package.module:Class`. A kind that
-        is not the name of the command is that of the option of this name.
-      is_endless: whether it runs until the user ends it.
+        differs from the name of the command belongs to the option of this name.
+      is_endless: the command runs until the user ends it.
     """
 
     options: tuple[type[Options], ...] = ()
@@ -175,7 +176,7 @@ class SectionedCommand(click.Command):
 
 
 def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:
-    """An option and its text beside it, or below it where the spelling is long; examples are not broken."""
+    """Formats an option with its text beside it, or below a long spelling; examples are not broken."""
     column = " " * (indent + TERM_WIDTH)
     lines = textwrap.wrap(text, width - len(column), break_on_hyphens=False, break_long_words=False)
     first = f"{'':{indent}}{spelling}"
@@ -187,7 +188,7 @@ def _help_entry(spelling: str, text: str, indent: int, width: int) -> str:
 
 
 class DeclaredOption(click.Option):
-    """An option of the command line, as it is declared."""
+    """An option of the command line, made from its declaration."""
 
     def __init__(self, declared: Option) -> None:
         self.declared = declared
@@ -205,7 +206,7 @@ class DeclaredOption(click.Option):
         super().__init__(names, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
 
     def write_help(self) -> None:
-        """Sets the help text, which is not made before it is asked for: it lists formats."""
+        """Sets the help text, which is made only on request because it lists formats."""
         self.help = _help(self.declared)
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
@@ -228,7 +229,7 @@ class DeclaredOption(click.Option):
 
 
 class KindType(click.ParamType[object]):
-    """A kind of values, as click knows types."""
+    """A kind of option values as a click type."""
 
     def __init__(self, kind: AnyKind) -> None:
         self._kind, self.name = kind, kind.metavar
@@ -253,8 +254,8 @@ def command(
     """Turns a function of a console and a command line into a command with the options of `classes`.
 
     Args:
-      name: of the command; that of the function if empty.
-      without: names of options that this command has no use for.
+      name: the name of the command; by default, that of the function.
+      without: names of options that this command does not accept.
       cls: the class of the command.
       facts: further attributes of its `Declaration`.
     """
@@ -279,12 +280,12 @@ def command(
 
 @contextmanager
 def _confined_if_asked(console: Console, command_line: CommandLine) -> Generator[None, None, None]:
-    """Confines this process to what the command line names, if that says that nothing is trusted."""
+    """Confines this process to the files on the command line if it has the option --untrusted."""
     options = command_line.make(ConfinementOptions)
     if not options.untrusted:
         for name in ("root", "limit"):
             if command_line.value(name) is not None:
-                raise UsageError(f"{mention(name)} is of {mention('untrusted')}, which is not there")
+                raise UsageError(f"{mention(name)} requires {mention('untrusted')}")
         yield
         return
     from mjrun.cli.confined import confined, description
@@ -302,11 +303,11 @@ def _set_verbosity(console: Console, messages: ConsoleOptions) -> None:
     console.verbosity = -1 if messages.quiet else 1 if messages.verbose else 0
     console.debug, console.as_json = messages.debug, messages.json
     if messages.debug and sys.__stderr__:
-        faulthandler.enable(sys.__stderr__)  # which shows where a crash was
+        faulthandler.enable(sys.__stderr__)  # shows the traceback of a crash
 
 
 def flags(declared: Option) -> list[str]:
-    """The long spellings of an option: `--legend`, `--no-legend`."""
+    """Returns the long spellings of an option: `--legend`, `--no-legend`."""
     long = flag(declared.name)
     kind = _given_kind(declared)
     negatable = isinstance(kind, Flag) and kind.negatable
@@ -325,17 +326,17 @@ def _help(declared: Option) -> str:
 
 
 def is_repeatable(declared: Option) -> bool:
-    """Whether a command line can have the option more than once."""
+    """Returns whether the command line accepts the option more than once."""
     return isinstance(_given_kind(declared), Several | Settings | Values | ColumnMap)
 
 
 def _given_kind(declared: Option) -> AnyKind:
-    """The kind of the values that are given, where it is optional to give one."""
+    """Returns the kind of the value if it is given, without `Optional`."""
     return declared.kind.each if isinstance(declared.kind, Optional) else declared.kind
 
 
 def shown_default(declared: Option) -> str:
-    """The default of an option as the command line would write it; empty for none."""
+    """Formats the default of an option as the command line would, or returns an empty text."""
     if declared.usual or declared.is_required or declared.default is False or declared.default in (None, (), {}):
         return declared.usual
     shown = declared.kind.plain(declared.default)
@@ -345,7 +346,7 @@ def shown_default(declared: Option) -> str:
 
 
 def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
-    """The values of all repetitions as one."""
+    """Combines the values of all repetitions."""
     if isinstance(kind, Values):
         return dict(cast("Sequence[tuple[str, object]]", values))
     if isinstance(kind, Several) and kind.commas:

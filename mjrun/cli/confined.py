@@ -1,4 +1,4 @@
-"""Confines the process of a command line with `--untrusted`: what it may read and write is what the line names."""
+"""Confinement of the process of a command line with `--untrusted` to the files that the line names."""
 
 import math
 import os
@@ -26,43 +26,43 @@ from mjrun.suffixes import REFERRING
 
 MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
-LEAST = {MEMORY: 256}  # of which the thread that loads models takes half
-SCENE = "scene"  # the collection that comes with mjrun; others are of packages that run code, or anywhere
+LEAST = {MEMORY: 256}  # half of it is the stack of the thread that loads models
+SCENE = "scene"  # the collection in mjrun; the packages of others run code
 SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 @dataclass
 class _Paths:
-    """What a command line names."""
+    """The paths that a command line names."""
 
     roots: dict[str, None] = field(default_factory=dict[str, None])
     files: dict[str, None] = field(default_factory=dict[str, None])
-    written: dict[str, str] = field(default_factory=dict[str, str])  # as links lead to it, and as it is named
+    written: dict[str, str] = field(default_factory=dict[str, str])  # resolved path → path as named
 
 
 @contextmanager
 def confined(context: click.Context, options: ConfinementOptions) -> Generator[Confinement, None, None]:
-    """Confines this process to what its command line names, for good; its parent removes its temporary files.
+    """Confines this process permanently to the files on its command line; its parent removes its temporary files.
 
     Raises:
-      UsageError: there is no process that stands by to tell how this one ends, or a limit is none.
-      FileError: a folder of the outputs cannot be made.
+      UsageError: no parent process monitors this one, or a limit is invalid.
+      FileError: an output folder cannot be created.
     """
     from mjrun.cli.simulation_command import import_mujoco
 
     if not shared_status.is_watched():
-        raise UsageError(f"{option('untrusted')} is for mjrun as a command, which has a process of its own")
+        raise UsageError(f"{option('untrusted')} works only for mjrun as a command, which runs in a separate process")
     command = _declaration(context)
     limits = _limits(options, command)
     paths = _named_paths(context)
-    # The process could not make them later. They are never released here: its parent removes the empty ones.
+    # The confined process cannot create them. They are never released here: its parent removes the empty ones.
     for folder, name in paths.written.items():
         if not os.path.exists(folder):  # noqa: PTH110 – also of names that are too long
             ParentFolders(Path(name), Path(folder))
     wanted = with_temporary(_confinement(paths))
     shared_status.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
     made = confine(wanted, serves=command.is_endless)
-    import_mujoco()  # which the limit of memory does not count
+    import_mujoco()  # not counted by the limit of memory
     limit_this_process(
         memory=limits[MEMORY] * MIB,
         cpu=limits[TIME] * available_cores(),
@@ -70,7 +70,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
         core=0,
         hard=True,
     )
-    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # Python ignores it, and would say that a file cannot be written
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # Python ignores it and would report a failed write
     try:
         yield made
     except (MemoryError, OutOfMemoryError) as error:
@@ -80,7 +80,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
 
 
 def description(limits: Confinement) -> str:
-    """A sentence about what confines this process."""
+    """Formats a sentence about the confinement of this process."""
     network = f"the network by {limits.network}" if limits.network else "the network by nothing: this system cannot"
     folders = ", ".join(clean(root) for root in limits.roots)
     models = f"models are read from {folders}" if folders else "no model is read"
@@ -105,10 +105,10 @@ def _declaration(context: click.Context) -> Declaration:
 
 
 def confinement_of(context: click.Context) -> Confinement:
-    """What the process of a command line may read and write: what the line names.
+    """Returns the files that the process of a command line may read and write: those that the line names.
 
     Raises:
-      FileError: the folder to read from is none.
+      FileError: the folder to read from does not exist.
     """
     return _confinement(_named_paths(context))
 
@@ -128,7 +128,7 @@ def _named_paths(context: click.Context) -> _Paths:
             _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
         elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
             if not values and param.declared.default not in (None, "-"):
-                paths.written[_real(".")] = "."  # where it is written if nothing is said
+                paths.written[_real(".")] = "."  # the default folder
             elif param.declared.kind.metavar == "DIR":
                 paths.written |= {_real(text): text for text in values}
             else:
@@ -139,7 +139,7 @@ def _named_paths(context: click.Context) -> _Paths:
 
     if (root := context.params.get("root")) is not None:
         if not Path(root).is_dir():
-            raise FileError(root, "is no folder")
+            raise FileError(root, "is not a folder")
         paths.roots = {_real(root): None}
     if context.params.get("update"):  # golden tables, wherever they are
         folders = [*paths.roots, *(str(Path(file).parent) for file in paths.files)]
@@ -150,7 +150,7 @@ def _named_paths(context: click.Context) -> _Paths:
 
 
 def _texts(value: object) -> Iterable[str]:
-    """All texts in the value of an option."""
+    """Yields all texts in the value of an option."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping):
@@ -180,7 +180,7 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
 
 
 def _add_file(paths: _Paths, text: str) -> None:
-    """Adds a file that is there, with what formats put beside it, or the package whose description it is."""
+    """Adds an existing file, with the files that formats write beside it, or the package that it describes."""
     try:
         path = Path(text)
         if not text or not path.exists():

@@ -1,4 +1,4 @@
-"""What the user sees: payload on stdout, everything else on stderr."""
+"""Output of commands: the payload on stdout, everything else on stderr."""
 
 import contextlib
 import json
@@ -23,20 +23,20 @@ EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
 
 
 def asks_for_json(arguments: Sequence[str]) -> bool:
-    """Whether a command line that may be wrong has the option --json."""
+    """Returns whether a command line, possibly invalid, has the option --json."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     return "--json" in arguments[:end]
 
 
 class Console:
-    """Messages, progress and results of one command. It is the job's reporter.
+    """Messages, progress and results of one command; the reporter of its job.
 
     Attributes:
-      verbosity: −1 only errors, 0 normal, 1 more.
-      debug: show tracebacks.
-      code: the exit code of a command that ran through.
+      verbosity: −1 for errors only, 0 normal, 1 for more details.
+      debug: print tracebacks.
+      code: the exit code of a command that completed.
       command: the command line.
-      as_json: whether standard output is one JSON document, which reports failures too.
+      as_json: print one JSON document to stdout, which also reports failures.
     """
 
     def __init__(self, command: str = "mjrun", *, as_json: bool = False) -> None:
@@ -53,14 +53,14 @@ class Console:
         self._failure: Mapping[str, object] | None = None
 
     def guard_stdout(self) -> None:
-        """Keeps standard output for the payload: what native libraries print there goes to stderr."""
+        """Reserves standard output for the payload: output of native libraries goes to stderr."""
         sys.stdout.flush()
         self._stdout, payload = sys.stdout, os.dup(STDOUT)
         os.dup2(STDERR, STDOUT)
         sys.stdout = text_stream(Payload(payload, "w"))
 
     def release_stdout(self) -> None:
-        """Ends `guard_stdout`; what cannot be written any more is dropped."""
+        """Ends `guard_stdout`; output that cannot be written is dropped."""
         if self._stdout is None:
             return
         payload, sys.stdout = sys.stdout, self._stdout
@@ -70,15 +70,15 @@ class Console:
             payload.close()
 
     def result(self, text: str) -> None:
-        """The command's answer, one line or a document, on stdout."""
+        """Prints the command's answer, one line or a document, to stdout."""
         print(text, flush=True)  # noqa: T201
 
     def answer(self, report: "Report", form: str = "", *, is_piped: bool = False) -> None:
         """Prints a report: as JSON, in another form, or in prose.
 
         Args:
-          form: the option that asks for another form.
-          is_piped: whether standard output holds the output of the command.
+          form: the option that requests another form.
+          is_piped: standard output carries the output of the command.
         """
         if self.as_json:
             self.document(report.json())
@@ -98,32 +98,32 @@ class Console:
                     self.result(text)
 
     def document(self, value: Mapping[str, object]) -> None:
-        """The command's answer as one JSON document; `finish` prints it."""
+        """Stores the command's answer as a JSON document, which `finish` prints."""
         self._document = value
 
     def fail(self, code: int, kind: str, message: str) -> None:
-        """Makes `code` the exit code of a command that ran through, and reports why in its JSON document."""
+        """Sets the exit code of a command that completed, and adds the reason to its JSON document."""
         self.code = code
         self.report_failure(Failure(kind, message, code))
 
     def report_failure(self, failure: Failure) -> None:
-        """Adds the `error` to the JSON document, where the command line asks for one."""
+        """Adds the `error` to the JSON document, if one is requested."""
         if self.as_json:
             self._failure = failure.document()
 
     def finish(self) -> None:
-        """Prints the JSON document on stdout, if any, and how the process is confined, if it is."""
+        """Prints the JSON document to stdout, if any, with the confinement of the process, if any."""
         document = {**(self._document or {}), **({"error": self._failure} if self._failure else {})}
         if not document:
             return
         limits = confinement()
-        if limits and "runs" not in document:  # which SARIF has, and nothing of its own beside
+        if limits and "runs" not in document:  # SARIF has runs, and allows no further key
             document["untrusted"] = limits.facts()
         note_answered()
         self.result(json.dumps(document, indent=2))
 
     def say(self, text: str) -> None:
-        """The command's answer when stdout holds something else; on stderr."""
+        """Prints the command's answer to stderr, as stdout carries something else."""
         if self.verbosity >= 0:
             self._line(text)
 
@@ -139,7 +139,7 @@ class Console:
         self._line(f"mjrun: {spelled(text, flag)}")
 
     def error(self, text: str) -> None:
-        """What ended the command."""
+        """Prints the error that ended the command."""
         if self.debug:
             traceback.print_exc()
         first, *rest = spelled(text, flag).splitlines()
@@ -148,7 +148,7 @@ class Console:
     def progress(self, what: str, done: int, total: int) -> None:
         if self.verbosity < 0:
             return
-        if self._progress or sys.stderr.isatty():  # a bar replaces sys.stderr by something that is no terminal
+        if self._progress or sys.stderr.isatty():  # a bar replaces sys.stderr by a stream that is not a terminal
             self._bar(what, done, total)
         elif time.monotonic() - self._last > EVERY and done < total:
             self._last = time.monotonic()

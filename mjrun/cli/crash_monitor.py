@@ -1,14 +1,12 @@
-"""A process that stands guard over the one that works, and tells how it died: MuJoCo crashes on some models.
+"""A process that monitors the working process and reports its death: MuJoCo crashes on some models.
 
-The system ends a process that crashes, or that fills the memory, before it can say anything. So the command forks
-first of all, which takes a millisecond: the child works, and notes on a board what it is doing; the parent waits.
-The caller sees the parent alone, which passes on the signals that it gets, and ends the child if it does not hear
-them.
+The system kills a process that crashes or exhausts memory before it can report anything. So the command forks at the
+start, which takes a millisecond: the child works and records its activity in shared memory; the parent waits. The
+caller sees only the parent, which forwards its signals, and kills the child if it does not respond.
 
-A child that confines itself, as it may come under an attacker's control, promises before that what it will use. From
-then on the parent removes and kills nothing else, whatever stands on the board: the temporary folder of the promise,
-what is unfinished in the folders of the outputs, empty folders that were made in them or before, and its own
-descendants.
+A child that confines itself may come under an attacker's control, so it first promises which resources it will use.
+From then on, the parent ignores further records and removes or kills only: the temporary folder of the promise,
+unfinished files in the output folders, empty folders created in them or before, and its own descendants.
 """
 
 import fcntl
@@ -28,14 +26,14 @@ from mjrun.shared_status import PROMISE, ProcessStatus, Promise, SharedStatus, w
 if TYPE_CHECKING:
     from mjrun.errors import Failure
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that are passed on
-HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # that are not
-GRACE = 0.5  # [s] within which the child must have heard a signal, before it is killed
-LIMIT = 0.9  # [s] within which it must have ended then, unless it completes something
-STARVED = 10.0  # [s] by which both are longer, at most, where the child waits for a core of a busy machine
-SHARE = 0.2  # [s] of computing after which it does not
-COMPLETION = 30.0  # [s] within which a confined one must have completed that
-LINGER = 0.3  # [s] that a process may take to end when it is killed
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # forwarded to the child
+HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent
+GRACE = 0.5  # [s] for the child to respond to a signal before it is killed
+LIMIT = 0.9  # [s] for it to end afterwards, unless it is completing an output
+STARVED = 10.0  # [s] added to both, at most, while the child waits for a core of a busy machine
+SHARE = 0.2  # [s] of CPU time after which it is not waiting for a core
+COMPLETION = 30.0  # [s] for a confined process to complete an output
+LINGER = 0.3  # [s] for a killed process to end
 BUG, EXCEEDED = 70, 4
 EXIT_CODES = {"reading": 3, "compiling": 3, "simulating": 4, "drawing": 5}
 
@@ -61,13 +59,13 @@ ADVICE = {
     "": "please report it; --debug shows where it was",
 }
 
-SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clear the line: what a bar of progress does at its end
+SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clears the line, as a progress bar does at its end
 
 
 def watched(work: Callable[[], int]) -> int:
-    """Calls `work` in a child process, and returns what it returns there; the parent ends with the same exit code.
+    """Calls `work` in a child process and returns its result there; the parent exits with the same code.
 
-    The signals of `SIGNALS` wait in the child until `listen` is called, unless they are ignored.
+    Signals of `SIGNALS` are blocked in the child until `listen` is called, unless they are ignored.
     """
     passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     board, (theirs, ours) = SharedStatus(), os.pipe()
@@ -89,12 +87,12 @@ def watched(work: Callable[[], int]) -> int:
 
 
 def listen() -> None:
-    """Lets the signals through that `watched` holds back."""
+    """Unblocks the signals that `watched` blocks."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
 def _end_with_parent(pipe: int) -> None:
-    """Lets the system kill this process once the other end of the pipe is closed, as far as it is able to."""
+    """Makes the system kill this process when the other end of the pipe is closed, if it can."""
     if sys.platform == "linux":
         fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
         fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
@@ -116,8 +114,8 @@ class _Watcher:
         self._has_expired = False  # the child has taken longer than it promised
 
     def exit_code(self) -> int:
-        """The exit code of the child, once it has ended; says what is to be said if it did not end by itself."""
-        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if it is ignored, nobody tells
+        """Returns the exit code of the child once it has ended; reports an abnormal end."""
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # if it is ignored, no signal arrives
         while True:
             ended, status = os.waitpid(self._child, os.WNOHANG)
             if ended:
@@ -173,13 +171,13 @@ class _Watcher:
 
     @property
     def _is_starved(self) -> bool:
-        """Whether the child could not heed the signal yet, as other processes have the cores."""
+        """Returns whether the child could not respond to the signal yet because other processes occupy the cores."""
         since, computed = self._ended_at
         is_early = time.monotonic() < since + STARVED
         return is_early and _is_runnable(self._child) and _computed(self._child) < computed + SHARE
 
     def _believe(self) -> None:
-        """Takes down the promise of the child, once."""
+        """Records the promise of the child, once."""
         from mjrun.confinement import descendants
 
         notice = self._board.read()
@@ -193,7 +191,7 @@ class _Watcher:
         self._board.believed = True
 
     def _notice(self) -> ProcessStatus:
-        """What stands on the board, as far as it is to be believed."""
+        """Returns the status in shared memory, as far as trusted."""
         notice = self._board.read()
         if self._promise:
             written = {Path(folder) for folder in self._promise.written}
@@ -204,7 +202,7 @@ class _Watcher:
         return notice
 
     def _remove_temporary(self, promise: Promise) -> None:
-        """Removes the temporary folder, if it is the one that was made."""
+        """Removes the temporary folder, if it is still the one that was created."""
         import shutil
 
         with suppress(OSError, RecursionError):
@@ -212,7 +210,7 @@ class _Watcher:
                 shutil.rmtree(promise.temporary, ignore_errors=True)
 
     def _explain(self, code: int, notice: ProcessStatus) -> "Failure":
-        """Why a child with this exit code was killed."""
+        """Explains why a child with this exit code was killed."""
         from mjrun.errors import Failure
 
         if self._ending == signal.SIGINT:
@@ -242,16 +240,16 @@ def _computed(pid: int) -> float:
 
 
 def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:
-    """Where `paths` lead, without those outside `folders`."""
+    """Resolves `paths`, without those outside of `folders`."""
     places = {Path(os.path.realpath(path)) for path in paths}
     return {place for place in places if any(place.is_relative_to(folder) for folder in folders)}
 
 
 def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "Failure":
-    """Why a process was killed, not as it was told to end.
+    """Explains why a process was killed, other than by a requested end.
 
     Args:
-      limited: whether it had limits of ours.
+      limited: the process had limits set by mjrun.
     """
     from mjrun.child_process import ExitStatus
     from mjrun.errors import Failure, OutOfMemoryError, clean, flag, option, spelled
@@ -259,7 +257,7 @@ def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "Failure"
     name = ExitStatus(-killer).signal
     during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
     if killer == signal.SIGKILL:
-        reason = f"the process was killed{during}, which the system does when there is none left"
+        reason = f"the process was killed{during}, which the system does when memory runs out"
         return Failure.of(OutOfMemoryError(reason))
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
@@ -275,7 +273,7 @@ def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "Failure"
 
 
 def _has_left_something(notice: ProcessStatus) -> bool:
-    """Whether a process that has ended by itself could not clear everything away."""
+    """Returns whether a process that ended by itself could not clean up completely."""
     from mjrun.formats.temporary_output import NAME
 
     with suppress(OSError):
@@ -286,7 +284,7 @@ def _has_left_something(notice: ProcessStatus) -> bool:
 
 
 def _clear_away(notice: ProcessStatus) -> None:
-    """Kills what a dead process has started, and removes its unfinished outputs."""
+    """Kills the children of a dead process, and removes its unfinished outputs."""
     from mjrun.formats.destinations import remove_left_behind
     from mjrun.formats.temporary_output import NAME
 
@@ -297,7 +295,7 @@ def _clear_away(notice: ProcessStatus) -> None:
         with suppress(OSError):
             remove_left_behind(folder)
             while any(NAME.fullmatch(path.name) for path in folder.iterdir()) and time.monotonic() < deadline:
-                time.sleep(0.02)  # somebody else's, or a process that was about to start still holds the lock
+                time.sleep(0.02)  # another user's lock, or that of a process that was starting
                 remove_left_behind(folder)
 
 
@@ -308,7 +306,7 @@ def _kill_descendants() -> None:
 
 
 def _kill(pid: int) -> None:
-    """Kills a process that has a group of its own, and the group."""
+    """Kills a process with its process group."""
     for kill in (os.killpg, os.kill):
         with suppress(ProcessLookupError, PermissionError):
             kill(pid, signal.SIGKILL)
@@ -323,5 +321,5 @@ def _report(failure: "Failure", *, is_answered: bool) -> None:
     console = Console(as_json=asks_for_json(sys.argv[1:]) and not is_answered)
     console.error(failure.message)
     console.report_failure(failure)
-    with suppress(Exception, EndedFromOutsideError):  # nobody reads it
+    with suppress(Exception, EndedFromOutsideError):  # the reader is gone
         console.finish()

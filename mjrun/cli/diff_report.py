@@ -1,4 +1,4 @@
-"""What a comparison finds, for people and as annotations of a GitHub workflow."""
+"""The report of a comparison, in prose and as GitHub annotations."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -38,7 +38,7 @@ ANNOTATED = 10  # differences: GitHub shows no more of a step
 
 
 def diff_report(result: "DiffResult", *, every: bool) -> Report:
-    """The report of a comparison; `every` column or value that differs."""
+    """Returns the report of a comparison; `every` lists all differing columns or values."""
     return Report(
         "diff",
         result,
@@ -49,7 +49,7 @@ def diff_report(result: "DiffResult", *, every: bool) -> Report:
 
 
 def text(result: "DiffResult", *, every: bool = False) -> str:
-    """The verdict, and what differs; `every` column or value that does."""
+    """Formats the verdict and the differences; `every` lists all differing columns or values."""
     if result.equal or (result.golden and result.golden.updated):
         return verdict(result)
     if result.model:
@@ -67,7 +67,7 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
 
 
 def verdict(result: "DiffResult") -> str:
-    """One line: whether they agree."""
+    """Formats the verdict in one line."""
     if result.golden and result.golden.updated:
         return golden_summary(result)
     pair = f"{clean(result.a)} and {clean(result.b)}"
@@ -79,7 +79,7 @@ def verdict(result: "DiffResult") -> str:
 
 
 def annotations(result: "DiffResult") -> Iterator[str]:
-    """An annotation of a GitHub workflow for each difference."""
+    """Formats a GitHub annotation for each difference."""
     if result.golden and result.golden.updated:
         return
     file = next((name for name in (result.b, result.a) if is_file(Path(name))), "")
@@ -107,7 +107,7 @@ def _agreement(result: "DiffResult") -> str:
 
 
 def _is_partial(table: "TableDifference") -> bool:
-    """Whether something is in one of two tables only."""
+    """Returns whether a row or column exists in only one of the two tables."""
     return bool(table.only_a.count or table.only_b.count or table.columns_only_a or table.columns_only_b)
 
 
@@ -161,7 +161,7 @@ def _aligned_by(table: "TableDifference") -> str:
 
 
 def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDifference") -> str:
-    """The columns of the first row with a number that differs."""
+    """Formats the columns of the first row with a differing number."""
     firsts = [(column.first, clean(column.name)) for column in differing if column.first]
     if not firsts:
         return ""

@@ -1,4 +1,4 @@
-"""The sections of `mjrun info`: most columns of their tables follow from what descriptions declare."""
+"""The sections of `mjrun info`; most table columns are derived from the declared attributes of descriptions."""
 
 import os.path
 from collections.abc import Callable, Mapping, Sequence
@@ -37,19 +37,19 @@ if TYPE_CHECKING:
     from mjrun.model.description.plugins import Plugin
 
 PLAIN = ("joint", "tendon", "site", "body", "so3")  # transmissions that follow from the target
-# A column by the name of the attribute that it shows, or made of all rows.
+# A column, by the name of its attribute, or as a function of all rows.
 ColumnSource = str | Callable[[Sequence[Any]], Column]
 
 
 def object_columns(
     sources: Sequence[ColumnSource], rows: "Sequence[ModelObject]", model: "mujoco.MjModel"
 ) -> list[Column]:
-    """The columns of objects of one kind."""
+    """Returns the columns of objects of one kind."""
     return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
 
 
 def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel") -> Column:
-    """The column of an attribute, as its declaration has it."""
+    """Returns the column of an attribute, formatted by its declaration."""
     values = [getattr(row, name) for row in rows]
     some = next((value for value in values if value is not None), None)
     if not rows or name not in (facts := rows[0].facts()):
@@ -69,7 +69,7 @@ def _declared(name: str, rows: "Sequence[ModelObject]", model: "mujoco.MjModel")
 
 
 def _tree(rows: "Sequence[Body]") -> Column:
-    """The names of bodies, each under its parent's, and what goes on below them."""
+    """Returns the names of bodies as a tree."""
     last = {row.parent: row.id for row in rows}
     lines: list[str] = []
     stems = {-1: ""}
@@ -81,7 +81,7 @@ def _tree(rows: "Sequence[Body]") -> Column:
 
 
 def _grouped(objects: Sequence[str], types: Sequence[str]) -> str:
-    """Names with their types: `hip_x, hip_y (hinge)`."""
+    """Lists names with their types: `hip_x, hip_y (hinge)`."""
     groups: list[tuple[str, list[str]]] = []
     for name, kind in zip(objects, types, strict=True):
         if not groups or groups[-1][0] != kind:
@@ -101,7 +101,7 @@ def _gears(rows: "Sequence[Actuator]") -> Column:
 
 
 def _targets(rows: "Sequence[Actuator]") -> Column:
-    """What actuators act on, with its kind where that differs."""
+    """Returns the targets of actuators, with their kind if it varies."""
     kinds = {row.target_kind for row in rows}
     is_one = len(kinds) == 1
     heading = f"acts on {next(iter(kinds))}" if is_one else "acts on"
@@ -120,12 +120,12 @@ def _gain(row: "Actuator") -> str:
 
 
 def _law(kind: str, usual: str, parameters: Sequence[float]) -> str:
-    """The parameters of a gain, bias or dynamics, after its type where that is not the usual one."""
+    """Formats the parameters of a gain, bias or dynamics, after its type unless that is the usual one."""
     return "" if kind == "none" else " ".join(filter(None, ("" if kind == usual else kind, vector(parameters))))
 
 
 def _contact_bits(rows: "Sequence[Geom]") -> Column:
-    """contype and conaffinity, if any geom has others than 1 and 1."""
+    """Returns contype and conaffinity, if any geom has values other than 1 and 1."""
     bits = [f"{row.contype} {row.conaffinity}" for row in rows]
     return Column("contact bits", bits if set(bits) != {"1 1"} else [], extra=True)
 
@@ -159,7 +159,7 @@ def _plugin_settings(row: "Plugin") -> str:
 
 
 def _cells(heading: str, cell: Callable[[Any], str], **options: Any) -> Callable[[Sequence[Any]], Column]:
-    """A column with a text of each row."""
+    """Returns a column with a text per row."""
     return lambda rows: Column(heading, [cell(row) for row in rows], **options)
 
 
@@ -192,7 +192,7 @@ def _assets(rows: "Sequence[Asset]", model: "mujoco.MjModel") -> list[Column]:
 
 
 def _beside(own: str | None, path: str | None) -> str:
-    """A path as seen from the folder of the model."""
+    """Returns a path relative to the folder of the model."""
     if path is None:
         return ""
     return clean(path if own is None else os.path.relpath(path, Path(own).parent))
@@ -206,12 +206,12 @@ def _content(row: "Asset") -> str:
 
 @dataclass(frozen=True)
 class TableSection:
-    """A section with a row for each object.
+    """A section with one row per object.
 
     Attributes:
-      columns: of the table, from its rows and the model.
-      is_detail: whether it is shown only when it is asked for.
-      is_news: whether the rows tell more than the summary does.
+      columns: makes the columns from the rows and the model.
+      is_detail: shown only on request.
+      is_news: returns whether the rows add anything to the summary.
     """
 
     columns: "Callable[[Sequence[Any], mujoco.MjModel], list[Column]]"
@@ -224,9 +224,9 @@ class LineSection:
     """A section of labelled lines.
 
     Attributes:
-      lines: labels and values.
-      title: where that is not the section's name.
-      is_detail: whether it is shown only when it is asked for.
+      lines: makes labels and values.
+      title: the title, if it is not the section's name.
+      is_detail: shown only on request.
     """
 
     lines: "Callable[[ModelDescription], Sequence[tuple[str, str]]]"
@@ -235,7 +235,7 @@ class LineSection:
 
 
 def _objects(*sources: ColumnSource, is_detail: bool = False) -> TableSection:
-    """The section of a kind of objects."""
+    """Returns the section of a kind of objects."""
 
     def columns(rows: Sequence[Any], model: "mujoco.MjModel") -> list[Column]:
         return [source(rows) if callable(source) else _declared(source, rows, model) for source in sources]
@@ -244,7 +244,7 @@ def _objects(*sources: ColumnSource, is_detail: bool = False) -> TableSection:
 
 
 def _has_files(assets: "Sequence[Asset]") -> bool:
-    """Whether there are files beside the model's own, which the summary names."""
+    """Returns whether the model has further files, which the summary names."""
     return any(asset.path and asset.kind != "model" for asset in assets)
 
 

@@ -1,4 +1,4 @@
-"""The summary and the statistics as `mjrun info` shows them: lines with labels."""
+"""The summary and the statistics of `mjrun info`, as labelled lines."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -9,14 +9,14 @@ from mjrun.errors import clean
 if TYPE_CHECKING:
     from mjrun.model.description.model_description import ModelSummary, Statistics
 
-ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are shown even where they are 0
+ALWAYS = ("nq", "nv", "na", "nu", "nbody", "njnt", "ngeom")  # sizes that are shown even if they are 0
 STATE = ("nq", "nv", "na", "nu", "nsensordata", "nuserdata", "nmocap", "npluginstate", "nhistory", "nplastic")
 HIDDEN = ("nM", "nB", "nC", "nD")  # sizes that only the JSON document has
 NEGLIGIBLE = 1e-9  # relative to the extent of a model
 
 
 def summary(of: "ModelSummary") -> list[tuple[str, str]]:
-    """The whole of a model, in a few lines."""
+    """Describes a model in a few lines."""
     memory = of.memory
     state = [name for name in of.sizes if name in STATE]
     rest = [name for name in of.sizes if name not in (*STATE, *HIDDEN)]
@@ -36,7 +36,7 @@ def summary(of: "ModelSummary") -> list[tuple[str, str]]:
 
 
 def _point_in_space(values: Sequence[float] | None, extent: float) -> str:
-    """A position; what is negligible beside the extent of the model is 0."""
+    """Formats a position; components that are negligible relative to the extent of the model are 0."""
     return "" if values is None else f"{vector(value if abs(value) > NEGLIGIBLE * extent else 0 for value in values)} m"
 
 

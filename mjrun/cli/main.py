@@ -34,9 +34,9 @@ from mjrun.version import __version__
 if TYPE_CHECKING:
     from mjrun.cli.click_command import SectionedCommand
 
-NO_MEMORY = "Could not allocate memory"  # what MuJoCo says wherever an MjData is made
+NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
 COMPLETE = "_MJRUN_COMPLETE"  # the environment variable by which a shell asks for completions
-_ended_by: int | None = None  # the signal that has told this process to end
+_ended_by: int | None = None  # the signal that ends this process
 
 # The order of the commands in the help; others follow by name.
 FIRST = (
@@ -200,7 +200,7 @@ def _bug_message(error: Exception) -> str:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """Ends the work once; what comes while it is cleared away, as of a second Ctrl-C, changes nothing."""
+    """Ends the work once; further signals during the cleanup, such as a second Ctrl-C, have no effect."""
     global _ended_by
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)

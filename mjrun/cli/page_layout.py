@@ -1,4 +1,4 @@
-"""A page of tables and labelled lines, fitted to the width of the terminal; without one, as wide as they are."""
+"""Layout of tables and labelled lines, fitted to the width of the terminal; unlimited without a terminal."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ from mjrun.cli.table_cells import Column
 
 GAP, INDENT = 2, 2
 READABLE = 100  # characters of a line of labels and values
-NARROW, SCANT = 24, 8  # least characters of a folded text: where columns can be left out, and where they cannot
+NARROW, SCANT = 24, 8  # least width of a folded text: if columns can be left out, and if not
 CELL = 1000  # characters of a cell that are shown
 NEEDED = 2  # columns that are never left out
 UNLIMITED = 1 << 16
@@ -34,14 +34,14 @@ class PageLayout:
         self._text = ""
 
     def table(self, title: str, columns: Sequence[Column], rows: int, shown: int | None = None, hint: str = "") -> None:
-        """A table under its title and the number of its rows; only the first rows if `shown` says so."""
+        """Adds a table with its title and number of rows; `shown` limits the rows."""
         cut = rows if shown is None else min(rows, shown)
         self._title(title, str(rows) if rows else "none")
         room = self._terminal.width - INDENT
         short = [replace(column, cells=[_cut(cell) for cell in column.cells[:cut]]) for column in columns]
         fitting, left_out = _fitting(short, room)
         if cut:
-            least = _total(_widths(fitting, room)) + INDENT  # more than the terminal has, where a path is longer
+            least = _total(_widths(fitting, room)) + INDENT  # wider than the terminal if a path is
             self._print(Padding(self._table(fitting, room), (0, 0, 0, INDENT)), max(self._terminal.width, least))
         if cut < rows:
             self._note(f"… {rows - cut} more: {hint}")
@@ -49,7 +49,7 @@ class PageLayout:
             self._note(f"no room for {', '.join(column.heading for column in left_out)}; --json has them")
 
     def lines(self, title: str, pairs: Sequence[tuple[str, str]], about: str = "") -> None:
-        """Labels and values under a title; what has no value is left out. Words, such as paths, are never broken."""
+        """Adds labels and values under a title, without empty values. Words, such as paths, are never broken."""
         self._title(title, about)
         shown = [(label, _cut(value)) for label, value in pairs if value]
         begin = INDENT + max((cell_len(label) for label, _ in shown), default=0) + GAP
@@ -64,17 +64,17 @@ class PageLayout:
                 )
 
     def verbatim(self, title: str, lines: Iterable[str]) -> None:
-        """Lines under a title as they are, however long: a command that was folded could not be copied."""
+        """Adds lines under a title without folding them, so that commands can be copied."""
         self._title(title, "")
         self._text += "".join(f"{' ' * INDENT}{line}\n" for line in lines)
 
     def note(self, text: str) -> None:
-        """A line on its own."""
+        """Adds a separate line."""
         self._print(Text(""))
         self._print(Text(text, style="dim"))
 
     def text(self) -> str:
-        """All of it; with colours if standard output is a terminal that has them."""
+        """Returns the page, with colours if standard output is a terminal that supports them."""
         lines = self._text.removesuffix("\n").split("\n")
         return "\n".join(lines if self._terminal.is_terminal else [line.rstrip() for line in lines])
 
@@ -92,7 +92,7 @@ class PageLayout:
         return table
 
     def _lines(self, cell: str, width: int) -> int:
-        """How many lines a cell is folded to."""
+        """Returns the number of lines to which a cell is folded."""
         return len(Text(cell).wrap(self._terminal, width, overflow="fold")) if cell_len(cell) > width else 1
 
     def _title(self, title: str, about: str) -> None:
@@ -106,7 +106,7 @@ class PageLayout:
 
     def _print(self, what: object, width: int | None = None) -> None:
         own = self._terminal.width
-        self._terminal.width = width or own  # to which printing alone would be held
+        self._terminal.width = width or own  # otherwise printing is limited to the terminal's width
         with self._terminal.capture() as printed:
             self._terminal.print(what)
         self._terminal.width = own
@@ -114,7 +114,7 @@ class PageLayout:
 
 
 def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[Column]]:
-    """The columns that are not blank: those that fit, and those that there is no room for."""
+    """Returns the columns that are not blank: those that fit, and those that do not."""
     filled = [column for column in columns if any(column.cells)]
     main = [column for column in filled if not column.extra]
     fitting = [*main]
@@ -129,18 +129,18 @@ def _fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[
 
 
 def _cut(cell: str) -> str:
-    """A cell that is cut in the middle if it is too long to be read."""
+    """Cuts a long cell in the middle."""
     half = CELL // 2
     return cell if len(cell) <= CELL else f"{cell[:half]}…{cell[-half:]}"
 
 
 def _total(widths: Iterable[int]) -> int:
-    """How wide columns are side by side."""
+    """Returns the total width of columns side by side."""
     return sum(width + GAP for width in widths) - GAP
 
 
 def _readable_width(column: Column) -> int:
-    """How wide a column must be to be read with ease."""
+    """Returns the width at which a column is easy to read."""
     return _width(column) if column.right else min(_width(column), NARROW)
 
 
@@ -149,7 +149,7 @@ def _width(column: Column) -> int:
 
 
 def _widths(columns: Sequence[Column], room: int) -> list[int]:
-    """How wide the columns are: where they do not fit, texts are folded, the first column last while it can be read."""
+    """Returns the widths of the columns; texts that do not fit are folded, those of the first column last."""
     widths = [_width(column) for column in columns]
     texts = [i for i, column in enumerate(columns) if i and not column.right and not column.whole]
     every = [i for i, column in enumerate(columns) if not column.whole]
@@ -162,6 +162,6 @@ def _widths(columns: Sequence[Column], room: int) -> list[int]:
 
 
 def _heading(column: Column, height: int) -> str:
-    """A heading over `height` lines of units."""
+    """Formats a heading over `height` lines of units."""
     units = [f"[{unit}]" for unit in column.unit.split("\n")] if column.unit else []
     return "\n".join([column.heading, *units, *[""] * (height - len(units))])

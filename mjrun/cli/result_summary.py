@@ -1,4 +1,4 @@
-"""A line about each kind of result."""
+"""One-line summaries of all kinds of results."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ def video(result: "VideoResult") -> str:
 
 
 def _figure(value: float, digits: int) -> str:
-    """So many digits, or all before the point: 0.125, 29.97, 10000."""
+    """Formats a number with three significant digits, or all before the point: 0.125, 29.97, 10000."""
     return f"{value:.{digits}g}" if value < 10 ** (digits - 1) else f"{value:.0f}"
 
 
@@ -48,12 +48,12 @@ def trace(result: "TraceResult") -> str:
 
 
 def _assertions(verdicts: Sequence["Verdict"]) -> list[str]:
-    """A line for each assertion that holds; those that do not are errors."""
+    """Yields a line per assertion that holds; failed assertions are errors."""
     return [f"  assertion passed: {verdict.message}" for verdict in verdicts if verdict.passed]
 
 
 def golden_summary(result: "DiffResult") -> str:
-    """A line about a golden table, and what changed in one that is replaced."""
+    """Formats a line about a golden table, with the changes if it was replaced."""
     from mjrun.diff.sentences import golden_versions
 
     assert result.golden
@@ -102,5 +102,5 @@ SUMMARIES: "dict[str, Callable[[Any], str]]" = {
 
 
 def summary(result: "OutputResult | TablePlotResult") -> str:
-    """The line about a result of any kind."""
+    """Formats the summary of a result of any kind."""
     return SUMMARIES[type(result).__name__](result)

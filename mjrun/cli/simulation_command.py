@@ -1,4 +1,4 @@
-"""What commands that simulate share: the simulation, the cameras, and how their outputs are made."""
+"""Parts shared by commands that simulate: the simulation, the cameras, and the making of outputs."""
 
 import gc
 import os
@@ -36,16 +36,16 @@ CONTROLLER = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data)
 
 
 def import_mujoco() -> None:
-    """Imports MuJoCo without an OpenGL backend: it would fix one by MUJOCO_GL, or fail at a bad name.
+    """Imports MuJoCo without an OpenGL backend, which it would choose by MUJOCO_GL, or fail at an unknown name.
 
     Raises:
-      WrongVersionError: MuJoCo or NumPy is not of a version that mjrun needs.
+      WrongVersionError: MuJoCo or NumPy has a version that mjrun does not support.
     """
     if "mujoco" in sys.modules:
-        return  # what is garbage by now would be frozen too, and never freed
+        return  # garbage that exists by now would be frozen too
     backend = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "disable"
-    gc.disable()  # modules are no garbage: looking through them takes longer than importing some of them
+    gc.disable()  # modules are not garbage, and scanning them is slower than importing some of them
     import_module("mujoco")
     from mjrun.packages import require_computing
 
@@ -60,7 +60,7 @@ def import_mujoco() -> None:
 
 
 def source(command_line: CommandLine) -> "Source":
-    """What stands where the model stands, a task in a document too, with its overrides."""
+    """Returns the source in the place of the model, which may be the task of a document, with its overrides."""
     from mjrun.model.override import overrides_of
 
     whole = _source(command_line)
@@ -68,13 +68,13 @@ def source(command_line: CommandLine) -> "Source":
 
 
 def stem(command_line: CommandLine) -> str:
-    """The name of the model, or of the document, for outputs without one of their own."""
+    """Returns the name of the model, or of the document, for default names of outputs."""
     text = command_line.argument("model")
     return Path(text).stem if is_yaml(text) else source(command_line).stem
 
 
 def simulation(command_line: CommandLine) -> "Simulation":
-    """The simulation that a command line describes."""
+    """Returns the simulation that a command line describes."""
     from mjrun.model.sources import names_task
     from mjrun.simulation.simulation import Simulation
 
@@ -95,22 +95,22 @@ def _source(command_line: CommandLine) -> "Source":
 
 
 def load_controller(code: str) -> Callable[..., object]:
-    """The controller that `code` names; of a class, an instance.
+    """Loads the controller that `code` names; a class is instantiated.
 
     Raises:
-      UsageError: `code` is not of that form, or names what is not there.
-      FileError: there is no such file.
+      UsageError: `code` does not have that form, or its target does not exist.
+      FileError: the file does not exist.
       ControllerError: its code failed.
     """
     controller = made(load_code(code, "controller", CONTROLLER), code, "controller")
     if not callable(controller):
         kind = type(controller).__name__
-        raise UsageError(f"{option('controller')} {quoted(code)} is of type {kind}, and cannot be called\n{CONTROLLER}")
+        raise UsageError(f"{option('controller')} {quoted(code)} is of type {kind} and cannot be called\n{CONTROLLER}")
     return RedirectedFunction(controller)
 
 
 def with_camera_scripts(command_line: CommandLine) -> CommandLine:
-    """The same, with camera scripts read."""
+    """Reads the camera scripts on a command line."""
     return command_line.with_converted("camera", _camera)
 
 
@@ -125,10 +125,10 @@ def _camera(spec: str) -> object:
 def make(
     console: Console, command_line: CommandLine, job: "Job[R]", time: Fraction | None = None, step: int | None = None
 ) -> "R":
-    """Makes what `job` describes, and a recording and a keyframe if they are wanted; or prints the document of all.
+    """Makes the output that `job` describes, and a recording and a keyframe on request; or prints a document for all.
 
     Args:
-      time, step: of the keyframe; the last instant when both are None.
+      time, step: time of the keyframe; by default, the last instant.
     """
     from mjrun.outputs.perform import perform
 
@@ -158,13 +158,13 @@ def make(
 
 
 def _saved_key(text: str) -> tuple[str, str]:
-    """The file and the name in FILE.xml[:NAME]."""
+    """Splits FILE.xml[:NAME] into file and name."""
     path, dot, name = text.rpartition(".xml:")
     return (f"{path}.xml", name) if dot else (text, LAST_INSTANT)
 
 
 def show(console: Console, command_line: CommandLine, result: "OutputResult", default_output: str = "") -> None:
-    """Prints what was made: as JSON, or as a line, on standard output unless that holds the payload."""
+    """Prints the result as JSON, or as a line, on standard output unless that carries the payload."""
     console.answer(_report(result), is_piped=payload_on_stdout(command_line, default_output))
 
 
@@ -174,10 +174,10 @@ def _report(result: "OutputResult") -> Report:
 
 
 def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bool:
-    """Whether standard output is the output.
+    """Returns whether standard output carries the output.
 
     Raises:
-      UsageError: JSON wants it too.
+      UsageError: JSON is requested on standard output too.
     """
     piped = (command_line.value("output") or default_output) == "-"
     if piped and command_line.make(ConsoleOptions).json:
@@ -189,28 +189,28 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
 def reported_failures(
     console: Console,
     report: Callable[[Sequence[Any]], Report],
-    told: type[MjrunError] = MjrunError,
+    in_prose: type[MjrunError] = MjrunError,
     form: str = "",
 ) -> Generator[None, None, None]:
-    """Prints the report of what was made in spite of a failure.
+    """Prints the report of the results that were made in spite of an error.
 
     Args:
-      report: makes it of the results that the error has.
-      told: the errors of which prose has a report, too; JSON has one of any.
-      form: the option that asks for another form.
+      report: makes the report from the results in the error.
+      in_prose: errors whose results are also reported in prose; JSON reports them for all errors.
+      form: the option that requests another form.
     """
     try:
         yield
     except MjrunError as error:
-        if error.results and (console.as_json or isinstance(error, told)):
+        if error.results and (console.as_json or isinstance(error, in_prose)):
             console.answer(report(error.results), form)
         raise
 
 
 def show_columns(console: Console, source: "Source", probes: Sequence[str] = (), policy: object = None) -> None:
-    """Lists them, or those of `probes`, a line each, or as one document.
+    """Lists the columns of a trace, or those of `probes`, one per line or as one document.
 
-    Those of a task do not depend on the policy.
+    The columns of a task do not depend on the policy.
     """
     from mjrun.outputs.trace import columns
     from mjrun.simulation.simulation import Simulation

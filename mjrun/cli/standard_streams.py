@@ -1,4 +1,4 @@
-"""Standard output that fails with errors of ours, and standard error that never ends a command."""
+"""Standard output that fails with mjrun's errors, and standard error that never ends a command."""
 
 import errno
 import io
@@ -10,17 +10,17 @@ from mjrun.errors import ClosedPipeError, FileError
 
 STDIN, STDOUT, STDERR = 0, 1, 2
 
-# How to open what the caller has closed, so that no file that is opened later takes its place, and receives what was
-# meant for the user. Standard input and output the wrong way round: whoever uses them is refused by the system.
+# Modes for opening streams that the caller closed, so that no file opened later takes their place and receives output
+# for the user. Input is opened for writing and output for reading: using them is an error.
 MODES = {STDIN: os.O_WRONLY, STDOUT: os.O_RDONLY, STDERR: os.O_WRONLY}
 
 
 class Payload(io.FileIO):
-    """What carries the payload.
+    """A raw stream for the payload.
 
     Raises:
-      FileError: it cannot be written.
-      ClosedPipeError: nobody reads it any more.
+      FileError: the stream cannot be written.
+      ClosedPipeError: the reader is gone.
     """
 
     def write(self, data: Any, /) -> int | None:
@@ -35,7 +35,7 @@ class Payload(io.FileIO):
 
 
 class Messages(io.FileIO):
-    """What carries messages. Those that cannot be written are lost, and the work goes on."""
+    """A raw stream for messages, which are dropped if they cannot be written."""
 
     def write(self, data: Any, /) -> int | None:
         try:
@@ -46,7 +46,7 @@ class Messages(io.FileIO):
 
 
 def open_standard_streams() -> None:
-    """Opens the standard streams that the caller has closed, and makes writing to them fail in our way."""
+    """Opens the standard streams that the caller closed, and makes writing to them raise mjrun's errors."""
     for number, mode in MODES.items():
         if _is_closed(number):
             os.set_inheritable(os.open(os.devnull, mode), True)  # the lowest that is free, which is `number`
@@ -55,7 +55,7 @@ def open_standard_streams() -> None:
 
 
 def text_stream(raw: io.FileIO, *, line_buffering: bool = False) -> TextIO:
-    """UTF-8 into `raw`; names of files that are none come out as they are."""
+    """Returns a UTF-8 stream on `raw`; file names that are not UTF-8 are written unchanged."""
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding="utf-8",
@@ -73,7 +73,7 @@ def _is_closed(number: int) -> bool:
 
 
 def _write_nowhere(number: int) -> None:
-    """Lets all further output to a file descriptor vanish."""
+    """Discards all further output to a file descriptor."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, number, inheritable=number <= STDERR)
     os.close(nowhere)

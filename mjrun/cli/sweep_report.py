@@ -1,4 +1,4 @@
-"""What `mjrun sweep` says of a study, for people."""
+"""The report of a study in prose."""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ MAPPINGS = ("qpos", "qvel", "ctrl")
 
 
 def study_report(result: "StudyResult", simulation: "Simulation") -> str:
-    """The metrics, the failures by reason, and what was required."""
+    """Formats the metrics, the failures by reason, and the requirements."""
     page = PageLayout()
     if result.metrics:
         page.table("metrics", _metrics(result), len(result.metrics))
@@ -49,7 +49,7 @@ def study_report(result: "StudyResult", simulation: "Simulation") -> str:
 
 
 def preview_report(preview: "StudyPreview") -> str:
-    """What a study would do."""
+    """Formats the size and the expected duration of a study."""
     page = PageLayout()
     time = "unknown" if preview.wall is None else span_of_time(preview.wall)
     if preview.processes and preview.missing:
@@ -72,7 +72,7 @@ def preview_report(preview: "StudyPreview") -> str:
 
 
 def _sample(preview: "StudyPreview") -> list[Column]:
-    """The first points and the last, and between them a row for the others."""
+    """Returns the first and the last points, with a row for the omitted ones between them."""
     rows = [[str(each.point), *(clean(each.values[name]) for name in preview.names)] for each in preview.sample]
     if len(rows) < preview.points:
         rows.insert(len(rows) // 2, ["…"] * len(rows[0]))
@@ -83,7 +83,7 @@ def _sample(preview: "StudyPreview") -> list[Column]:
 
 
 def span_of_time(seconds: float) -> str:
-    """A time as people say it: `12 ms`, `3.4 s`, `5 min`, `2.5 h`."""
+    """Formats a time in a suitable unit: `12 ms`, `3.4 s`, `5 min`, `2.5 h`."""
     for least, unit, size in ((7200, "h", 3600), (120, "min", 60), (1, "s", 1), (1e-3, "ms", 1e-3)):
         if seconds >= least:
             return f"{seconds / size:.2g} {unit}" if seconds / size < 100 else f"{seconds / size:.0f} {unit}"
@@ -91,7 +91,7 @@ def span_of_time(seconds: float) -> str:
 
 
 def _kept(result: "StudyResult") -> str:
-    """How many points have files of their own, and how many of these were made now."""
+    """Formats the number of points with files, and the number of those made now."""
     count, made = len(result.kept.points), result.kept.made
     known = "" if made == count else f", {count - made:,} of them known before"
     return f"{clean(result.path)}/points: files of {count:,} point{'' if count == 1 else 's'}{known}"
@@ -113,7 +113,7 @@ def _metrics(result: "StudyResult") -> list[Column]:
 
 
 def _extremes(result: "StudyResult") -> list[Column]:
-    """The points with the lowest and highest values of each metric, and what varied there; nothing of a constant."""
+    """Yields the points with the lowest and highest value of each metric and their parameters, except of constants."""
     rows = [
         (name, word, number(value), str(point), _where(values))
         for name, summary in result.metrics.items()
@@ -137,7 +137,7 @@ def _extremes(result: "StudyResult") -> list[Column]:
 
 
 def _where(values: Mapping[str, str]) -> str:
-    """The values of a point, the first few of them, in a few digits."""
+    """Formats the first few values of a point, with a few digits."""
     texts = [f"{name}={_short(text)}" for name, text in values.items()]
     more = [f"… {len(texts) - FEW} more"] if len(texts) > FEW else []
     return clean(", ".join([*texts[:FEW], *more]))
@@ -160,7 +160,7 @@ def _failures(result: "StudyResult") -> list[Column]:
 
 
 def point_command(simulation: "Simulation", values: Mapping[str, str]) -> str:
-    """The command that simulates one point alone."""
+    """Returns the command that simulates one point alone."""
     model = values.get("model", simulation.source.text)
     words = ["mjrun", "trace", model, *_arguments(simulation)]
     for name, text in values.items():
@@ -177,7 +177,7 @@ def point_command(simulation: "Simulation", values: Mapping[str, str]) -> str:
 
 
 def _arguments(options: SimulationOptions) -> list[str]:
-    """Options that are given, as a command line writes them."""
+    """Formats explicit options as on a command line."""
     words: list[str] = []
     for each in options_of(SimulationOptions):
         if not is_given(options, each.name):

@@ -1,4 +1,4 @@
-"""Tasks as `mjrun info` shows them: the vectors of observations and actions, number by number, and all else."""
+"""The page of `mjrun info` about a task: the vectors of observations and actions, number by number, and the rest."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,11 +11,11 @@ from mjrun.errors import clean, counted
 if TYPE_CHECKING:
     from mjrun.task.description import TaskDescription, TaskSummary
 
-ROWS = 24  # of a section, unless it is asked for
+ROWS = 24  # of a section, unless it is requested
 
 
 def task_page(task: "TaskDescription", sections: Sequence[str], command_line: str) -> str:
-    """The sections as text; all of them, long ones cut, if none is asked for."""
+    """Formats the sections as text; without names, all sections, with long ones cut."""
     page = PageLayout()
     for name in sections or ("task", *TABLES):
         if name == "task":

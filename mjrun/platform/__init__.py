@@ -1,1 +1,1 @@
-"""What differs between systems."""
+"""Differences between operating systems."""

@@ -173,8 +173,8 @@ def test_a_model_that_names_a_file_outside_is_refused_without_a_look_at_it(place
     ("line", "message"),
     [
         ("info model/m.xml --untrusted", "--untrusted is for mjrun as a command"),
-        ("info model/m.xml --root .", "--root is of --untrusted"),
-        ("info model/m.xml --limit time=3", "--limit is of --untrusted"),
+        ("info model/m.xml --root .", "--root requires --untrusted"),
+        ("info model/m.xml --limit time=3", "--limit requires --untrusted"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:

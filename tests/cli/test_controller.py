@@ -86,7 +86,7 @@ def test_code_drives_and_does_not_print_into_the_payload(mjrun, policy: Path, co
         ("code/nothing.py:act", 7, "code/nothing.py: there is no such file"),
         ("code:act", 2, "code"),
         ("code/policy.py:akt", 2, "no controller 'akt' in code/policy.py (did you mean 'act'?)"),
-        ("code/policy.py:VALUE", 2, "is of type int, and cannot be called"),
+        ("code/policy.py:VALUE", 2, "is of type int and cannot be called"),
         ("code/policy.py:one", 2, "the controller one must take (model, data)"),
         ("code/policy.py:Unmade", 2, "raised TypeError"),
         ("code/broken.py:act", 2, "raised ModuleNotFoundError: No module named 'nothing_like_this'"),

@@ -1,1 +1,1 @@
-"""The commands of mjrun: a module each, whose docstring is its line in `mjrun --help`. Nothing else lists them."""
+"""The commands of mjrun: one module each, whose docstring is its line in `mjrun --help`; there is no other list."""

@@ -22,7 +22,7 @@ MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL..."
     reports={"check": "mjrun.check.check:CheckResult"},
 )
 def check(console: Console, command_line: CommandLine) -> None:
-    """Find errors in each MODEL, and likely causes of later errors; a folder stands for all models in it.
+    """Find errors in each MODEL, and likely causes of later errors; a folder includes all models in it.
 
     \b
     mjrun check scene.xml

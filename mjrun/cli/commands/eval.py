@@ -202,7 +202,7 @@ def _difference(comparison: "PolicyComparison", found: "PairedDifference", level
     interval = _percents(found.interval) if share else _interval(found.interval)
     method = "Newcombe's paired interval" if share else "paired t interval"
     note = f" ({level} {interval}, {method})" if interval else ""
-    verdict = f"{clean(found.better)} is better" if found.better else "no difference can be told"
+    verdict = f"{clean(found.better)} is better" if found.better else "no significant difference"
     first, second = clean(comparison.first), clean(comparison.second)
     counts = f"{first} is better in {found.first_wins}, {second} in {found.second_wins}, neither in {found.ties}"
     return f"{verdict}: {first} - {second} is {size}{note}; {counts}"

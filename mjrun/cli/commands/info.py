@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from mjrun.model.info import InfoResult
     from mjrun.model.source import CollectionSource
 
-ENVIRONMENT = "gym:"  # of what is a task beside its model
+ENVIRONMENT = "gym:"  # prefix of sources that are also tasks
 TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
-ROWS = 24  # of a section, unless it is asked for
+ROWS = 24  # of a section, unless it is requested
 SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
 
 

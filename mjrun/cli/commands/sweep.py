@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     Located = Callable[[], AbstractContextManager[None]]
 
-# Options of a study that change none of its results: a command line may give them beside its folder or its plan.
+# Options that do not affect the results of a study: the command line accepts them with its folder or its plan.
 WITH_RESULTS = ("require", *(each.attribute for each in options_of(KeepOptions)))
 ARGUMENTS = (
     ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
@@ -134,7 +134,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
         raise UsageError(f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it")
     if _is_plan(model):
         if not command_line.make(StudyCommandOptions).collect:
-            raise UsageError(f"{clean(model)} is a plan: give {option('task')} I/N, or {option('collect')}")
+            raise UsageError(f"{clean(model)} is a plan; give {option('task')} I/N or {option('collect')}")
         return replace(_plan(command_line).study, command=console.command), nullcontext
     if is_file(Path(model) / MANIFEST):
         from mjrun.document.plan import read_folder
@@ -168,10 +168,10 @@ def _plan(command_line: CommandLine) -> "StudyPlan":
 
     path = command_line.argument("model")
     if not _is_plan(path):
-        raise UsageError(f"{option('task')}: {clean(path)} is no plan (.jsonl); {option('plan')} FILE writes one")
+        raise UsageError(f"{option('task')}: {clean(path)} is not a plan (.jsonl); {option('plan')} FILE writes one")
     plan = read_plan(path, _beside_study(command_line, path))
     if plan is None:
-        raise UsageError(f"{clean(path)} has no points: nothing was missing when it was made")
+        raise UsageError(f"{clean(path)} has no points: all results existed when it was made")
     return plan
 
 
@@ -223,7 +223,7 @@ def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]
     explicit = command_line.explicit(StudyOptions, SimulationOptions)
     for each in (*options_of(StudyOptions), *options_of(SimulationOptions)):
         if each.attribute in explicit and each.name not in ours:
-            says = f"{option(each.name)}: {clean(file)} says that"
+            says = f"{option(each.name)}: {clean(file)} sets it already"
             if own:
                 raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
             assignment = f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | Values) else f"{each.key}=VALUE"

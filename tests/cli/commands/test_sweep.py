@@ -90,7 +90,7 @@ def test_of_a_study_that_was_run_more_may_be_required(mjrun_here: Command, ball:
     assert (held.returncode, b"3 of 3 points are known already" in held.stderr) == (0, True)
     assert mjrun_here("sweep", "study", "--require", "max(low) < 0.01", "-q").returncode == 1
     refused = mjrun_here("sweep", "study", "--samples", "9")
-    assert b"--samples: study says that; for another study, give its model or its document" in refused.stderr
+    assert b"--samples: study sets it already; for another study, give its model or its document" in refused.stderr
 
 
 def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> None:
@@ -226,14 +226,14 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("k.yaml", "--samples", "3"), "--samples: k.yaml says that; change it as in samples=VALUE"),
-        (("k.yaml", "--metric", "x=1"), "--metric: k.yaml says that; change it as in metrics.NAME=VALUE"),
-        (("k.yaml", "--qpos", "x=1"), "--qpos: k.yaml says that; change it as in qpos.NAME=VALUE"),
+        (("k.yaml", "--samples", "3"), "--samples: k.yaml sets it already; change it as in samples=VALUE"),
+        (("k.yaml", "--metric", "x=1"), "--metric: k.yaml sets it already; change it as in metrics.NAME=VALUE"),
+        (("k.yaml", "--qpos", "x=1"), "--qpos: k.yaml sets it already; change it as in qpos.NAME=VALUE"),
         (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
         (("ball.xml", "samples=3"), "samples=3: ball.xml is not a document, so KEY=VALUE cannot change it"),
-        (("ball.xml", "--task", "1/2"), "--task: ball.xml is no plan (.jsonl); --plan FILE writes one"),
+        (("ball.xml", "--task", "1/2"), "--task: ball.xml is not a plan (.jsonl); --plan FILE writes one"),
         (("p.jsonl",), "p.jsonl is a plan: give --task I/N, or --collect"),
-        (("p.jsonl", "--task", "1/2"), "p.jsonl has no points: nothing was missing when it was made"),
+        (("p.jsonl", "--task", "1/2"), "p.jsonl has no points: all results existed when it was made"),
         (("p.jsonl", "--task", "3/2"), "'3/2' is not one of N tasks; write it as in 1/16"),
         (
             ("ball.xml", "--task", "1/2", "--collect"),
