@@ -172,7 +172,7 @@ def test_a_model_that_names_a_file_outside_is_refused_without_a_look_at_it(place
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("info model/m.xml --untrusted", "--untrusted is for mjrun as a command"),
+        ("info model/m.xml --untrusted", "--untrusted works only for mjrun as a command"),
         ("info model/m.xml --root .", "--root requires --untrusted"),
         ("info model/m.xml --limit time=3", "--limit requires --untrusted"),
     ],
