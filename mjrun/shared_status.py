@@ -178,7 +178,7 @@ def make_promise(promise: Promise) -> None:
         os.kill(_board.reader, PROMISE)
     while not _board.believed:
         if os.getppid() != _board.reader or time.monotonic() > deadline:
-            raise OSError("the process that stands guard does not answer")
+            raise OSError("the monitoring process does not respond")
         time.sleep(0.0005)
 
 
