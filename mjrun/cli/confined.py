@@ -26,7 +26,7 @@ from mjrun.suffixes import REFERRING
 
 MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
-LEAST = {MEMORY: 256}  # half of it is the stack of the thread that loads models
+LEAST = {MEMORY: 256}  # the thread that loads models takes half of it
 SCENE = "scene"  # the collection in mjrun; the packages of others run code
 SUMMARY = "GITHUB_STEP_SUMMARY"
 

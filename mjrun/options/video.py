@@ -58,7 +58,7 @@ class VideoOptions(ViewOptions, OutputOptions):
     plot: tuple[str, ...] = option(
         converter=Several(Text("PROBE,…")),
         default=(),
-        help="Live plot of measured values beside the frame: energy, qpos[left_*]. Each use adds a plot.",
+        help="Live plot of measured values under or beside the frame: energy, qpos[left_*]. Each use adds a plot.",
     )
     plot_side: str = option(
         converter=Choice(PLOT_SIDES), default="under", help="Position of the plots relative to the frame."

@@ -91,7 +91,7 @@ class ViewOptions(RendererOptions):
     style: str | None = option(
         converter=Optional(Choice(STYLES)),
         default=None,
-        usual="exact if the file format supports it",
+        usual="chosen by the file format",
         help="Pixels of depth and segmentation: color, colours for viewing; or exact, 16-bit millimetres or ids.",
     )
     depth_range: tuple[float, float] | None = option(
