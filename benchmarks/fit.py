@@ -1,18 +1,18 @@
-"""Eight problems whose answer is known, solved by `mjrun fit`, by scipy's least squares, and by `mujoco.sysid`.
+"""Solve eight problems with known answers by `mjrun fit`, by scipy's least squares, and by `mujoco.sysid`.
 
-Logs are made by a bare loop of MuJoCo, with white noise and starts that no log holds (`fit_problems.py`). Each is
-fitted for several seeds by each of three, in turn, in one process:
+Logs come from a bare loop of MuJoCo, with white noise and initial states that no log contains (`fit_problems.py`).
+Three solvers fit each of several logs, in turn, in one process:
 
-- `mjrun fit` as it is, of all of the log (`--holdout 0`);
-- `scipy.optimize.least_squares` from three starts, over the parameters and the initial state, of rollouts in C
+- `mjrun fit` of the whole log (`--holdout 0`);
+- `scipy.optimize.least_squares` from three starts, over the parameters and the initial state, with rollouts in C
   (`mujoco.rollout`) of models that are compiled for each value; the best start counts;
-- `mujoco.sysid` as its tutorial does it: one shot from the measured initial state, over the parameters alone, once.
+- `mujoco.sysid` as in its tutorial: one shot from the measured initial state, over the parameters alone, once.
 
-A line has how many logs were fitted, the median and the largest relative error, the share of 95 % intervals that
-contain the truth (`mjrun` and scipy, whose intervals are those of its Jacobian), rollouts, and CPU seconds of a fit.
-Where a model cannot explain its log, intervals that miss the truth are counted as told if the fit warns. Motions that
-contacts make rough cost much, so that fewer of their logs are fitted (`--rough-seeds`). `mujoco.sysid` needs what
-`pip install 'mujoco[sysid]'` brings; without it, its lines say so.
+A line has the number of logs, the median and the largest relative error, the share of 95 % intervals that contain the
+truth (`mjrun` and scipy, whose intervals are those of its Jacobian), rollouts, simulated time in lengths of the log
+(some rollouts of `mjrun` are short stretches), and CPU seconds of a fit. The notes count fits that warn of a misfit and
+logs that were refused. Motions that contacts make rough are expensive, so fewer of their logs are fitted
+(`--rough-seeds`). `mujoco.sysid` needs `pip install 'mujoco[sysid]'`; without it, its lines say so.
 
     python benchmarks/fit.py
     python benchmarks/fit.py --seeds 5 --problems "pendulum friction" --no-sysid
@@ -37,6 +37,7 @@ from scipy import optimize, special
 from mjrun.errors import MjrunError
 from mjrun.fit.fit import Fit
 from mjrun.fit.free_parameter import FreeParameter, free_parameters, overrides
+from mjrun.fit.prediction import Predictor, Rollout
 from mjrun.model import state
 from mjrun.model.override import apply
 from mjrun.simulation.simulation import Simulation
@@ -47,18 +48,19 @@ STATE_SCALE = 10.0
 
 @dataclass
 class Row:
-    """What came of fits of one problem by one solver."""
+    """Results of fits of one problem by one solver."""
 
     errors: list[list[float]] = field(default_factory=list[list[float]])
     hits: list[bool] = field(default_factory=list[bool])
     warned: int = 0
     refused: int = 0
     rollouts: list[int] = field(default_factory=list[int])
+    lengths: list[float] = field(default_factory=list[float])
     seconds: list[float] = field(default_factory=list[float])
     failure: str = ""
 
     def line(self, problem: str, solver: str) -> str:
-        """The row of the table."""
+        """Returns the row of the table."""
         if not self.errors:
             return f"{problem:<22} {solver:<6} {self.refused:>5}   {self.failure or 'all refused'}"
         hits = f"{100 * np.mean(self.hits):5.0f} %" if self.hits else "      –"
@@ -66,7 +68,8 @@ class Row:
         return (
             f"{problem:<22} {solver:<6} {len(self.errors) + self.refused:>5} "
             f"{100 * np.median(self.errors):7.3f} % {100 * np.max(self.errors):8.3f} % {hits} "
-            f"{np.mean(self.rollouts):7.0f} {np.mean(self.seconds):7.2f} s   {', '.join(notes)}"
+            f"{np.mean(self.rollouts):7.0f} {np.mean(self.lengths):7.0f} {np.mean(self.seconds):7.2f} s   "
+            + ", ".join(notes)
         )
 
 
@@ -92,7 +95,7 @@ class Shot:
         self.data = mujoco.MjData(compiled)
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
-        """In millimetres and milliradians, of parameters from 0 to 1 and deviations of the initial state."""
+        """Returns residuals in millimetres and milliradians, of coordinates from 0 to 1 and deviations of the start."""
         self.rollouts += 1
         values = [p.value(c) for p, c in zip(self.parameters, x, strict=False)]
         model, deviation = self.model(values), x[len(values) :]
@@ -112,7 +115,7 @@ class Shot:
         return np.concatenate([1000 * self._tangents(positions, self.values).ravel(), deviation / STATE_SCALE])
 
     def model(self, values: Sequence[float]) -> mujoco.MjModel:
-        """The model with these values."""
+        """Returns the model with these values."""
         spec = mujoco.MjSpec.from_string(self.xml)
         for override in overrides(self.parameters, values):
             apply(spec, override)
@@ -127,12 +130,23 @@ class Shot:
 
 
 def by_mjrun(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> None:
-    begin = time.process_time()
+    begin, steps = time.process_time(), 0
+    predict = Predictor.predict
+
+    def counted(self: Predictor, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
+        nonlocal steps
+        steps += sum(each.chunk.steps for each in rollouts)
+        return predict(self, rollouts)
+
+    Predictor.predict = counted
     try:
         result = Fit(Simulation(str(model), seed=seed), data=[str(log)], free=problem.free, holdout=0).run()
     except MjrunError:
         row.refused += 1
         return
+    finally:
+        Predictor.predict = predict
+    row.lengths.append(steps / round(problem.seconds / problem.model().opt.timestep))
     row.seconds.append(time.process_time() - begin)
     row.errors.append([abs(p.value / t - 1) for p, t in zip(result.parameters, problem.truth, strict=True)])
     row.hits += [p.low <= t <= p.high for p, t in zip(result.parameters, problem.truth, strict=True)]
@@ -158,6 +172,7 @@ def by_scipy(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> N
     best = min(ends, key=lambda end: end.cost)
     row.seconds.append(time.process_time() - begin)
     row.rollouts.append(shot.rollouts)
+    row.lengths.append(shot.rollouts)
     freedom = len(best.fun) - len(best.x)
     errors = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * 2 * best.cost / freedom)[:count]
     reach = float(special.stdtrit(freedom, 0.975)) * errors
@@ -219,6 +234,7 @@ def by_sysid(problem: Problem, model: Path, log: Path, seed: int, row: Row) -> N
         best, _ = sysid.optimize(initial_params=parameters, residual_fn=counted, optimizer="mujoco", verbose=False)
     row.seconds.append(time.process_time() - begin)
     row.rollouts.append(calls)
+    row.lengths.append(calls)
     row.errors.append([abs(float(best[f"p{i}"].value[0]) / t - 1) for i, t in enumerate(problem.truth)])
 
 
@@ -234,11 +250,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, help="logs of each problem")
     parser.add_argument("--rough-seeds", type=int, default=5, help="logs of problems that contacts make rough")
     parser.add_argument("--problems", nargs="*", choices=PROBLEMS, default=[*PROBLEMS])
-    parser.add_argument("--no-sysid", action="store_true", help="leave mujoco.sysid out")
+    parser.add_argument("--no-sysid", action="store_true", help="skip mujoco.sysid")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     solvers = [name for name in SOLVERS if not (options.no_sysid and name == "sysid")]
-    heads = f"{'logs':>5} {'median':>9} {'largest':>10} {'covered':>7} {'rollouts':>7} {'CPU':>7}"
+    heads = f"{'logs':>5} {'median':>9} {'largest':>10} {'covered':>7} {'rollouts':>7} {'lengths':>7} {'CPU':>7}"
     print(f"{'problem':<22} {'solver':<6} {heads}")
     for name in options.problems:
         problem, rows = PROBLEMS[name], {solver: Row() for solver in solvers}

@@ -137,15 +137,15 @@ class Problem:
     """A model, and another one that makes its logs.
 
     Attributes:
-      xml: the model as it is before the fit.
-      free: paths and bounds of what is looked for.
-      truth: their values, in order.
-      change: makes the model of the logs from the specification of `xml`.
-      controls: what is commanded at a time, `(nu,)`.
-      qpos, qvel: how the logs begin, but for some millimetres, milliradians and the like that the seed draws.
-      seconds: how long a log lasts.
+      xml: the original model.
+      free: paths and bounds of the free parameters.
+      truth: their true values, in order.
+      change: function that makes the model of the logs from the specification of `xml`.
+      controls: commands as a function of time, `(nu,)`.
+      qpos, qvel: initial state of the logs, except for small random deviations.
+      seconds: length of a log.
       every: steps from one row to the next.
-      late: how many steps later than logged commands act.
+      late: number of steps by which commands act late.
       is_exact: whether the model can explain the logs; otherwise it lacks something.
       is_rough: whether contacts make the motion rough.
     """
@@ -164,13 +164,13 @@ class Problem:
     is_rough: bool = False
 
     def model(self) -> mujoco.MjModel:
-        """The model that makes the logs."""
+        """Returns the model that makes the logs."""
         spec = mujoco.MjSpec.from_string(self.xml)
         self.change(spec)
         return spec.compile()
 
     def log(self, seed: int) -> tuple[list[str], np.ndarray]:
-        """Columns and rows of a log: times, positions with noise, commands."""
+        """Returns columns and rows of a log: times, positions with noise, commands."""
         generator = np.random.default_rng(seed)
         model = self.model()
         data = mujoco.MjData(model)
@@ -190,7 +190,7 @@ class Problem:
         return ["time", *positions(model), *controls], np.array(rows)
 
     def write(self, folder: Path, seed: int) -> tuple[Path, Path]:
-        """Writes the model and a log, and returns where."""
+        """Writes the model and a log, and returns their paths."""
         names, rows = self.log(seed)
         model, log = folder / "model.xml", folder / f"log{seed}.csv"
         model.write_text(self.xml)
@@ -199,7 +199,7 @@ class Problem:
         return model, log
 
     def _is_free(self, model: mujoco.MjModel) -> np.ndarray:
-        """1 for the hinges and slides, 0 for what lies on a floor."""
+        """Returns 1 for velocities of hinges and slides, 0 for those of free joints."""
         return np.array([float(model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE) for j in model.dof_jntid])
 
     def _measured(self, model: mujoco.MjModel, data: mujoco.MjData, generator: np.random.Generator) -> np.ndarray:
@@ -214,7 +214,7 @@ class Problem:
 
 
 def positions(model: mujoco.MjModel) -> list[str]:
-    """The columns of all positions."""
+    """Returns the columns of all positions."""
     names: list[str] = []
     for joint in range(model.njnt):
         name = model.joint(joint).name
@@ -226,7 +226,7 @@ def positions(model: mujoco.MjModel) -> list[str]:
 
 
 def _waves(amplitude: float, count: int) -> Callable[[float], np.ndarray]:
-    """Sines of 0.4 Hz and more that begin gently."""
+    """Returns sines of 0.4 Hz and more with a smooth beginning."""
     frequencies, phases = 0.4 + 0.23 * np.arange(count), 1.7 * np.arange(count)
 
     def controls(time: float) -> np.ndarray:

@@ -1,40 +1,38 @@
-"""The inertia of a body in numbers that are physical whatever they are: mass, centre, and shape of its distribution."""
+"""Inertia of a body as mass, centre and shape, a parametrization of which all values are physical."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from mjrun.errors import UsageError, clean, listing, option
+from mjrun.fit.signals import Floats
 from mjrun.model.override import Override, indices_at
 
 INERTIA = "inertia:"  # begins the name of a parameter: `inertia:payload.mass`
-QUANTITIES = {"mass": 1, "center": 3, "shape": 6}  # and how many numbers each is
-STRETCHES = 3  # of a shape, the first numbers, which are factors; the others are shears
-_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of the numbers of a shape in a triangular matrix
-THINNEST = 1e-6  # least second moment over the largest: thin plates and rods of no thickness are given some
-
-Floats = NDArray[np.float64]
+QUANTITIES = {"mass": 1, "center": 3, "shape": 6}  # number of parameters of each
+STRETCHES = 3  # the first numbers of a shape are factors, the others shears
+_PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # numbers of a shape in a triangular matrix
+THINNEST = 1e-6  # least second moment over the largest; thinner plates and rods are thickened
 
 
 @dataclass(frozen=True, eq=False)
 class BodyInertia:
-    """The inertia of one body, and what changes it.
+    """The inertia of one body and the overrides that change it.
 
-    Second moments of mass about the centre, over the mass, are S·L·(S·L)ᵀ, where S is the Cholesky factor of those that
-    the model has, and L is an upper triangular matrix of positive diagonal: that of no change is the identity. With
+    Second moments of mass about the centre, divided by the mass, are S·L·(S·L)ᵀ, where S is the Cholesky factor of the
+    model's own, and L is an upper triangular matrix with a positive diagonal, the identity for the model itself. With
     mass and centre, this is the log-Cholesky form of C. Rucker, P. M. Wensing, "Smooth parameterization of rigid-body
-    inertia" (2022), beginning at the model's: moments of inertia are positive and obey the triangle inequality for
-    any L. Where the shape stays, moments of inertia grow with the mass.
+    inertia" (2022), relative to the model: for any L, moments of inertia are positive and obey the triangle
+    inequality. With a constant shape, moments of inertia scale with the mass.
 
     Attributes:
-      body: its name or index.
-      mass: in the source [kg].
-      center: of mass, in the frame of the body [m], `(3,)`.
+      body: name or index of the body.
+      mass: mass in the source [kg].
+      center: centre of mass in the frame of the body [m], `(3,)`.
       factor: S, `(3, 3)` [m].
-      moments: in the source, of the principal axes `(3,)` or, where `is_full`, `fullinertia` `(6,)` [kg m²].
+      moments: moments in the source, principal `(3,)` or, if `is_full`, `fullinertia` `(6,)` [kg m²].
       is_full: whether the source has the full matrix.
     """
 
@@ -46,14 +44,14 @@ class BodyInertia:
     is_full: bool
 
     def start(self, name: str) -> float:
-        """The value in the model of `mass`, `center[i]` or `shape[i]`."""
+        """Returns the value of `mass`, `center[i]` or `shape[i]` in the model."""
         quantity, index = _parts(name)
         if quantity == "shape":
             return float(index < STRETCHES)
         return self.mass if quantity == "mass" else float(self.center[index])
 
     def overrides(self, values: Mapping[str, float]) -> list[Override]:
-        """What gives the model these values; what is not among them stays."""
+        """Returns the overrides that set these values; others remain unchanged."""
         quantities = {_parts(name)[0] for name in values}
         mass, center, factor = self.at(values)
         changes: list[Override] = []
@@ -70,17 +68,17 @@ class BodyInertia:
         return changes
 
     def principal_moments(self, values: Mapping[str, float]) -> Floats:
-        """Moments of inertia about the principal axes through the centre, largest first: `(3,)` [kg m²]."""
+        """Returns the moments of inertia about the principal axes through the centre, largest first: `(3,)` [kg m²]."""
         mass, _, factor = self.at(values)
         return np.asarray(np.linalg.eigvalsh(_inertia(mass, factor))[::-1], np.float64)
 
     def path_of(self, name: str) -> str | None:
-        """The path of an override that sets this number alone; None for those of the shape."""
+        """Returns the path of an override that sets this number alone; None for numbers of the shape."""
         quantity, index = _parts(name)
         return {"mass": f"body/{self.body}.mass", "center": f"body/{self.body}.ipos[{index}]"}.get(quantity)
 
     def at(self, values: Mapping[str, float]) -> tuple[float, Floats, Floats]:
-        """Mass [kg], centre `(3,)` [m], and the factor of the second moments over the mass `(3, 3)` [m]."""
+        """Returns mass [kg], centre `(3,)` [m], and the factor of the second moments over the mass `(3, 3)` [m]."""
         center, change = self.center.copy(), np.eye(3)
         for name, value in values.items():
             quantity, index = _parts(name)
@@ -94,7 +92,7 @@ class BodyInertia:
         if self.is_full:
             return [self._override("fullinertia", inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])]
         moments, axes = np.linalg.eigh(inertia)
-        moments, axes = moments[::-1], axes[:, ::-1].copy()  # largest first, as the compiler has them
+        moments, axes = moments[::-1], axes[:, ::-1].copy()  # largest first, as the compiler orders them
         axes[:, 0] *= np.sign(np.linalg.det(axes))
         quat = np.zeros(4)
         mujoco.mju_mat2Quat(quat, axes.ravel())
@@ -105,37 +103,37 @@ class BodyInertia:
 
 
 def body_inertia(body: str, spec: mujoco.MjSpec, model: mujoco.MjModel) -> BodyInertia:
-    """The inertia of the body of a model.
+    """Reads the inertia of a body.
 
     Args:
-      model: what `spec` was compiled to.
+      model: the model compiled from `spec`.
 
     Raises:
-      UnknownNameError: there is none of this name.
-      UsageError: the name stands for several bodies, or its inertia is not written out but follows from its geoms.
+      UnknownNameError: no body has this name.
+      UsageError: the name matches several bodies, or the body has no `<inertial>` element.
     """
     indices, _ = indices_at(spec, Override(f"body/{body}.mass", "1"))
     bodies = [spec.bodies[index] for index in indices]
     where = f"{option('free')} {INERTIA}{clean(body)}"
     if len(bodies) > 1:
-        raise UsageError(f"{where} names {listing([each.name for each in bodies])}: each body is free by itself")
-    (found,) = bodies
-    if not found.explicitinertial:
+        raise UsageError(f"{where} matches {listing([each.name for each in bodies])}: give one body at a time")
+    (element,) = bodies
+    if not element.explicitinertial:
         raise UsageError(
             f"{where}: the inertia of this body comes from its geoms\ngive it an <inertial>, or free geom/NAME.mass"
         )
-    full = np.array(found.fullinertia, float)
+    full = np.array(element.fullinertia, float)
     is_full = bool(np.isfinite(full).all())
     axes = np.zeros(9)
-    mujoco.mju_quat2Mat(axes, model.body_iquat[found.id])
-    principal, mass = model.body_inertia[found.id], float(found.mass)
-    # Second moments about the principal axes: that of x is half of what I_y + I_z - I_x is.
-    spread = (principal.sum() / 2 - principal) / model.body_mass[found.id]
+    mujoco.mju_quat2Mat(axes, model.body_iquat[element.id])
+    principal, mass = model.body_inertia[element.id], float(element.mass)
+    # Second moments about the principal axes: along x, half of I_y + I_z - I_x.
+    spread = (principal.sum() / 2 - principal) / model.body_mass[element.id]
     spread = np.maximum(spread, THINNEST * spread.max())
     axes = axes.reshape(3, 3)
     factor = _upper_factor((axes * spread) @ axes.T)
-    moments = full if is_full else np.array(found.inertia, float)
-    return BodyInertia(body, mass, np.array(found.ipos, float), factor, moments, is_full)
+    moments = full if is_full else np.array(element.inertia, float)
+    return BodyInertia(body, mass, np.array(element.ipos, float), factor, moments, is_full)
 
 
 def _parts(name: str) -> tuple[str, int]:
@@ -144,11 +142,11 @@ def _parts(name: str) -> tuple[str, int]:
 
 
 def _upper_factor(matrix: Floats) -> Floats:
-    """The upper triangular U with U·Uᵀ = `matrix`."""
+    """Returns the upper triangular U with U·Uᵀ = `matrix`."""
     return np.asarray(np.linalg.cholesky(matrix[::-1, ::-1])[::-1, ::-1], np.float64)
 
 
 def _inertia(mass: float, factor: Floats) -> Floats:
-    """The matrix of inertia about the centre, from the factor of the second moments over the mass."""
+    """Returns the matrix of inertia about the centre, from the factor of the second moments over the mass."""
     moments = mass * factor @ factor.T
     return np.trace(moments) * np.eye(3) - moments

@@ -1,4 +1,4 @@
-"""The table of what was measured beside what a model says, before a fit and after."""
+"""The table of measured signals beside the predictions of the model before and after a fit."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -12,15 +12,15 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.column import Column
 
-HORIZON = 8 * SHORTEST  # rows that are predicted from one state
+HORIZON = 8 * SHORTEST  # held-out rows predicted from one initial state
 TIME = Column("time", "s", "time in the log")
 HELD = Column("holdout", meaning="whether the row was held out of the fit", integer=True)
-LOG = Column("log", meaning="which of the tables the row is of, from 0 on", integer=True)
-WHICH = {"nominal": "by the model as it was", "fitted": "by the fitted model"}
+LOG = Column("log", meaning="index of the table that the row belongs to, from 0", integer=True)
+WHICH = {"nominal": "predicted by the original model", "fitted": "predicted by the fitted model"}
 
 
 def comparison_columns(signals: Sequence[Column]) -> list[Column]:
-    """The columns: time, every signal as measured and as predicted, whether it was held out, and of which log."""
+    """Returns the columns: time, each signal as measured and predicted, whether it was held out, and its log."""
     columns = [TIME]
     for signal in signals:
         columns += [signal, *(replace(signal, name=f"{signal.name}/{which}", meaning=WHICH[which]) for which in WHICH)]
@@ -28,11 +28,11 @@ def comparison_columns(signals: Sequence[Column]) -> list[Column]:
 
 
 def comparison_rows(comparisons: Mapping[tuple[str, str], Solution], logs: Sequence[str]) -> np.ndarray:
-    """A row for each sample, in the order of the logs and of time: `(n, columns)`.
+    """Returns a row for each sample, in the order of the logs and of time: `(n, columns)`.
 
     Args:
-      comparisons: of the parts `fitted` and `held`, what the models `nominal` and `fitted` predict.
-      logs: the tables that were measured.
+      comparisons: predictions by part, `fitted` or `held`, and model, `nominal` or `fitted`.
+      logs: names of the measured tables.
     """
     rows = np.concatenate(
         [_rows(part, comparisons, logs) for part in ("fitted", "held") if (part, "fitted") in comparisons]
@@ -41,10 +41,10 @@ def comparison_rows(comparisons: Mapping[tuple[str, str], Solution], logs: Seque
 
 
 def write_comparison(stack: ExitStack, path: str, signals: Sequence[Column], rows: np.ndarray) -> TableWriter:
-    """Writes the table, which then only has to be published; `stack` discards it otherwise.
+    """Writes the table, to be published by the caller; `stack` discards it otherwise.
 
     Raises:
-      FileError: it cannot be written.
+      FileError: the table cannot be written.
     """
     writer = stack.enter_context(TableWriter(path, output_format(path).name, comparison_columns(signals)))
     writer.write(rows)

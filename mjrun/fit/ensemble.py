@@ -1,40 +1,40 @@
-"""Gauss-Newton steps by ensembles, where contacts make the motion rough.
+"""Gauss-Newton steps by ensembles, for motions that contacts make rough.
 
-A box that slides rattles, and states that no measurement distinguishes lead to other rattling: the sum of squares jumps
-from place to place, however near. So slopes are those that fit the residuals at many points best, about as far away as
-standard errors reach (as in M. A. Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for inverse problems",
-2013). What these slopes do not explain is the roughness of each residual. It counts as noise, and many times over,
-because it spoils the slopes too: signals that rattle tell little, and smooth ones decide.
+A sliding box rattles, and states that no measurement distinguishes rattle differently: the sum of squares jumps between
+neighbouring points. So slopes are fitted to the residuals at many points about one standard error away (as in M. A.
+Iglesias, K. J. H. Law, A. M. Stuart, "Ensemble Kalman methods for inverse problems", 2013). The part of a residual that
+these slopes do not explain is its roughness. It counts as noise, and many times over because it also perturbs the
+slopes: rattling signals have little weight, and smooth ones decide.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjrun.fit.normal_equations import NormalEquations, Slopes, normal_equations
+from mjrun.fit.gauss_newton import NormalEquations, Slopes, normal_equations
 from mjrun.fit.shooting_problem import Advanced, Point, ShootingProblem, Simulating
 from mjrun.fit.solution import Floats, Solution, loss_weights
 
-LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # one more where no longer stretches follow
-POOLED = 3  # rounds of which points are regressed together
-SPREAD = 1.5  # standard errors between points and their middle
-FARTHEST = 0.3  # that a point is from the middle, in any unknown
-REACH = 2.0  # of a step, in standard errors before it
-SETTLED = 0.3  # step of the coordinates in standard errors, at which rounds end
-SPURIOUS = 10.0  # times the number of residuals for each point: how often roughness counts as noise
-WIDER = 1000.0  # times the steps that suit smooth motions: with these the first standard errors are estimated
-POLISHED = 4  # batches of states beside the best one, at the end
-NEAREST = 1e-3  # standard errors between such states and the best one, at least
+LEAST_ROUNDS, MOST_ROUNDS = 2, 8  # least, one more if no longer stretches follow, and most
+POOLED = 3  # rounds whose points are regressed together
+SPREAD = 1.5  # distance between points and their centre, in standard errors
+FARTHEST = 0.3  # largest distance of a point from the centre in any unknown
+REACH = 2.0  # largest step, in standard errors before it
+SETTLED = 0.3  # step of the coordinates, in standard errors, at which rounds end
+SPURIOUS = 10.0  # weight of roughness as noise, for each residual per point
+WIDER = 1000.0  # factor of the steps of finite differences that estimate the first standard errors
+POLISHED = 4  # final batches of states near the best one
+NEAREST = 1e-3  # least distance of such states from the best one, in standard errors
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Standard errors of the unknowns, by which independent normal numbers become deviations.
+    """Standard errors of the unknowns: matrices that turn independent normal numbers into deviations.
 
     Attributes:
-      coordinates: `(p, p)`.
-      states: of each chunk where the coordinates stay, `(chunks, size, size)`.
-      state_slopes: how far states follow the coordinates, `(chunks, size, p)`.
+      coordinates: matrix of the coordinates, `(p, p)`.
+      states: matrix of the state of each chunk with constant coordinates, `(chunks, size, size)`.
+      state_slopes: slopes of the states to the coordinates, `(chunks, size, p)`.
     """
 
     coordinates: Floats
@@ -42,13 +42,13 @@ class Scatter:
     state_slopes: Floats
 
     def deviations(self, direction: Floats) -> tuple[Floats, Floats]:
-        """What a direction `(p + size,)` means: deviations of the coordinates, and of the state of every chunk."""
+        """Returns the deviations of the coordinates and of the state of every chunk in a direction `(p + size,)`."""
         free = len(self.coordinates)
         turn = np.clip(self.coordinates @ direction[:free], -FARTHEST, FARTHEST)
         return turn, np.clip(self.states @ direction[free:] + self.state_slopes @ turn, -FARTHEST, FARTHEST)
 
     def length(self, turn: Floats, moves: Floats) -> float:
-        """Root mean square of a step, in standard errors."""
+        """Returns the root mean square of a step, in standard errors."""
         parts = [np.linalg.lstsq(self.coordinates, turn, rcond=None)[0]]
         for root, move, slopes in zip(self.states, moves, self.state_slopes, strict=True):
             parts.append(np.linalg.lstsq(root, move - slopes @ turn, rcond=None)[0])
@@ -56,10 +56,10 @@ class Scatter:
 
 
 class Ensemble:
-    """Minimizes the sum of squares of a problem.
+    """A search for the least sum of squares of a problem.
 
     Args:
-      scatter: standard errors of the start; None for those of finite differences, which show in short stretches alone.
+      scatter: standard errors of the start; None for those of finite differences, which suit short stretches only.
       advanced: called with every solution that is better than the one before.
     """
 
@@ -71,10 +71,11 @@ class Ensemble:
         self._rounds: list[tuple[list[Point], list[list[Floats]]]] = []
 
     def minimize(self, *, is_last: bool) -> Simulating[tuple[Solution, Scatter]]:
-        """Searches from the start of the problem; returns a simulation near the end, and standard errors.
+        """Searches from the start of the problem; returns a solution and standard errors.
 
         Args:
-          is_last: whether no longer stretches follow, so that a simulation is to be found that is nearest to the log.
+          is_last: whether no longer stretches follow, so that states are searched for whose simulation is nearest to
+            the log.
         """
         problem, middle = self._problem, self._problem.start
         scatter = self._scatter or (yield from self._first_scatter(middle))
@@ -106,7 +107,7 @@ class Ensemble:
         return _scatter(normal_equations(self._problem, point, residuals, slopes, weights))
 
     def _simulate(self, middle: Point, scatter: Scatter) -> Simulating[None]:
-        """Adds points all around, in opposite directions that are orthogonal by standard errors."""
+        """Adds points around the centre, in opposite directions that are orthogonal in standard errors."""
         size = self._problem.free + self._problem.size
         turned, _ = np.linalg.qr(self._generator.normal(size=(size, size)))
         directions = SPREAD * np.concatenate([turned, -turned])
@@ -115,7 +116,7 @@ class Ensemble:
         self._rounds = [*self._rounds[1 - POOLED :], (points, residuals)]
 
     def _regressed(self, middle: Point) -> tuple[list[Floats], Slopes, list[Floats]]:
-        """Residuals in the middle and slopes as the points of the last rounds have them, and variances of residuals."""
+        """Fits residuals at the centre, slopes, and variances of residuals to the points of the last rounds."""
         free = self._problem.free
         points = [each for points, _ in self._rounds for each in points]
         all_residuals = [each for _, residuals in self._rounds for each in residuals]
@@ -140,7 +141,7 @@ class Ensemble:
         return at_middle, Slopes(of_coordinates, of_states), variances
 
     def _nearest(self, middle: Point, scatter: Scatter, batches: int) -> Simulating[tuple[Point, list[Floats]]]:
-        """The states beside a point whose simulation is nearest to the log, the coordinates being as they are."""
+        """Searches states near a point for the simulation nearest to the log, with constant coordinates."""
         size, best = self._problem.size, middle
         (residuals,) = yield from self._problem.residuals([middle])
         for _ in range(batches):
@@ -166,7 +167,7 @@ def _scatter(normal: NormalEquations) -> Scatter:
 
 
 def _inverse_root(matrix: Floats) -> Floats:
-    """Columns that have unit length by `matrix`, orthogonally: standard errors in all directions."""
+    """Returns orthogonal columns of unit length in the metric `matrix`: standard errors in all directions."""
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
     return scale[:, None] * vectors / np.sqrt(np.maximum(values, 1e-12 * max(float(values.max(initial=0.0)), 1e-300)))

@@ -1,4 +1,4 @@
-"""An input that makes parameters identifiable: of many chirps that stay within limits, the one that tells most."""
+"""Inputs that make parameters identifiable: of many chirps within limits, the most informative one."""
 
 import itertools
 import time
@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mjrun.errors import UnidentifiableError, UsageError, clean, listing, option
-from mjrun.fit.chirp import chirps, control_room
 from mjrun.fit.comparison import TIME
 from mjrun.fit.fit import Fit
 from mjrun.fit.free_parameter import free_parameters, require_effect
-from mjrun.fit.identifiability import sensitivity
+from mjrun.fit.information import all_information, sensitivity
+from mjrun.fit.limited_chirps import MotionLimits, chirps, control_room
 from mjrun.fit.measurements import CONTROLS, Segment, commands
-from mjrun.fit.motion_limits import MotionLimits
 from mjrun.fit.prediction import Chunk, Predictor, Rollout
-from mjrun.fit.projection import all_information
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.solution import Solution
 from mjrun.fit.starting_states import StartingStates
@@ -33,12 +31,12 @@ from mjrun.probe.fields import field_probe
 from mjrun.reporter import Reporter, WarningReporter
 
 SCHEMA = "mjrun-excite-1"
-DURATION = 10.0  # [s], where nothing else is said
+DURATION = 10.0  # default [s]
 PERIOD = 0.01  # between commands [s]
 CANDIDATES = 16
-CORNERS = 8  # at most, of the bounds of the parameters
-RIVALS = 4  # inputs that are made weaker when none is within limits at the corners
-WEAKER = 0.7  # by which chirps become weaker, until the motion is within limits
+CORNERS = 8  # limit of corners of the bounds of the parameters
+RIVALS = 4  # number of inputs that are weakened if none is within limits at the corners
+WEAKER = 0.7  # factor by which chirps are weakened until the motion is within limits
 TRIES = 12
 
 Floats = NDArray[np.float64]
@@ -46,13 +44,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ExpectedParameter:
-    """A parameter, and how well it will be known.
+    """A parameter with its expected confidence interval.
 
     Attributes:
-      path: in the model, or the delay of a signal.
-      start: what the model has.
-      low, high: ends of the confidence interval to expect if this is the truth.
-      effect: how many standard deviations of their noise the measurements change between its bounds.
+      path: path in the model, or the delay of a signal.
+      start: value in the model.
+      low, high: ends of the confidence interval to expect if this value is true.
+      effect: change of the measurements between its bounds, in standard deviations of their noise.
     """
 
     path: str
@@ -64,13 +62,13 @@ class ExpectedParameter:
 
 @dataclass(frozen=True)
 class MotionExtent:
-    """How far something goes while the model is excited.
+    """The range of a position, velocity or force while the model is excited.
 
     Attributes:
-      name: of a column: a position, a velocity or a force.
-      unit: of it.
-      low, high: its least and its largest value.
-      least, most: its limits; None without.
+      name: name of the column.
+      unit: its unit.
+      low, high: least and largest value.
+      least, most: limits; None without.
     """
 
     name: str
@@ -83,21 +81,21 @@ class MotionExtent:
 
 @dataclass(frozen=True)
 class ExcitationResult:
-    """An input, and what is to be expected of a fit of what it makes.
+    """An input, and the expected results of a fit of its measurements.
 
     Attributes:
-      parameters: what is looked for.
-      motion: how far the model moves.
-      confidence: of the intervals.
-      noise: standard deviation of the measured positions that was assumed [rad, m].
-      condition: how well the parameters can be told apart: ratio of singular values.
-      duration: of the input [s].
-      candidates: how many inputs were within limits, and compared.
-      corners: with how many sets of values at the bounds of the parameters it was simulated too.
-      contacts: of what begins to touch on the way, in words.
-      files: what was written.
+      parameters: free parameters.
+      motion: ranges of positions, velocities and forces.
+      confidence: confidence level of the intervals.
+      noise: assumed standard deviation of the measured positions [rad, m].
+      condition: ratio of singular values; large if parameters are hard to distinguish.
+      duration: length of the input [s].
+      candidates: number of compared inputs within limits.
+      corners: number of corners of the bounds of the parameters at which it was simulated.
+      contacts: contacts that begin, in words.
+      files: written files.
       wall: wall time [s].
-      schema: of this document.
+      schema: schema of this document.
     """
 
     parameters: Sequence[ExpectedParameter]
@@ -115,17 +113,17 @@ class ExcitationResult:
 
 
 def excite(fit: Fit, reporter: Reporter | None = None) -> ExcitationResult:
-    """Finds and writes an input for the parameters that `fit` looks for; its `data` are not there yet.
+    """Finds and writes an input for the free parameters of `fit`, before anything is measured.
 
-    Chirps of all actuators, drawn by the seed, are made weaker until the model as it is moves within the ranges of its
-    joints and forces, and its speed limit. That whose information matrix has the largest determinant is chosen
-    (D-optimality), if the model stays within limits at corners of the bounds of the parameters too; else the next one.
+    Random chirps of all actuators are weakened until the model moves within the ranges of its joints and forces and the
+    speed limit. The chosen one has the information matrix with the largest determinant (D-optimality), among those with
+    which the model also stays within limits at corners of the bounds of the parameters.
 
     Raises:
-      UnidentifiableError: the best input does not tell what is looked for either; nothing is written.
-      MjrunError: there is no such input.
+      UnidentifiableError: even the best input does not determine the parameters; nothing is written.
+      MjrunError: no input is possible.
     """
-    with collected_warnings():  # of what becomes unstable, which is told with the values
+    with collected_warnings():  # of unstable simulations, which are reported with their parameters
         return _Excitation(fit, reporter or WarningReporter()).best()
 
 
@@ -141,9 +139,9 @@ class _Excitation:
             "ranges": fit.ranges,
             "html": fit.html,
         }
-        for name, given in of_fits.items():
-            if given:
-                raise UsageError(f"{option('excite')} comes before anything is measured: leave {option(name)} out")
+        for name, value in of_fits.items():
+            if value:
+                raise UsageError(f"{option('excite')} precedes measurements: leave {option(name)} out")
         simulation = fit.simulation
         self._model = model = simulation.load()
         data = simulation.start.data(model)
@@ -154,7 +152,7 @@ class _Excitation:
         self._limits = MotionLimits(model, fit.velocity_limit)
         signals = [column.name for column in self._limits.columns[self._limits.positions]]
         if not signals:
-            raise UsageError(f"{option('excite')}: this model has no hinges and slides whose positions are measured")
+            raise UsageError(f"{option('excite')}: this model has no hinges or slides whose positions are measured")
         delayed = [*signals, *(f"{CONTROLS}{name}" for name in control_names(model))]
         self._parameters = free_parameters(fit.free, simulation.source, delayed)
         for each in self._parameters:
@@ -170,15 +168,15 @@ class _Excitation:
         looks = [self._look(segment) for segment, _ in candidates]
         scores = [np.linalg.slogdet(all_information(look, self._parameters))[1] for look in looks]
         order = np.argsort(scores)[::-1].tolist()
-        self._require_told(looks[order[0]])
+        self._require_identifiable(looks[order[0]])
         corners = self._corners()
         segment, motion = self._within_limits_at(corners, [candidates[index] for index in order])
         look = self._look(segment)
-        self._require_told(look)
+        self._require_identifiable(look)
         return self._published(segment, motion, look, len(candidates), corners)
 
     def _corners(self) -> list[Floats]:
-        """Coordinates at the bounds, all of them or some spread evenly; those that cannot be simulated are told."""
+        """Returns coordinates at the bounds, all or an even selection; warns of those that cannot be simulated."""
         from scipy.stats import qmc
 
         count = len(self._parameters)
@@ -194,7 +192,7 @@ class _Excitation:
             if np.isfinite(self._motions([still], corner)[0]).all():
                 able.append(corner)
             else:
-                self._reporter.warn(f"with {self._values(corner)}, nothing can be simulated, nor limits be checked")
+                self._reporter.warn(f"limits are not checked with {self._values(corner)}, where the simulation fails")
         return able
 
     def _values(self, coordinates: Floats) -> str:
@@ -204,7 +202,7 @@ class _Excitation:
     def _within_limits_at(
         self, corners: Sequence[Floats], inputs: Sequence[tuple[Segment, Floats]]
     ) -> tuple[Segment, Floats]:
-        """The first of the inputs, best first, that stays within limits at the corners, weaker if need be."""
+        """Returns the best of the sorted inputs that stays within limits at the corners, weakened if necessary."""
         reason = ""
         for trial in range(TRIES):
             for segment, motion in inputs if trial == 0 else inputs[:RIVALS]:
@@ -217,8 +215,8 @@ class _Excitation:
                     return segment, motion
                 reason = reason or why
         raise UsageError(
-            f"{option('excite')}: with parameters at their bounds even the weakest chirp is beyond a limit: {reason}\n"
-            f"narrower bounds in {option('free')} say what the parameters can be"
+            f"{option('excite')}: with parameters at their bounds, even the weakest chirp exceeds a limit: {reason}\n"
+            f"give narrower bounds with {option('free')}"
         )
 
     def _violation_at(self, corners: Sequence[Floats], segment: Segment) -> str | None:
@@ -228,7 +226,7 @@ class _Excitation:
         return None
 
     def _contacts(self, segment: Segment, corners: Sequence[Floats]) -> list[str]:
-        """What begins to touch with the model as it is, and with others, and when, by a bare loop."""
+        """Describes the contacts that begin in the model, and at the corners."""
         touching: dict[tuple[str, str], str] = {}
         steps = round(segment.times[-1] / self._judge.timestep)
         controls = commands(segment, 0, steps, self._judge.timestep, False, {})
@@ -251,7 +249,7 @@ class _Excitation:
         return list(touching.values())
 
     def _within_limits(self) -> list[tuple[Segment, Floats]]:
-        """Inputs that move the model within its limits, and the motion, `(steps, columns)` of the limits."""
+        """Returns inputs that move the model within its limits, with the motion, `(steps, columns)`."""
         generator = np.random.default_rng(self._fit.simulation.seed)
         timestep = float(self._model.opt.timestep)
         period = max(round(PERIOD / timestep), 1) * timestep
@@ -270,7 +268,7 @@ class _Excitation:
                 return candidates
             reason = next(why for why in reasons if why is not None)
         if not candidates:
-            raise UsageError(f"{option('excite')}: even the weakest chirp is beyond a limit: {reason}")
+            raise UsageError(f"{option('excite')}: even the weakest chirp exceeds a limit: {reason}")
         return candidates
 
     def _duration(self, timestep: float) -> float:
@@ -283,7 +281,7 @@ class _Excitation:
         return Segment("", times, np.zeros((len(times), len(self._signals))), controls)
 
     def _motions(self, inputs: Sequence[Segment], coordinates: Floats | None = None) -> list[Floats]:
-        """What the model does at every step, as it is or with other parameters."""
+        """Simulates the limited columns at every step, with the parameters of the model or others."""
         coordinates = self._coordinates if coordinates is None else coordinates
         values = tuple(p.value(c) for p, c in zip(self._parameters, coordinates, strict=True))
         steps = np.arange(round(inputs[0].times[-1] / self._judge.timestep) + 1)
@@ -295,7 +293,7 @@ class _Excitation:
         noise = np.full(len(self._signals), self._fit.excite_noise)
         return self._shooting.look(parts, self._coordinates, self._start[None], noise)
 
-    def _require_told(self, look: Solution) -> None:
+    def _require_identifiable(self, look: Solution) -> None:
         messages = [each.message for each in sensitivity([look], self._parameters).unidentifiable]
         if messages and not self._fit.allow_unidentifiable:
             raise UnidentifiableError(messages)
@@ -307,7 +305,7 @@ class _Excitation:
     ) -> ExcitationResult:
         fit, limits = self._fit, self._limits
         if contacts := self._contacts(segment, corners):
-            self._reporter.warn(f"contacts begin, and a fit takes them as the model has them: {listing(contacts)}")
+            self._reporter.warn(f"contacts begin, which a fit assumes to be as in the model: {listing(contacts)}")
         known = sensitivity([look], self._parameters)
         assert fit.excite is not None
         columns = [TIME, *field_probe(self._model, "ctrl").columns]
@@ -332,7 +330,7 @@ class _Excitation:
         )
 
     def _expected(self, look: Solution, effects: Sequence[float]) -> list[ExpectedParameter]:
-        """The intervals of a fit that has white noise alone to do with, by the Cramér-Rao bound."""
+        """Returns the intervals of a fit with white noise, by the Cramér-Rao bound."""
         from scipy import special
 
         spread = np.sqrt(np.diag(np.linalg.pinv(all_information(look, self._parameters), hermitian=True)))
@@ -343,7 +341,7 @@ class _Excitation:
 
 
 def _touching(model: mujoco.MjModel, data: mujoco.MjData) -> set[tuple[str, str]]:
-    """Names of the geoms that touch."""
+    """Returns the names of pairs of geoms in contact."""
     geoms = names(model, "geom")
     pairs = [
         sorted(clean(geoms[i]) for i in pair) for pair in data.contact.geom[: data.ncon].tolist() if min(pair) >= 0

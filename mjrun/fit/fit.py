@@ -1,4 +1,4 @@
-"""A fit: parameters of a model from measurements, with intervals, and a verdict on whether they may be believed."""
+"""Fits of parameters of a model to measurements, with confidence intervals and a verdict."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -16,17 +16,14 @@ from mjrun.errors import (
     spelled,
 )
 from mjrun.fit.comparison import HORIZON
-from mjrun.fit.fitted_inertia import fitted_inertias
 from mjrun.fit.free_parameter import free_parameters, require_effect, values_at
-from mjrun.fit.identifiability import Sensitivity, sensitivity
-from mjrun.fit.intervals import bound_reached, intervals
+from mjrun.fit.information import Sensitivity, bound_reached, intervals, sensitivity
 from mjrun.fit.measurements import CONTROLS, read_measurements
-from mjrun.fit.noise import first_noise, set_noise, spread_of
 from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
-from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
-from mjrun.fit.rotations import shared
+from mjrun.fit.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fit.shooting import EXPLAINED, SHORTEST, Search, Shooting
+from mjrun.fit.signals import first_noise, set_noise, shared, spread_of
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.verdict import Misfit, all_at_bounds, improvement, misfit
@@ -39,8 +36,8 @@ from mjrun.packages import require_all
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation
 
-ENOUGH = 4  # measured numbers for each unknown
-TOLERANCE = 1e-3  # relative difference of costs that rounding makes
+ENOUGH = 4  # least measured numbers per unknown
+TOLERANCE = 1e-3  # relative difference of costs due to rounding
 
 Solutions = Mapping[tuple[str, str], Solution]
 Partial = Callable[[FitResult], None]
@@ -48,37 +45,37 @@ Partial = Callable[[FitResult], None]
 
 @options
 class Fit(FitOptions):
-    """Parameters of the model of `simulation` from measurements. Its options are keywords.
+    """A fit of parameters of the model of `simulation` to measurements. Its options are keywords.
 
     Args:
-      simulation: the model, and what holds it where no log says anything; its seed is that of the fit.
+      simulation: the model, with settings for everything that no log contains; its seed is that of the fit.
     """
 
     simulation: Simulation = field(kw_only=False)
 
     def run(self, reporter: Reporter | None = None, partial: Partial | None = None) -> FitResult:
-        """Fits the parameters, and writes what was asked for.
+        """Fits the parameters and writes the output files.
 
         Args:
-          partial: is told what there is if the fit is interrupted and `keep_partial` was asked for.
+          partial: called with the preliminary result if the fit is interrupted and `keep_partial` is set.
 
         Raises:
-          UnidentifiableError: the measurements do not tell what is looked for.
-          UnimprovedFitError: what was held out is predicted no better than before, or the measurements are not
-            explained; nothing is written.
-          MjrunError: it cannot be fitted.
-          KeyboardInterrupt, TerminatedError: it was interrupted.
+          UnidentifiableError: the measurements do not determine the parameters.
+          UnimprovedFitError: the fitted model does not predict held-out data better, or does not explain the
+            measurements; nothing is written.
+          MjrunError: the fit is impossible.
+          KeyboardInterrupt, TerminatedError: the fit was interrupted.
         """
-        copied = self.simulation.with_snapshot()  # so that edits while it runs change neither results nor the output
+        copied = self.simulation.with_snapshot()  # edits during the fit have no effect
         assert copied.snapshot
-        # Warnings are of what becomes unstable, which is told with the values.
+        # Warnings concern unstable simulations, which are reported with their parameters.
         with copied.snapshot.original_names_in_errors(), collected_warnings():
             run = _Run(replace(self, simulation=copied), reporter or WarningReporter())
             try:
                 return run.all()
             except (KeyboardInterrupt, EndedFromOutsideError):
-                if self.keep_partial and (kept := run.kept()) and partial:
-                    partial(kept)
+                if self.keep_partial and (result := run.partial_result()) and partial:
+                    partial(result)
                 raise
 
 
@@ -88,14 +85,14 @@ class _Run:
         require_all(EXTRAS)
         simulation = fit.simulation
         if fit.velocity_limit is not None:
-            raise UsageError(f"{option('velocity_limit')} is of {option('excite')}: what was measured is not limited")
+            raise UsageError(f"{option('velocity_limit')} applies only with {option('excite')}")
         if not fit.data:
             raise UsageError(f"{option('data')}: a fit needs a table of measurements")
         model = simulation.load()
         data = simulation.start.data(model)
         self._logs = logs = [*fit.data, *fit.holdout_data]
         if twice := set(fit.data) & set(fit.holdout_data):
-            raise UsageError(f"{option('holdout_data')}: {clean(min(twice))} cannot be fitted and held out")
+            raise UsageError(f"{option('holdout_data')}: {clean(min(twice))} is both fitted and held out")
         if twice := {log for log in logs if logs.count(log) > 1}:
             raise UsageError(f"{option('data')}: {clean(min(twice))} is given twice")
         linear = simulation.ctrl_interpolation == "linear"
@@ -114,7 +111,7 @@ class _Run:
             raise UsageError(f"{option('holdout')} {fit.holdout:g} leaves nothing to fit")
         self._predictor = Predictor(simulation, self._measurements.signals, self._parameters)
         self._require_enough()
-        self._noise = first_noise(self._fitted.segments, self._measurements.rotations)
+        self._noise = first_noise([each.values for each in self._fitted.segments], self._measurements.rotations)
         for place, deviation in set_noise(fit.noise, self._measurements.signals).items():
             self._noise[place] = deviation
         starting = StartingStates(model, self._measurements.signals, state.save(model, data), self._noise)
@@ -152,8 +149,8 @@ class _Run:
         result = self._result(last, known, left, comparisons, search.ways, hints)
         return self._outputs.publish(result, comparisons, self._logs, self._reporter)
 
-    def kept(self) -> FitResult | None:
-        """Writes the model as far as it was fitted; None if it was not begun."""
+    def partial_result(self) -> FitResult | None:
+        """Writes the model with the best parameters so far; returns None without any."""
         if self._latest is None:
             return None
         left = misfit(self._latest, self._noise, self._measurements.rotations)
@@ -162,7 +159,7 @@ class _Run:
         return self._outputs.publish(result, {}, self._logs, self._reporter, model_alone=True)
 
     def _searched(self, starts: Sequence[np.ndarray]) -> Search:
-        """The best parameters for whole segments, which explain these better than the model as it was."""
+        """Searches for parameters that explain whole segments better than the original model."""
 
         def advanced(solution: Solution) -> None:
             if self._latest is None or solution.cost < self._latest.cost:
@@ -171,16 +168,15 @@ class _Run:
 
         search = self._shooting.search(self._fitted.segments, starts, self._noise, advanced)
         if search.best.reduced > EXPLAINED and not search.best.variances:
-            # Signals that the model explains well count more than others from here on.
+            # Signals that the model explains well have more weight from here on.
             weighted = self._shooting.weighted(search.best)
             if weighted.cost <= with_noise(search.own, weighted.noise).cost:
                 search.best = weighted
         self._reporter.progress("stages of the fit", 1, 1)
         if search.best.cost > with_noise(search.own, search.best.noise).cost * (1 + TOLERANCE):
             raise UnimprovedFitError(
-                "no values were found with which the fitted part of the log is explained better than by the model as "
-                f"it was\nnarrower bounds in {option('free')}, or more of {option('starts')}, may lead there; nothing "
-                "was written"
+                "no values explain the fitted part of the log better than those of the model\n"
+                f"try narrower bounds with {option('free')}, or more {option('starts')}; nothing was written"
             )
         return search
 
@@ -192,12 +188,12 @@ class _Run:
         unknown = len(self._parameters) + len(self._fitted.segments) * 2 * self._predictor.model.nv
         if numbers <= ENOUGH * unknown:
             raise UsageError(
-                f"{numbers} measured numbers are too few for {len(self._parameters)} parameters and the states in "
-                f"which {len(self._fitted.segments)} segments begin: {unknown} unknowns"
+                f"{numbers} measured numbers are too few for {len(self._parameters)} parameters and the initial "
+                f"states of {len(self._fitted.segments)} segments: {unknown} unknowns"
             )
 
     def _starts(self, count: int) -> list[np.ndarray]:
-        """`count` coordinates to begin at: those of the model, and others spread evenly."""
+        """Returns `count` initial coordinates: those of the model, and others spread evenly."""
         first = np.array([each.first_coordinate for each in self._parameters])
         if count == 1:
             return [first]
@@ -208,7 +204,7 @@ class _Run:
         return [first, *(0.1 + 0.8 * more)]
 
     def _look_first(self, starts: Sequence[np.ndarray]) -> None:
-        """Refuses what the measurements cannot tell at any of the starts."""
+        """Refuses parameters that the measurements do not determine at any of the starts."""
         parts = self._shooting.cut(self._fitted.segments, 4 * SHORTEST)
         looks: list[Solution] = []
         for start in starts:
@@ -222,7 +218,7 @@ class _Run:
             self._reporter.warn(message)
 
     def _predicted(self, fitted: Solution) -> dict[tuple[str, str], Solution]:
-        """What was held out, by the models before and after, each from the states that fit it best."""
+        """Predicts held-out data by the original and the fitted model, each from the states that fit best."""
         if not self._held.segments:
             return {}
         parts = self._shooting.cut(self._held.segments, HORIZON)
@@ -232,32 +228,32 @@ class _Run:
         }
 
     def _require_better(self, comparisons: Solutions, hints: list[str]) -> None:
-        """Refuses a fit that predicts no better than chance may: what is held out, if that shows the parameters."""
-        part, what = "held", "what was held out is predicted"
+        """Refuses a fit that does not improve predictions by more than chance."""
+        part, what = "held", "the fit does not predict the held-out data better"
         if ("held", "fitted") not in comparisons:
             return
         gained = improvement(comparisons["held", "nominal"], comparisons["held", "fitted"])
         if gained.is_silent:
             part, what = (
                 "fitted",
-                "the log, of which the part that was held out does not show the parameters, is explained",
+                "the held-out data are not sensitive to the parameters, and the fit does not explain the rest better",
             )
             gained = improvement(comparisons["fitted", "nominal"], comparisons["fitted", "fitted"])
             hints.append(
-                "what was held out does not show the parameters: both models predict it to the noise, so that the "
-                f"fitted part alone says that the fit is better ({option('holdout')}, {option('holdout_data')})"
+                "the held-out data are not sensitive to the parameters: both models predict them to the noise, so only "
+                f"the fitted part shows the improvement ({option('holdout')}, {option('holdout_data')})"
             )
         if gained.is_certain:
             return
-        counted = "" if self._fit.loss == "linear" else f", as {self._fit.loss} counts them"
-        change = f"squared errors are less by {gained.gain:.3g}, of which {gained.uncertainty:.3g} may be chance"
+        under_loss = "" if self._fit.loss == "linear" else f" under the loss {self._fit.loss}"
+        change = f"squared errors decrease by {gained.gain:.3g}, of which {gained.uncertainty:.3g} may be chance"
         lines = [
-            f"{what} no better: an error of {gained.after:.4g} standard deviations of the noise{counted}, "
-            f"{gained.before:.4g} before the fit",
+            f"{what}: errors of {gained.after:.4g} standard deviations of the noise{under_loss}, "
+            f"{gained.before:.4g} before",
             change if gained.gain > 0 else "",
             *(hints if part == "held" else []),
-            "the model is right as it is, or it lacks something that the parameters cannot make up for, or "
-            f"{option('free')} has the wrong ones; nothing was written",
+            "the original model is right, or it lacks something that the parameters cannot compensate for, or "
+            f"{option('free')} names the wrong ones; nothing was written",
         ]
         raise UnimprovedFitError("\n".join(line for line in lines if line))
 
@@ -316,7 +312,7 @@ class _Run:
 
 
 def _errors(solution: Solution, rotations: Sequence[Sequence[int]]) -> np.ndarray:
-    """Error of each signal over its spread, `(signals,)`; NaN without any."""
+    """Returns the error of each signal over its spread, `(signals,)`; NaN without spread."""
     values = np.concatenate([part.values for part in solution.chunks])
     spread = shared(spread_of(values, solution.loss), rotations)
     return shared(solution.noise_scale, rotations) / np.where(spread > 0, spread, np.nan)

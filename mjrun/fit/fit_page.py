@@ -1,4 +1,4 @@
-"""The page about a fit: what was found, how well it is known, and measured signals beside those of the model."""
+"""The page about a fit: fitted values, their uncertainty, and measured signals beside those of the model."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -30,16 +30,16 @@ def write_fit_page(
     rows: np.ndarray,
     logs: Sequence[str],
 ) -> PageWriter:
-    """Writes the page, which then only has to be published; `stack` discards it otherwise.
+    """Writes the page, to be published by the caller; `stack` discards it otherwise.
 
     Args:
-      model: its name.
-      signals: columns of what was measured.
-      rows: of the comparison, `(n, columns)`.
-      logs: the tables that were measured.
+      model: name of the model.
+      signals: measured columns.
+      rows: rows of the comparison, `(n, columns)`.
+      logs: names of the measured tables.
 
     Raises:
-      FileError: it cannot be written.
+      FileError: the page cannot be written.
     """
     figures = [_figure(name, signals, rows[rows[:, -1] == log]) for log, name in enumerate(logs)]
     facts = [_parameters(result), *_inertias(result), _errors(result), *_correlations(result), _about(result)]
@@ -60,7 +60,7 @@ def _parameters(result: "FitResult") -> PageFacts:
         for p in result.parameters
     ]
     heads = ("Parameter", "Before", "Fitted", _confidence(result), "")
-    return PageFacts("Parameters", "What was looked for in the model", heads, rows, (1, 2, 3))
+    return PageFacts("Parameters", "Free parameters of the model", heads, rows, (1, 2, 3))
 
 
 def _inertias(result: "FitResult") -> list[PageFacts]:
@@ -85,9 +85,9 @@ def _errors(result: "FitResult") -> PageFacts:
         for each in result.signals
     ]
     heads = ("Signal", "Residual", "Over noise", "Before", "Fitted", "Held out, before", "Held out, fitted")
-    caption = "Root mean square errors of predictions, of the standard deviation of the signal"
+    caption = "Root mean square errors of predictions, relative to the standard deviation of the signal"
     if result.loss != "linear":
-        caption = f"Errors of predictions over the spread of the signal, by medians, as the loss is {result.loss}"
+        caption = f"Errors of predictions over the spread of the signal, by medians because the loss is {result.loss}"
     return PageFacts("Errors", caption, heads, rows, range(1, 7))
 
 
@@ -99,7 +99,7 @@ def _correlations(result: "FitResult") -> list[PageFacts]:
         (path, *(f"{value:.2f}".replace("-", "−") for value in row[: i + 1]), *[""] * (len(paths) - i - 1))
         for i, (path, row) in enumerate(zip(paths, result.correlation, strict=True))
     ]
-    caption = "Near 1 or −1, two parameters stand in for each other: their difference or sum alone is known well"
+    caption = "Near 1 or −1, two parameters compensate for each other: only their difference or sum is well determined"
     return [PageFacts("Correlations", caption, ["", *paths], rows, range(1, len(paths) + 1))]
 
 
@@ -113,11 +113,11 @@ def _about(result: "FitResult") -> PageFacts:
         *(("changed", text) for text in result.changes),
         *(("remark", text) for text in result.remarks),
     ]
-    return PageFacts("About the fit", "What was fitted, and what was changed in the model", ("Fact", "Value"), rows)
+    return PageFacts("About the fit", "Fitted data, and changes of the model", ("Fact", "Value"), rows)
 
 
 def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure:
-    """Every signal as measured, before and after, and what the fit leaves of it."""
+    """Plots every signal as measured and predicted, and its residuals."""
     panels: list[str] = []
     for signal in signals:
         measured, nominal, fitted = (spelled(f"{signal.name}{end}") for end in ("", "/nominal", "/fitted"))
@@ -135,10 +135,10 @@ def _figure(log: str, signals: Sequence[Column], rows: np.ndarray) -> PageFigure
         figure = TableFigure([table], options, stack)
         figure.read()
         drawn = figure.for_page()
-    description = f"{clean(log)}: measured, by the model before, and by the fitted model"
+    description = f"{clean(log)}: measured, predicted by the original model, and predicted by the fitted model"
     notes = (
         *drawn.notes,
-        f"Each segment begins in the state that fits best; what is held out, every {HORIZON} rows or so.",
+        f"Each segment begins in the state that fits best; held-out data begin again about every {HORIZON} rows.",
     )
     return replace(drawn, description=description, notes=notes)
 

@@ -1,4 +1,4 @@
-"""What a fit may change: paths in the model and delays of signals, each within bounds."""
+"""Free parameters of a fit: paths in the model and delays of signals, each within bounds."""
 
 import math
 import re
@@ -15,11 +15,11 @@ from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import ELEMENTS, Override, elements_at, source_values
 from mjrun.model.source import Source
 
-DELAY = "delay:"  # begins the name of a delay: `delay:ctrl/motor`
+DELAY = "delay:"  # prefix of delays: `delay:ctrl/motor`
 EXPECTED = "LOW..HIGH, log:LOW..HIGH, or either with a prior as in 0.1..2~normal(1, 0.2)"
-# Gains of position servos by the names of their attributes, and the numbers of the model that each stands for.
+# Attributes of position servos, with the fields of the model and the factors that each sets.
 GAINS = {".kp": (("gainprm[0]", 1.0), ("biasprm[1]", -1.0)), ".kv": (("biasprm[2]", -1.0),)}
-MARGIN = 0.02  # of the range: a start at a bound is moved this far from it
+MARGIN = 0.02  # least distance of a start from a bound, as a share of the range
 
 _INERTIA = re.compile(rf"{INERTIA}(?P<body>.+)\.(?P<quantity>{'|'.join(QUANTITIES)})(?:\[(?P<index>\d)\])?")
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -31,18 +31,18 @@ _BOUNDS = re.compile(
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """One number that a fit looks for. Optimizers see it as a coordinate from 0 to 1 between its bounds.
+    """A number to estimate. Optimizers see it as a coordinate from 0 to 1 between its bounds.
 
     Attributes:
-      path: in the model, as overrides have it, `delay:COLUMN` [s], wildcards allowed, or a number of the inertia of a
-        body, such as `inertia:BODY.center[0]`.
-      low, high: its bounds.
-      start: what the model has, or 0 s.
-      is_log: whether the coordinate goes with the logarithm.
-      prior: mean and standard deviation of a normal distribution that is known beforehand; None without one.
-      inertia: of which it is a number; None where it stands for itself.
-      delayed: the columns that it delays.
-      objects: the names of the objects of the model whose number it is.
+      path: path of an override, `delay:COLUMN` [s], with wildcards, or a number of the inertia of a body, such as
+        `inertia:BODY.center[0]`.
+      low, high: bounds.
+      start: value in the model, or 0 s.
+      is_log: whether the coordinate is proportional to the logarithm.
+      prior: mean and standard deviation of a normal prior; None without one.
+      inertia: inertia that the number belongs to; None for other parameters.
+      delayed: columns that it delays.
+      objects: names of the objects of the model that share it.
     """
 
     path: str
@@ -57,28 +57,28 @@ class FreeParameter:
 
     @property
     def sharing(self) -> str:
-        """A sentence about all that has this number, where a wildcard ties several; empty where it does not."""
+        """A sentence about the objects that share the number; empty for a single object."""
         tied = self.objects or self.delayed
-        return f"{clean(self.path)} is one number, shared by {listing(tied)}" if len(tied) > 1 else ""
+        return f"{clean(self.path)} is a single number, shared by {listing(tied)}" if len(tied) > 1 else ""
 
     @property
     def is_delay(self) -> bool:
-        """Whether it is the delay of signals rather than a number of the model."""
+        """Whether it is a delay rather than a number of the model."""
         return bool(self.delayed)
 
     def value(self, coordinate: float) -> float:
-        """The number at a coordinate."""
+        """Returns the number at a coordinate."""
         low, high = self._scaled(self.low), self._scaled(self.high)
         scaled = low + (high - low) * coordinate
         return math.exp(scaled) if self.is_log else float(scaled)
 
     def coordinate(self, value: float) -> float:
-        """The coordinate of a number; that of the nearer bound for one beyond both."""
+        """Returns the coordinate of a number, clipped to the bounds."""
         low, high = self._scaled(self.low), self._scaled(self.high)
         return (self._scaled(min(max(value, self.low), self.high)) - low) / (high - low)
 
     def prior_slope(self, coordinate: float) -> float:
-        """How many standard deviations of the prior the number moves for each unit of the coordinate; 0 without one."""
+        """Returns the slope of the number to its coordinate in standard deviations of the prior; 0 without one."""
         if self.prior is None:
             return 0.0
         slope = self._scaled(self.high) - self._scaled(self.low)
@@ -86,19 +86,19 @@ class FreeParameter:
 
     @property
     def name(self) -> str:
-        """The last part of the path: what a body calls this number of its inertia."""
+        """The last part of the path, which names a number of an inertia."""
         return self.path.rpartition(".")[2]
 
     @property
     def override_path(self) -> str | None:
-        """The path of an override that sets it alone; None where there is none."""
+        """The path of an override that sets it alone; None without one."""
         if self.inertia is not None:
             return self.inertia.path_of(self.name)
         return None if self.is_delay else self.path
 
     @property
     def first_coordinate(self) -> float:
-        """Where to begin: at the mean of the prior, or the value that the model has, off the bounds."""
+        """Initial coordinate: the mean of the prior or the value of the model, at a distance from the bounds."""
         first = self.start if self.prior is None else self.prior[0]
         return min(max(self.coordinate(first), MARGIN), 1 - MARGIN)
 
@@ -107,12 +107,12 @@ class FreeParameter:
 
 
 def values_at(parameters: Sequence[FreeParameter], coordinates: Iterable[float]) -> tuple[float, ...]:
-    """The numbers at coordinates."""
+    """Returns the numbers at coordinates."""
     return tuple(each.value(c) for each, c in zip(parameters, coordinates, strict=True))
 
 
 def overrides(parameters: Sequence[FreeParameter], values: Sequence[float]) -> list[Override]:
-    """What gives the model these values of `parameters`; delays change nothing in it."""
+    """Returns the overrides that set these values of `parameters`; delays need none."""
     changes: list[Override] = []
     inertias: dict[BodyInertia, dict[str, float]] = {}
     for parameter, value in zip(parameters, values, strict=True):
@@ -131,24 +131,24 @@ def _overrides(path: str, value: float) -> list[Override]:
 
 
 def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: Sequence[str]) -> list[FreeParameter]:
-    """The parameters that `texts` name, as path and bounds.
+    """Parses free parameters, given as paths and bounds.
 
     Args:
       source: the model, with its overrides.
-      delayed: the columns that can have a delay: those measured, and the controls.
+      delayed: columns that can have a delay: measured columns and controls.
 
     Raises:
-      UsageError: nothing is free; a path that names nothing, or bounds that cannot be.
+      UsageError: no parameter is free, a path matches nothing, or bounds are invalid.
     """
     if not texts:
-        raise UsageError(f"{option('free')} says what is looked for, as in joint/hinge.damping=0.001..1; nothing is")
+        raise UsageError(f"nothing to fit: name parameters with {option('free')}, such as joint/hinge.damping=0.001..1")
     spec, model = source.compile()
     bodies = _Bodies(spec, model)
     parameters: list[FreeParameter] = []
     for path, text in texts:
         with concerning("free", path):
             if path.rpartition(":")[2] == "opt.timestep":
-                raise UsageError(f"{option('free')} {clean(path)}: time is that of the log; {option('set')} it instead")
+                raise UsageError(f"{option('free')} {clean(path)}: the log determines it; use {option('set')} instead")
             if path.startswith(INERTIA):
                 parameters += bodies.parameters(path, text)
             elif path.startswith(DELAY):
@@ -163,14 +163,14 @@ def free_parameters(texts: Sequence[tuple[str, str]], source: Source, delayed: S
 
 
 class _Bodies:
-    """The inertias of the bodies that parameters name."""
+    """Inertias of bodies with free parameters."""
 
     def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
         self._spec, self._model = spec, model
         self._inertias: dict[str, BodyInertia] = {}
 
     def parameters(self, path: str, text: str) -> list[FreeParameter]:
-        """The numbers of a mass, a centre or a shape, or the one that `path` names."""
+        """Returns the numbers of a mass, a centre or a shape, or the single one that `path` names."""
         match = _INERTIA.fullmatch(path)
         if match is None or int(match["index"] or 0) >= QUANTITIES[match["quantity"]]:
             expected = f"{INERTIA}BODY.mass, .center or .shape, or one number of them such as .center[0]"
@@ -201,17 +201,17 @@ class _Bodies:
 
 
 def require_effect(parameter: FreeParameter, source: Source) -> None:
-    """Compiles the model at both bounds of a parameter of the model.
+    """Compiles the model at both bounds of a parameter.
 
     Raises:
-      UsageError: it compiles at one of them only, or the bounds make no difference.
+      UsageError: the model does not compile at a bound, or does not depend on the parameter.
     """
     if parameter.is_delay:
         return
     with concerning("free", parameter.path):
         prints = {physics_fingerprint(_compiled(parameter, bound, source)) for bound in (parameter.low, parameter.high)}
         if len(prints) == 1:
-            raise UsageError(f"{option('free')} {clean(parameter.path)} changes nothing in the physics of this model")
+            raise UsageError(f"{option('free')} {clean(parameter.path)} does not affect the physics of this model")
 
 
 def _compiled(parameter: FreeParameter, bound: float, source: Source) -> mujoco.MjModel:
@@ -233,7 +233,7 @@ def _parameter(path: str, text: str, start: float) -> FreeParameter:
     if not low < high or (is_log and low <= 0):
         raise BadValueError(name, text, "LOW..HIGH with LOW below HIGH" + (" and above 0" if is_log else ""))
     if path.startswith(DELAY) and low < 0:
-        raise BadValueError(name, text, "a delay [s]: 0 or more")
+        raise BadValueError(name, text, "a delay of at least 0 s")
     prior = None
     if match["mean"] is not None:
         prior = float(match["mean"]), float(match["std"])
@@ -243,7 +243,7 @@ def _parameter(path: str, text: str, start: float) -> FreeParameter:
 
 
 def _delayed(path: str, columns: Sequence[str]) -> tuple[str, ...]:
-    """The columns that a delay is of."""
+    """Returns the columns that a delay affects."""
     pattern = path.removeprefix(DELAY)
     if pattern in columns:
         return (pattern,)
@@ -254,7 +254,7 @@ def _delayed(path: str, columns: Sequence[str]) -> tuple[str, ...]:
 
 
 def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:
-    """The number at `path` in the source: of several objects, their mean."""
+    """Returns the number at `path` in the source, the mean of several objects."""
     override = _overrides(path, 1.0)[-1]
     values = source_values(_source_of(spec, path), override) * float(
         override.value
@@ -262,19 +262,19 @@ def _model_start(path: str, spec: mujoco.MjSpec | None) -> float:
     if override.operation:
         return {"scale": 1.0, "add": 0.0}[override.operation]
     if not np.isfinite(values).all():
-        raise UsageError(f"{option('free')} {clean(path)} is not in the source: the compiler works it out")
+        raise UsageError(f"{option('free')} {clean(path)} is not in the source, since the compiler computes it")
     return float(np.mean(values))
 
 
 def _objects(path: str, spec: mujoco.MjSpec) -> tuple[str, ...]:
-    """The names of those that a path of `KIND/NAME.FIELD` names."""
+    """Returns the names of the objects that a path of the form `KIND/NAME.FIELD` matches."""
     override = _overrides(path, 1.0)[-1]
     if override.target.partition("/")[0] not in ELEMENTS:
         return ()
-    return tuple(element.name or "one without a name" for element in elements_at(spec, override)[0])
+    return tuple(element.name or "an object without a name" for element in elements_at(spec, override)[0])
 
 
 def _source_of(spec: mujoco.MjSpec | None, path: str) -> mujoco.MjSpec:
     if spec is None:
-        raise UsageError(f"{option('free')} {clean(path)}: a compiled model has no source that could be changed")
+        raise UsageError(f"{option('free')} {clean(path)}: a compiled model has no source to change")
     return spec

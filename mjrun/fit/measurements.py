@@ -1,4 +1,4 @@
-"""Logs of a system: what was measured and what was commanded, in time, by the names of a model's columns."""
+"""Logs of a system: measured signals and commands over time, under the names of a model's columns."""
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, listing, option
-from mjrun.fit.rotations import normalize, rotations
+from mjrun.fit.signals import normalize, rotations
 from mjrun.model.names import control_names
 from mjrun.physics.control import SLACK, require_times
 from mjrun.probe.available import AvailableProbes
@@ -20,9 +20,9 @@ from mjrun.simulation.column_map import map_entries
 from mjrun.simulation.mapped_table import column_names, evaluated
 
 TIME, CONTROLS = "time", "ctrl/"
-GAP = 5  # usual times between rows; a longer one ends a segment
-FEWEST = 16  # rows of a segment
-SPARSE = 100  # timesteps between rows; more are likely milliseconds taken for seconds
+GAP = 5  # multiple of the usual time between rows above which a new segment begins
+FEWEST = 16  # least number of rows of a segment
+SPARSE = 100  # timesteps between rows above which times are probably milliseconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class Segment:
     """A stretch of a log without gaps.
 
     Attributes:
-      source: the file.
-      times: of its rows [s], `(n,)`.
-      values: measured, `(n, signals)`; NaN where a sample is missing.
-      controls: commanded, `(n, nu)`, each from its time on.
+      source: file name of the log.
+      times: times of the rows [s], `(n,)`.
+      values: measured values, `(n, signals)`; NaN where a sample is missing.
+      controls: commands, `(n, nu)`, each of which acts from its time on.
     """
 
     source: str
@@ -42,11 +42,11 @@ class Segment:
     controls: np.ndarray
 
     def part(self, rows: slice) -> "Segment":
-        """Consecutive rows as a segment of their own."""
+        """Returns consecutive rows as a separate segment."""
         return Segment(self.source, self.times[rows], self.values[rows], self.controls[rows])
 
     def steps(self, timestep: float) -> np.ndarray:
-        """The times of the rows in timesteps after the first, `(n,)`."""
+        """Returns the times of the rows in timesteps after the first, `(n,)`."""
         return (self.times - self.times[0]) / timestep
 
 
@@ -56,9 +56,9 @@ class Measurements:
 
     Attributes:
       signals: names of columns of the model.
-      segments: in the order of the files and of time.
-      remarks: what the user should know of them.
-      rotations: of the signals, those that are a quaternion, by their places.
+      segments: segments in the order of the files and of time.
+      remarks: remarks for the user.
+      rotations: indices of the signals that are quaternions.
     """
 
     signals: Sequence[str]
@@ -68,17 +68,17 @@ class Measurements:
 
     @property
     def rows(self) -> int:
-        """How many rows there are in all."""
+        """Number of rows of all segments."""
         return sum(len(segment.times) for segment in self.segments)
 
     def without(self, sources: Collection[str]) -> tuple["Measurements", "Measurements"]:
-        """All but the logs `sources`, and these."""
+        """Separates the logs `sources` from all others, which come first."""
         rest = [segment for segment in self.segments if segment.source not in sources]
         held = [segment for segment in self.segments if segment.source in sources]
         return replace(self, segments=rest), replace(self, segments=held)
 
     def split(self, share: float) -> tuple["Measurements", "Measurements"]:
-        """The first part of every file's time, and the last `share` of it, which is held out."""
+        """Separates the last `share` of every file's time, which is held out, from the first part."""
         first: list[Segment] = []
         last: list[Segment] = []
         for source in dict.fromkeys(segment.source for segment in self.segments):
@@ -95,17 +95,18 @@ class Measurements:
 def read_measurements(
     paths: Sequence[str], model: mujoco.MjModel, texts: Sequence[str], constant: np.ndarray, *, linear: bool = False
 ) -> Measurements:
-    """What the tables at `paths` say of `model`.
+    """Reads the measurements of `model` from tables.
 
-    Columns count by their names, those of a trace of the model: `time`, `qpos/knee`, `sensor/gyro/x`, and `ctrl/motor`
-    for what was commanded. A map, `COLUMN=EXPRESSION`, gives others.
+    Columns are named as in a trace of the model: `time`, `qpos/knee`, `sensor/gyro/x`, and `ctrl/motor` for commands.
+    A map, `COLUMN=EXPRESSION`, translates other names.
 
     Args:
-      constant: `(nu,)`, the controls of actuators that no table commands.
-      linear: whether commands go from one to the next in straight lines; they hold otherwise.
+      texts: entries of the map.
+      constant: controls of actuators without commands, `(nu,)`.
+      linear: whether commands are interpolated linearly; otherwise they hold until the next one.
 
     Raises:
-      UsageError: no columns in common, times that do not grow, numbers that are none; a map that cannot be meant.
+      UsageError: no columns in common, times that do not increase, infinite numbers, or an invalid map.
       FileError: a table cannot be read.
     """
     tables = [_Table(path, model, texts, linear) for path in paths]
@@ -135,7 +136,7 @@ def _varies(parts: Sequence[np.ndarray]) -> bool:
 
 
 class _Table:
-    """One log, and what its columns mean."""
+    """One log and the expressions for its signals and commands."""
 
     def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str], linear: bool) -> None:
         self._path, self._model, self._linear = path, model, linear
@@ -145,22 +146,20 @@ class _Table:
         self._expressions, self._has_time_map = self._by_name(names) | mapped, TIME in mapped
         if TIME not in self._expressions:
             likely = next((name for name in names if name.casefold() in ("t", "timestamp", "sec", "seconds")), "COLUMN")
-            raise UsageError(
-                f"{clean(path)} has no column 'time'\n{option('map')} says which column it is, as in time={likely}"
-            )
+            raise UsageError(f"{clean(path)} has no column 'time'\n{option('map')} can name another one: time={likely}")
         self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
         if not self.signals:
             valid = listing([*AvailableProbes(model).names][1:4])
             raise UsageError(
-                f"{clean(path)} measures nothing of this model\nit has {listing(names)}\n"
-                f"the model has columns such as {valid}; {option('map')} says what is what: qpos/knee=knee_deg*pi/180"
+                f"{clean(path)} measures nothing of this model\nits columns are {listing(names)}\n"
+                f"the model has columns such as {valid}; {option('map')} translates names: qpos/knee=knee_deg*pi/180"
             )
         for probe in select(model, self.signals):
             if not isinstance(probe, FieldProbe):
-                raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records it")
+                raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records them")
 
     def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[Segment]:
-        """Its stretches without gaps, with a column for each of `signals`."""
+        """Reads its stretches without gaps, with a column for each of `signals`."""
         columns = evaluated(self._path, self._expressions)
         times = columns[TIME]
         require_times(times, self._path)
@@ -170,34 +169,34 @@ class _Table:
             row, column = np.argwhere(np.isinf(values))[0]
             raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[int(column)])} is infinite")
         if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
-            remarks.append(f"{clean(self._path)}: {counted(holes, 'sample')} missing, and passed over")
+            remarks.append(f"{clean(self._path)}: {counted(holes, 'sample')} missing and skipped")
         normalize(values, rotations(signals, AvailableProbes(self._model).names), clean(self._path))
         controls = self._commands(columns, constant, remarks)
-        if unsaid := int(np.isnan(controls).any(axis=1).sum()):  # at the beginning
-            remarks.append(f"{clean(self._path)}: the {counted(unsaid, 'row')} before the first command left out")
-            times, values, controls = times[unsaid:], values[unsaid:], controls[unsaid:]
+        if unknown := int(np.isnan(controls).any(axis=1).sum()):  # at the beginning
+            remarks.append(f"{clean(self._path)}: skipped the {counted(unknown, 'row')} before the first command")
+            times, values, controls = times[unknown:], values[unknown:], controls[unknown:]
 
         usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         if usual > SPARSE * self._model.opt.timestep and not self._has_time_map:
             steps = usual / self._model.opt.timestep
             raise UsageError(
                 f"{clean(self._path)}: rows are {usual:g} s apart, {steps:,.0f} timesteps of the model\n"
-                f"if the times are milliseconds, {option('map')} time=time/1000; if they are seconds, {option('map')} "
-                "time=time confirms it"
+                f"if the times are milliseconds, add {option('map')} time=time/1000; if they are seconds, confirm with "
+                f"{option('map')} time=time"
             )
         starts = [0, *(np.flatnonzero(np.diff(times) > GAP * usual) + 1).tolist(), len(times)]
         parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
         long = [part for part in parts if part.stop - part.start >= FEWEST]
         if not long:
-            raise FileError(self._path, f"has no stretch of {FEWEST} rows without a gap")
+            raise FileError(self._path, f"has no {FEWEST} consecutive rows without a gap")
         if len(parts) > 1:
             short = len(parts) - len(long)
-            left_out = f"; {short} of fewer than {FEWEST} rows are left out" if short else ""
+            left_out = f"; skipped {short} with fewer than {FEWEST} rows" if short else ""
             remarks.append(f"{clean(self._path)}: gaps in time split it into {len(parts)} segments{left_out}")
         return [Segment(self._path, times[part], values[part], controls[part]) for part in long]
 
     def _commands(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
-        """Controls `(count, nu)`: where a row has none the last one holds, and before the first one there are NaN."""
+        """Returns controls `(count, nu)`: commands hold until the next one; before the first one they are NaN."""
         times = columns[TIME]
         count, missing = len(times), 0
         controls = np.tile(constant, (count, 1))
@@ -219,8 +218,8 @@ class _Table:
                 filled = commanded[known[np.maximum(np.searchsorted(known, rows, side="right") - 1, 0)]]
             controls[:, index] = np.where(rows < known[0], np.nan, filled)
         if missing:
-            filled_by = "straight lines between the others" if self._linear else "the one before"
-            remarks.append(f"{clean(self._path)}: {counted(missing, 'command')} missing, and taken from {filled_by}")
+            filled_by = "linear interpolation" if self._linear else "the one before"
+            remarks.append(f"{clean(self._path)}: {counted(missing, 'command')} missing and replaced by {filled_by}")
         return controls
 
     def _by_name(self, names: Sequence[str]) -> dict[str, RowExpression]:
@@ -248,13 +247,13 @@ def _is_measured(name: str, available: AvailableProbes) -> bool:
 def commands(
     segment: Segment, first: int, count: int, timestep: float, linear: bool, delays: Mapping[int, float]
 ) -> np.ndarray:
-    """The controls `(count, nu)` of the steps from `first` on, counted from the beginning of `segment`.
+    """Returns the controls `(count, nu)` of the steps from `first` on, counted from the beginning of `segment`.
 
-    A command holds until the next one, or goes there in a straight line; before the first one it is the first.
+    A command holds until the next one or is interpolated linearly; the first one also acts before its time.
 
     Args:
-      delays: by actuator, how much later than commanded it acts [s]. What acts during a step is then the mean over it,
-        which changes smoothly with the delay.
+      delays: delays of actuators [s], by index. The control of a step is then the mean over it, which changes smoothly
+        with the delay.
     """
     times = (segment.times - segment.times[0]) / timestep
     steps = np.arange(first, first + count)
@@ -271,7 +270,7 @@ def commands(
 
 
 def _integral(times: np.ndarray, values: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
-    """The integral of a signal from its first time to each of `at`."""
+    """Integrates a signal from its first time to each of `at`."""
     if linear:
         fine = np.union1d(times, at)
         inner = np.interp(fine, times, values)

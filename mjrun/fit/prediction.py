@@ -1,4 +1,4 @@
-"""What a model would have measured: rollouts of stretches of a log, from any state, with any parameters."""
+"""Predictions of measurements: rollouts of stretches of a log from any state, with any parameters."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.errors import ModelError, counted, listing
 from mjrun.fit.free_parameter import FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
-from mjrun.fit.rotations import align, rotations
+from mjrun.fit.signals import align, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import ModelVariants
@@ -20,19 +20,19 @@ from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
 from mjrun.simulation.simulation import Simulation
 
-CONSTRAINTS = "nefc"  # MuJoCo's name for the number of rows of constraints, which contacts and limits change
-ALIKE = 1.25  # lengths of rollouts that are simulated side by side differ by this factor at most
+CONSTRAINTS = "nefc"  # MuJoCo's number of constraint rows, which contacts and limits change
+ALIKE = 1.25  # largest ratio of the lengths of rollouts that are simulated side by side
 
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """A stretch of a segment that is simulated from a state of its own.
+    """A stretch of a segment that is simulated from its own initial state.
 
     Attributes:
-      segment: of which it is a part.
-      rows: which rows of it.
-      first_step: where it begins, in timesteps after the first row of the segment.
-      positions: of its rows, in timesteps after that, `(n,)`.
+      segment: the segment.
+      rows: rows of the segment.
+      first_step: start of the chunk, in timesteps after the first row of the segment.
+      positions: times of the rows, in timesteps after this start, `(n,)`.
     """
 
     segment: Segment
@@ -42,20 +42,20 @@ class Chunk:
 
     @property
     def values(self) -> np.ndarray:
-        """What was measured, `(n, signals)`."""
+        """Measured values, `(n, signals)`."""
         return self.segment.values[self.rows]
 
     @property
     def steps(self) -> int:
-        """How many timesteps it takes to reach the last row."""
+        """Number of timesteps to the last row."""
         return max(math.ceil(self.positions[-1]), 1)
 
 
 def chunks(segments: Sequence[Segment], rows: int, timestep: float, lead: int = 0) -> list[Chunk]:
-    """Segments cut into chunks of about `rows` rows; the last row of one is the first of the next.
+    """Cuts segments into chunks of about `rows` rows; the last row of one is the first of the next.
 
     Args:
-      lead: steps that a chunk begins before its first row, where the segment has them.
+      lead: steps by which a chunk begins before its first row, where the segment has them.
     """
     parts: list[Chunk] = []
     for segment in segments:
@@ -70,10 +70,11 @@ def chunks(segments: Sequence[Segment], rows: int, timestep: float, lead: int = 
 
 @dataclass(frozen=True, eq=False)
 class Rollout:
-    """A chunk, from a start, with parameters.
+    """A simulation of a chunk from an initial state with given parameters.
 
     Attributes:
-      values: of the parameters, in order; None for the model as it was, without delays.
+      chunk: the chunk.
+      values: values of the parameters, in order; None for the original model, without delays.
       start: integration state at the first step of the chunk, `(nstate,)`.
     """
 
@@ -83,10 +84,10 @@ class Rollout:
 
 
 class Failures:
-    """Values of the parameters with which nothing can be simulated.
+    """Simulations that failed.
 
     Attributes:
-      count: of simulations that have failed.
+      count: number of failed simulations.
     """
 
     def __init__(self) -> None:
@@ -94,15 +95,15 @@ class Failures:
         self._example: tuple[tuple[float, ...], str] | None = None
 
     def unstable(self, values: tuple[float, ...] | None) -> None:
-        """Notes that a simulation has become unstable; None for the model as it was."""
+        """Notes that a simulation became unstable; `values` is None for the original model."""
         self._note(values, "a simulation becomes unstable")
 
     def refused(self, values: tuple[float, ...], why: str) -> None:
-        """Notes that the model does not compile, and why."""
+        """Notes the reason why the model does not compile."""
         self._note(values, f"the model does not compile: {why.splitlines()[0]}")
 
     def sentence(self, parameters: Sequence[FreeParameter]) -> str | None:
-        """What the user should know; None if all could be simulated."""
+        """Returns a sentence on the failures; None without any."""
         if self._example is None:
             return None
         values, what = self._example
@@ -119,18 +120,19 @@ class Predictor:
     """Predicts the signals of chunks.
 
     Args:
-      simulation: the model, and what holds it where no log says anything.
-      signals: names of its columns.
-      parameters: what is free.
+      simulation: the model and its settings.
+      signals: names of the measured columns.
+      parameters: free parameters.
 
     Attributes:
-      model: as the source has it.
-      columns: of the signals.
-      rotations: of the signals, those that are a quaternion, by their places.
+      model: the original model.
+      timestep: its timestep [s].
+      columns: columns of the signals.
+      rotations: indices of the signals that are quaternions.
       lead: the longest delay, in timesteps.
-      failures: what could not be simulated.
-      rollouts: how many chunks were simulated.
-      has_impacts: whether contacts or limits have come or gone in any of them.
+      failures: failed simulations.
+      rollouts: number of simulated chunks.
+      has_impacts: whether contacts or limits began or ended in any of them.
     """
 
     def __init__(self, simulation: Simulation, signals: Sequence[str], parameters: Sequence[FreeParameter]) -> None:
@@ -159,13 +161,13 @@ class Predictor:
         self.lead = math.ceil(longest / self.timestep)
 
     def model_with(self, values: Sequence[float] | None) -> mujoco.MjModel:
-        """The model with these values of the parameters, or as it was; not to be changed."""
+        """Returns the model with these values of the parameters, or the original one; callers must not change it."""
         changed = [] if values is None else overrides(self._parameters, values)
         source = replace(self._source, overrides=(*self._source.overrides, *changed))
         return self._variants.load(source).model
 
     def predict(self, rollouts: Sequence[Rollout]) -> list[np.ndarray]:
-        """What each would measure, `(n, signals)` of its chunk; NaN where the simulation fails."""
+        """Predicts the signals of each rollout, `(n, signals)` of its chunk; NaN where the simulation fails."""
         self.rollouts += len(rollouts)
         compiled = {values: self.compiled(values) for values in dict.fromkeys(each.values for each in rollouts)}
         predicted = [np.full((len(each.chunk.positions), len(self._signals)), np.nan) for each in rollouts]
@@ -179,7 +181,7 @@ class Predictor:
         return predicted
 
     def compiled(self, values: tuple[float, ...] | None) -> mujoco.MjModel | None:
-        """The model with these values; None if they cannot be together."""
+        """Returns the model with these values; None if it does not compile."""
         try:
             return self.model_with(values)
         except ModelError as error:
@@ -189,7 +191,7 @@ class Predictor:
             return None
 
     def _recorded(self, rollouts: Sequence[Rollout], models: Sequence[mujoco.MjModel]) -> list[np.ndarray]:
-        """The signals at every step, `(steps + 1, signals)` of each; NaN where the simulation fails."""
+        """Records the signals at every step, `(steps + 1, signals)` of each rollout; NaN where the simulation fails."""
 
         def signals(fields: Fields, initial: Fields) -> np.ndarray:
             self.has_impacts = self.has_impacts or bool(np.ptp(fields[CONSTRAINTS], axis=1).any())
@@ -199,7 +201,7 @@ class Predictor:
         return self._measured(rollouts, models, self._fields, signals)
 
     def positions(self, parts: Sequence[Chunk], values: tuple[float, ...], states: np.ndarray) -> list[np.ndarray]:
-        """Where the model with these values is at the rows of chunks, `qpos`, `(n, nq)` of each.
+        """Simulates the positions `qpos` of the model with these values at the rows of each chunk, `(n, nq)`.
 
         Args:
           states: integration states at the beginning of each chunk, `(chunks, nstate)`.
@@ -216,7 +218,7 @@ class Predictor:
         names: Sequence[str],
         measure: Callable[[Fields, Fields], np.ndarray],
     ) -> list[np.ndarray]:
-        """What `measure` makes of fields at every step of each rollout; NaN where the simulation fails."""
+        """Applies `measure` to fields at every step of each rollout; NaN where the simulation fails."""
         steps = max(each.chunk.steps for each in rollouts)
         controls = np.stack([self.controls(each, steps) for each in rollouts])
         starts = np.stack([each.start for each in rollouts])
@@ -228,13 +230,13 @@ class Predictor:
         return list(np.concatenate(recorded, axis=1))
 
     def controls(self, rollout: Rollout, steps: int) -> np.ndarray:
-        """What is commanded at each of the first steps of a rollout, `(steps, nu)`, as late as it acts."""
+        """Returns the controls of the first steps of a rollout, `(steps, nu)`, with their delays."""
         chunk, values = rollout.chunk, rollout.values
         delays = {} if values is None else {actuator: values[i] for actuator, i in self._late_controls.items()}
         return commands(chunk.segment, chunk.first_step, steps, self.timestep, self._linear, delays)
 
     def _sampled(self, rollout: Rollout, rows: np.ndarray) -> np.ndarray:
-        """`rows` of all steps, interpolated at the positions of the chunk's rows, as late as they are measured."""
+        """Interpolates `rows` of all steps at the positions of the chunk's rows, with the delays of signals."""
         positions = rollout.chunk.positions
         values = _interpolated(rows, positions, slice(None))
         if rollout.values is not None:
@@ -246,7 +248,7 @@ class Predictor:
 
 
 def _interpolated(rows: np.ndarray, positions: np.ndarray, columns: slice | int) -> np.ndarray:
-    """Values between rows in a straight line, which goes on before the first one."""
+    """Interpolates linearly between rows, and extrapolates before the first one."""
     low = np.clip(np.floor(positions).astype(int), 0, len(rows) - 2)
     share = positions - low
     share = share if isinstance(columns, int) else share[:, None]
@@ -254,7 +256,7 @@ def _interpolated(rows: np.ndarray, positions: np.ndarray, columns: slice | int)
 
 
 def _alike(places: Sequence[int], steps: Sequence[int]) -> list[list[int]]:
-    """`places` in groups of rollouts of about as many steps each."""
+    """Groups the indices of rollouts by similar numbers of steps."""
     groups: list[list[int]] = []
     for place in sorted(places, key=lambda i: steps[i]):
         if groups and steps[place] <= ALIKE * steps[groups[-1][0]]:
@@ -269,9 +271,12 @@ def _without_resets(model: mujoco.MjModel) -> None:
 
 
 class States:
-    """The states that chunks begin in, as small deviations from a guess.
+    """Initial states of chunks, as small deviations from a guess.
 
-    A deviation is of positions in the tangent space, `nv` numbers, of velocities, `nv`, and of activations, `na`.
+    A deviation has `nv` numbers of positions in the tangent space, `nv` of velocities, and `na` of activations.
+
+    Attributes:
+      size: length of a deviation.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -279,7 +284,7 @@ class States:
         self.size = 2 * model.nv + model.na
 
     def moved(self, guess: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-        """The integration state `(nstate,)` that deviates from `guess` by `deviation` `(size,)`."""
+        """Returns the integration state `(nstate,)` that deviates from `guess` by `deviation` `(size,)`."""
         model, data, nv = self._model, self._data, self._model.nv
         state.restore(model, data, guess)
         mujoco.mj_integratePos(model, data.qpos, deviation[:nv], 1.0)

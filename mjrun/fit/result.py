@@ -1,11 +1,18 @@
-"""What has come of a fit, as its report has it."""
+"""The result of a fit, as its report has it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mjrun.fit.fitted_inertia import FittedInertia
+import numpy as np
+
+from mjrun.fit.body_inertia import BodyInertia
+from mjrun.fit.free_parameter import FreeParameter
+from mjrun.fit.information import Intervals
+from mjrun.fit.solution import Floats
 
 SCHEMA = "mjrun-fit-1"
+QUANTITIES = {"mass": "kg"}  # of an inertia, with their units
+QUANTITIES |= {f"center/{axis}": "m" for axis in "xyz"} | {f"moment/{i}": "kg m²" for i in (1, 2, 3)}
 
 
 @dataclass(frozen=True)
@@ -13,12 +20,12 @@ class FittedParameter:
     """A parameter.
 
     Attributes:
-      path: in the model, or the delay of a signal.
-      start: what the model had.
-      value: what was found.
+      path: path in the model, or the delay of a signal.
+      start: value in the original model.
+      value: fitted value.
       low, high: ends of its confidence interval.
-      effect: how many standard deviations of their noise the measurements change between its bounds.
-      bound: `low` or `high` if it lies at this bound; else empty.
+      effect: change of the measurements between its bounds, in standard deviations of their noise.
+      bound: `low` or `high` if the value is at this bound; otherwise empty.
     """
 
     path: str
@@ -32,18 +39,18 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class FittedSignal:
-    """How well a signal is predicted, as root mean square errors over its standard deviation.
+    """Prediction errors of a signal: root mean squares over its standard deviation.
 
-    With a robust loss, both are medians of absolute values instead, over that of a normal distribution: outliers are no
-    part of them. The four numbers of a rotation have theirs in common.
+    With a robust loss, errors and spread are estimated by medians, so that outliers do not count. The four numbers of a
+    rotation share their errors.
 
     Attributes:
-      name: of the column.
-      unit: of it.
-      noise: standard deviation of what is left of it after the fit, in this unit.
-      misfit: this over the noise of the log; about 1 where the model explains all but noise.
-      nominal, fitted: errors where it was fitted, before and after; None of a partial fit.
-      holdout_nominal, holdout_fitted: errors on what was held out; None without.
+      name: name of the column.
+      unit: its unit.
+      noise: standard deviation of the residuals of the fit, in this unit.
+      misfit: ratio of this to the noise of the log; about 1 if the model explains all but noise.
+      nominal, fitted: errors in the fitted part, before and after; None of a partial fit.
+      holdout_nominal, holdout_fitted: errors in held-out data; None without.
     """
 
     name: str
@@ -57,28 +64,62 @@ class FittedSignal:
 
 
 @dataclass(frozen=True)
-class FitResult:
-    """What has come of a fit.
+class FittedQuantity:
+    """A quantity of a body.
 
     Attributes:
-      parameters: what was looked for.
-      inertias: of bodies of which numbers were looked for.
-      signals: what was measured.
-      reduced_chi2: mean square of what is left over the noise of the log, for each degree of freedom: about 1 where the
-        model explains all but noise.
-      correlation: between the parameters, in their order.
-      confidence: of the intervals.
-      condition: how well they can be told apart: ratio of singular values.
-      rows, segments: what was fitted.
-      rollouts: how many chunks were simulated.
-      changes: what was changed in the model's text, each in words.
-      remarks: what to know of the measurements and of the fit.
-      ways: how the parameters were searched for, in the order in which it was tried.
-      files: what was written.
+      name: `mass`, `center/x` to `center/z` in the frame of the body, or `moment/1` to `moment/3` of inertia about the
+        principal axes through the centre, largest first.
+      unit: its unit.
+      start: value in the original model.
+      value: fitted value.
+      low, high: ends of its confidence interval.
+    """
+
+    name: str
+    unit: str
+    start: float
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class FittedInertia:
+    """The inertia of a body.
+
+    Attributes:
+      body: name of the body.
+      quantities: mass, centre and moments.
+    """
+
+    body: str
+    quantities: Sequence[FittedQuantity]
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """The result of a fit.
+
+    Attributes:
+      parameters: fitted parameters.
+      inertias: inertias with fitted numbers.
+      signals: measured signals.
+      reduced_chi2: squared residuals over the noise of the log, per degree of freedom; about 1 if the model explains
+        all but noise.
+      correlation: correlations between the parameters, in their order.
+      confidence: confidence level of the intervals.
+      condition: ratio of singular values; large if parameters are hard to distinguish.
+      rows, segments: size of the fitted data.
+      rollouts: number of simulated chunks.
+      changes: changes of the model's text, in words.
+      remarks: remarks on the measurements and the fit.
+      ways: search methods, in the order in which they were tried.
+      files: written files.
       wall: wall time [s].
-      loss: how residuals counted.
-      partial: whether the fit was interrupted: there is something better, and intervals are those of shorter stretches.
-      schema: of this document.
+      loss: loss function of the residuals.
+      partial: whether the fit was interrupted, so that parameters and intervals are preliminary.
+      schema: schema of this document.
     """
 
     parameters: Sequence[FittedParameter]
@@ -99,3 +140,28 @@ class FitResult:
     loss: str = "linear"
     partial: bool = False
     schema: str = SCHEMA
+
+
+def fitted_inertias(
+    parameters: Sequence[FreeParameter], values: Sequence[float], known: Intervals
+) -> list[FittedInertia]:
+    """Returns the inertias of which `parameters` are numbers, with the fitted `values`."""
+
+    def quantities(draw: Sequence[float] | Floats, inertia: BodyInertia) -> Floats:
+        return _quantities(
+            inertia, {p.name: float(v) for p, v in zip(parameters, draw, strict=True) if p.inertia is inertia}
+        )
+
+    inertias: list[FittedInertia] = []
+    for inertia in dict.fromkeys(each.inertia for each in parameters if each.inertia is not None):
+        low, high = known.of(lambda draw, inertia=inertia: quantities(draw, inertia))
+        columns = (_quantities(inertia, {}), quantities(values, inertia), low, high)
+        rows = zip(QUANTITIES.items(), *(column.tolist() for column in columns), strict=True)
+        inertias.append(FittedInertia(inertia.body, [FittedQuantity(*name, *numbers) for name, *numbers in rows]))
+    return inertias
+
+
+def _quantities(inertia: BodyInertia, values: Mapping[str, float]) -> Floats:
+    """Returns the numbers of `QUANTITIES`, `(7,)`."""
+    mass, center, _ = inertia.at(values)
+    return np.array([mass, *center, *inertia.principal_moments(values)])

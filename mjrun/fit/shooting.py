@@ -1,9 +1,9 @@
-"""Shooting: parameters and the states in which stretches of a log begin, found together by least squares.
+"""Shooting: joint least squares of parameters and the initial states of stretches of a log.
 
-What counts are whole segments, each from one state, which is fitted. They are tried first; where they do not come down
-to the noise of the log, other ways lead to them: short stretches, each from a state of its own (H. G. Bock, "Recent
-advances in parameter identification techniques for O.D.E.", 1983), and other starts. Where contacts make the motion
-rough, ensembles go through openings of segments that grow.
+The result explains whole segments, each from one fitted state. They are tried first. If their residuals stay above the
+noise of the log, the search continues from other starts and over short stretches, each from its own state (H. G. Bock,
+"Recent advances in parameter identification techniques for O.D.E.", 1983), which become longer and begin in the states
+of the shorter ones. If contacts make the motion rough, ensembles fit openings of segments that become longer.
 """
 
 from collections.abc import Sequence
@@ -15,33 +15,31 @@ from mjrun.fit.ensemble import Ensemble
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
-from mjrun.fit.noise import LEAST_NOISE
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
-from mjrun.fit.rotations import shared
 from mjrun.fit.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
+from mjrun.fit.signals import LEAST_NOISE, shared
 from mjrun.fit.solution import Floats, Solution
-from mjrun.fit.starting_states import StartingStates
-from mjrun.fit.unmeasured_states import simulated_starts
+from mjrun.fit.starting_states import StartingStates, simulated_starts
 
 SHORTEST = 24  # rows of the shortest stretches
 GROWTH = 2
-CONTACT_EVALUATIONS = 8  # within which a motion with contacts is explained, or taken for rough
-OTHERS = 2  # other starts of whole segments, before stretches are tried
-MODEST = 100.0  # reduced χ² below which two searches that end alike confirm each other
-ALIKE = 0.01  # relative difference of the costs of two solutions that are taken for one
-SHOTS = 3  # searches where contacts make the motion rough
-BESIDE = 0.1  # of the range of a parameter, between searches where contacts make the motion rough
+CONTACT_EVALUATIONS = 8  # evaluations after which a motion with contacts that is not explained counts as rough
+OTHERS = 2  # other starts of whole segments before stretches are tried
+MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
+ALIKE = 0.01  # relative difference of the costs of two searches that end alike
+SHOTS = 3  # number of searches if contacts make the motion rough
+BESIDE = 0.1  # distance between such searches, as a share of the range of a parameter
 WHOLE = 10**9  # rows
 
 
 @dataclass
 class Search:
-    """What a search has come to.
+    """The result of a search.
 
     Attributes:
-      own: whole segments by the model as it was, from the states that fit best.
-      best: whole segments by the best parameters.
-      ways: the ways that were tried, in words.
+      own: solution of whole segments by the original model, from the states that fit best.
+      best: solution of whole segments by the best parameters.
+      ways: methods that were tried, in words.
     """
 
     own: Solution
@@ -53,8 +51,8 @@ class Shooting:
     """Fits parameters to segments.
 
     Args:
-      loss: of scipy's `least_squares`: `linear`, or one that outliers weigh less in.
-      seed: of the random points that rough sums of squares are tried at.
+      loss: loss function of scipy's `least_squares`; all but `linear` reduce the weight of outliers.
+      seed: seed of random points in searches of rough sums of squares.
     """
 
     def __init__(
@@ -70,15 +68,15 @@ class Shooting:
         self._states, self._is_rough = States(predictor.model), False
 
     def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
-        """The chunks of about `rows` rows."""
+        """Cuts segments into chunks of about `rows` rows."""
         return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
 
     def guessed(self, parts: Sequence[Chunk], coordinates: Floats | None, before: Solution | None = None) -> Floats:
-        """States to begin with, from what was measured, and else from the model.
+        """Guesses initial states from measurements and, for what is not measured, from the model.
 
         Args:
-          coordinates: of the parameters; None for the model as it was.
-          before: a solution of shorter stretches, whose states are taken where these begin at the same rows.
+          coordinates: coordinates of the parameters; None for the original model.
+          before: solution of shorter stretches, whose states replace guesses for the same initial rows.
         """
         if self._starting.all_measured:
             states = np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
@@ -89,7 +87,7 @@ class Shooting:
         return np.stack([solved.get(_begin(part), guess) for part, guess in zip(parts, states, strict=True)])
 
     def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
-        """Residuals and sensitivities at a start, where nothing is minimized."""
+        """Returns residuals and sensitivities at a start, without a search."""
         return replace(self._run(GaussNewton(self._problem(parts, coordinates, states, noise)).look()), loss="linear")
 
     def solve(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
@@ -97,15 +95,15 @@ class Shooting:
         return self._run(GaussNewton(self._problem(parts, coordinates, states, noise)).minimize())
 
     def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats) -> Solution:
-        """The states alone that minimize the residuals of `parts`, the parameters being as they are.
+        """Minimizes the residuals of `parts` over the states, with constant parameters.
 
         Args:
-          coordinates: of the parameters; None for the model as it was.
+          coordinates: coordinates of the parameters; None for the original model.
         """
         return self._run(self._grown(parts, coordinates, noise, fixed=True))
 
     def weighted(self, solution: Solution) -> Solution:
-        """A solution of the same chunks, from that of `solution`, in which signals count by its residuals."""
+        """Minimizes again from `solution`, with signals weighted by its residuals."""
         noise = solution.noise_scale
         values = np.concatenate([part.values for part in solution.chunks])
         groups = self._predictor.rotations
@@ -117,10 +115,10 @@ class Shooting:
     def search(
         self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
     ) -> Search:
-        """The best parameters for whole segments.
+        """Searches for the best parameters for whole segments.
 
         Args:
-          starts: coordinates; the first is that of the model as it was.
+          starts: initial coordinates, those of the original model first.
           advanced: called with every solution that is better than all before.
         """
         whole = self.cut(segments)
@@ -129,7 +127,7 @@ class Shooting:
         search = Search(own, first, ["whole segments"])
 
         if not self._is_rough and search.best.reduced >= EXPLAINED:
-            self._go_on(search, segments, starts, noise, advanced)
+            self._continue(search, segments, starts, noise, advanced)
         if self._is_rough:
             search.ways.append("ensembles of nearby states, as contacts make the motion rough")
             begins = [*starts[1:], *self._beside(first.coordinates)]
@@ -139,19 +137,19 @@ class Shooting:
             search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
         if search.best.cost <= own.cost:
             return search
-        if self._is_rough:  # the model itself is as near to the log as simulations come
+        if self._is_rough:  # no simulation is nearer to the log than that of the original model
             search.best = replace(search.best, coordinates=starts[0], states=own.states, residuals=own.residuals)
-        else:  # from where the model is explained best by itself
+        else:  # from the states that fit the original model best
             better = self.solve(whole, starts[0], own.states, noise)
             search.best = min([search.best, better], key=lambda each: each.cost)
         return search
 
     def _beside(self, coordinates: Floats) -> list[Floats]:
-        """Coordinates on two opposite sides: searches that end alike from there do not owe it to where they began."""
+        """Returns coordinates on two opposite sides, so that searches that end alike do not depend on their start."""
         move = BESIDE * np.random.default_rng(self._seed).choice([-1.0, 1.0], len(coordinates))
         return [np.clip(coordinates + move, 0, 1), np.clip(coordinates - move, 0, 1)]
 
-    def _go_on(
+    def _continue(
         self,
         search: Search,
         segments: Sequence[Segment],
@@ -159,11 +157,11 @@ class Shooting:
         noise: Floats,
         advanced: Advanced | None,
     ) -> None:
-        """Tries stretches, from other starts too, until the log is explained or two ways end alike."""
+        """Tries other starts and stretches until the log is explained or two searches end alike."""
         whole = self.cut(segments)
 
         def is_end(solutions: Sequence[Solution]) -> bool:
-            """Keeps the best, and says whether there is no need to go on."""
+            """Keeps the best solution; returns whether the search is complete."""
             is_same = False
             for each in solutions:
                 is_same |= abs(each.cost - search.best.cost) < ALIKE * each.cost
@@ -174,7 +172,7 @@ class Shooting:
             is_same &= search.best.reduced < MODEST
             return is_same or self._is_rough or search.best.reduced < EXPLAINED
 
-        # Far from the noise, stretches lead there sooner.
+        # Far from the noise, stretches succeed sooner.
         for start in starts[1 : 1 + OTHERS] if search.best.reduced < MODEST else []:
             search.ways.append("whole segments from another start")
             if is_end([self._run(self._grown(whole, start, noise))]):
@@ -193,7 +191,7 @@ class Shooting:
                     return
 
     def stages(self, segments: Sequence[Segment]) -> list[tuple[int, list[Chunk]]]:
-        """Stretches of more and more rows, short of whole segments: how many, and the chunks."""
+        """Returns stretches of increasing length, shorter than whole segments: the number of rows, and the chunks."""
         rows, cuts = SHORTEST, list[tuple[int, list[Chunk]]]()
         while len(parts := self.cut(segments, rows)) > len(segments):
             cuts.append((rows, parts))
@@ -210,11 +208,11 @@ class Shooting:
         before: Solution | None = None,
         advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
-        """Solutions of whole chunks, from states that fit their first rows; by ensembles where contacts make the motion
-        rough.
+        """Solves whole chunks from states that fit their first rows, with ensembles if contacts make the motion rough.
 
         Args:
-          before: a solution of stretches, whose states are those from which whole chunks begin.
+          fixed: whether the parameters are constant.
+          before: solution of stretches, whose states replace those of the first rows.
         """
         if not self._is_rough:
             states = self.guessed(parts, coordinates, before)
@@ -247,7 +245,7 @@ class Shooting:
         seed: int = 0,
         advanced: Advanced | None = None,
     ) -> Simulating[Solution]:
-        """Solutions of longer and longer openings of chunks by ensembles, each from where the one before has ended."""
+        """Solves openings of chunks of increasing length by ensembles, each from the end of the one before."""
         states, scatter, rows = self.guessed(parts, coordinates), None, SHORTEST
         while True:
             openings = [_opening(part, rows) for part in parts]
@@ -282,7 +280,7 @@ def _begin(chunk: Chunk) -> tuple[int, int]:
 
 
 def _opening(chunk: Chunk, rows: int = SHORTEST) -> Chunk:
-    """The first rows of a chunk; all if few more are left."""
+    """Returns the first rows of a chunk; all if few more follow."""
     if len(chunk.positions) < 1.5 * rows:
         return chunk
     return replace(chunk, rows=slice(chunk.rows.start, chunk.rows.start + rows), positions=chunk.positions[:rows])

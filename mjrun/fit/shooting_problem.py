@@ -1,7 +1,7 @@
 """Least squares of multiple shooting: residuals and slopes of all chunks, by finite differences of rollouts.
 
-Functions that simulate are generators: each yields the rollouts that it needs and is sent what they predict, so that
-several problems are simulated in one batch, over all cores (`together`).
+Functions that simulate are generators: each yields the rollouts that it needs and receives their predictions, so that
+several problems are simulated in one batch on all cores (`together`).
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -14,10 +14,10 @@ from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.prediction import Chunk, Predictor, Rollout, States
 from mjrun.fit.solution import LOSSES, Floats, Solution
 
-NUDGE = 1e-5  # of a coordinate from 0 to 1, for finite differences
-STATE_NUDGE = 1e-6  # of positions, velocities and activations
-STATE_SCALE = 10.0  # standard deviation that keeps in place what no signal tells of a state
-PENALTY = 1e3  # residual, in standard deviations of the noise, where a simulation fails
+NUDGE = 1e-5  # step of finite differences of coordinates, which go from 0 to 1
+STATE_NUDGE = 1e-6  # step of finite differences of positions, velocities and activations
+STATE_SCALE = 10.0  # standard deviation of a prior of states, for components that no signal determines
+PENALTY = 1e3  # residual where a simulation fails, in standard deviations of the noise
 
 Result = TypeVar("Result")
 Simulating = Generator[Sequence[Rollout], Sequence[Floats], Result]
@@ -25,13 +25,13 @@ Advanced = Callable[[Solution], None]
 
 
 def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[Result]:
-    """Runs generators side by side: what all of them ask for is simulated as one batch."""
+    """Runs generators side by side and simulates their requests as one batch."""
     results: dict[int, Result] = {}
     waiting: dict[int, Sequence[Rollout]] = {}
 
     def advance(index: int, predicted: Sequence[Floats] | None) -> None:
         try:
-            waiting[index] = tasks[index].send(predicted)  # pyright: ignore[reportArgumentType]  (None begins)
+            waiting[index] = tasks[index].send(predicted)  # pyright: ignore[reportArgumentType]  (None starts)
         except StopIteration as end:
             results[index] = end.value
 
@@ -50,8 +50,8 @@ class Point:
     """Values of the unknowns.
 
     Attributes:
-      coordinates: of the parameters, `(p,)`.
-      deviations: of the states of the chunks from their guesses, `(chunks, size)`.
+      coordinates: coordinates of the parameters, `(p,)`.
+      deviations: deviations of the states of the chunks from their guesses, `(chunks, size)`.
     """
 
     coordinates: Floats
@@ -59,21 +59,22 @@ class Point:
 
 
 class ShootingProblem:
-    """Least squares of one stage: unknowns are the coordinates, unless fixed, then the deviations of each chunk.
+    """Least squares of one stage, whose unknowns are the coordinates, unless fixed, and the state of each chunk.
 
     Args:
-      coordinates: where to begin; None for the model as it was, whose parameters are fixed.
-      guesses: states at the beginning of the chunks, `(chunks, nstate)`.
+      parts: chunks to simulate.
+      coordinates: initial coordinates; None for the original model with fixed parameters.
+      guesses: initial states of the chunks, `(chunks, nstate)`.
       noise: standard deviation of each signal, `(signals,)`.
-      loss: of scipy's `least_squares`.
+      loss: loss function of scipy's `least_squares`.
+      fixed: whether the coordinates are fixed.
 
     Attributes:
-      parts: the chunks.
-      start: where to begin.
-      noise, loss: as above.
-      known: which values of each chunk are measured.
-      free: how many coordinates are looked for.
-      size: numbers of the deviation of a state.
+      parts, noise, loss: the arguments.
+      start: initial point of a search.
+      known: masks of the measured values of each chunk.
+      free: number of free coordinates.
+      size: number of unknowns of a state.
     """
 
     def __init__(
@@ -97,11 +98,11 @@ class ShootingProblem:
         self.known = [np.isfinite(part.values) for part in parts]
 
     def states(self, point: Point) -> Floats:
-        """Integration states at the beginning of the chunks, `(chunks, nstate)`."""
+        """Returns the integration states at the beginning of the chunks, `(chunks, nstate)`."""
         return np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, point.deviations, strict=True)])
 
     def residuals(self, points: Sequence[Point]) -> Simulating[list[list[Floats]]]:
-        """In standard deviations of the noise, `(n, signals)` of each chunk at each of `points`."""
+        """Computes residuals of each chunk at each point, `(n, signals)`, in standard deviations of the noise."""
         starts = [(i, p.coordinates, p.deviations[i]) for p in points for i in range(len(self.parts))]
         left = yield from self._left(starts)
         count = len(self.parts)
@@ -110,12 +111,12 @@ class ShootingProblem:
     def slopes(
         self, point: Point, residuals: Sequence[Floats], *, of_states: bool = True, wider: float = 1.0
     ) -> Simulating[tuple[list[Floats], list[Floats]]]:
-        """Of the residuals of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
+        """Computes slopes of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
 
         Args:
-          residuals: at `point`.
-          of_states: whether the second is asked for; it is empty otherwise.
-          wider: factor of the steps of finite differences that suit smooth motions.
+          residuals: residuals at `point`.
+          of_states: whether to compute slopes to states; they are empty otherwise.
+          wider: factor of the steps of finite differences.
         """
         count, size = len(self.parts), self.size if of_states else 0
         x, nudge = point.coordinates, wider * STATE_NUDGE
@@ -138,19 +139,19 @@ class ShootingProblem:
         return [each[..., : self.free] for each in slopes], [each[..., self.free :] for each in slopes if size]
 
     def cost(self, point: Point, residuals: Sequence[Floats]) -> float:
-        """Half the sum of squares, as the loss counts them, with what holds states and parameters in place."""
+        """Returns half the sum of squares under the loss, including the priors of states and parameters."""
         loss = LOSSES[self.loss]
         squares = sum(float(loss(r[k] ** 2).sum()) for r, k in zip(residuals, self.known, strict=True))
         priors, _ = self.priors(point.coordinates)
         return 0.5 * (squares + float(((point.deviations / STATE_SCALE) ** 2).sum()) + float(priors @ priors))
 
     def solution(self, point: Point, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]) -> Solution:
-        """A point as a solution; slopes are those of the coordinates and of the states for each chunk."""
+        """Returns a point as a solution; `slopes` has those to the coordinates and to the state for each chunk."""
         shown = [np.where(known, r, np.nan) for r, known in zip(residuals, self.known, strict=True)]
         return Solution(self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss)
 
     def priors(self, coordinates: Floats) -> tuple[Floats, Floats]:
-        """What is known beforehand: residuals of the coordinates, `(p,)`, 0 without a prior, and their slopes."""
+        """Returns the residuals of the coordinates under their priors, `(p,)`, 0 without a prior, and their slopes."""
         left, slopes = np.zeros(self.free), np.zeros(self.free)
         for j, each in enumerate(self._parameters[: self.free]):
             if each.prior:
@@ -159,7 +160,7 @@ class ShootingProblem:
         return left, slopes
 
     def _left(self, starts: Sequence[tuple[int, Floats, Floats]]) -> Simulating[list[Floats]]:
-        """Residuals `(n, signals)` of a chunk, by its place, with coordinates and the deviation of its state."""
+        """Computes residuals `(n, signals)` for each index of a chunk, coordinates, and deviation of its state."""
         predicted = yield [self._rollout(*start) for start in starts]
         left = [(rows - self.parts[i].values) / self.noise for (i, _, _), rows in zip(starts, predicted, strict=True)]
         return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]

@@ -1,15 +1,12 @@
-"""What least squares finds, and how its residuals count."""
+"""Solutions of least squares, and loss functions of their residuals."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mjrun.fit.noise import NORMAL_MEDIAN
 from mjrun.fit.prediction import Chunk
-
-Floats = NDArray[np.float64]
+from mjrun.fit.signals import NORMAL_MEDIAN, Floats
 
 # The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
 LOSSES: dict[str, Callable[[Floats], Floats]] = {
@@ -28,20 +25,21 @@ LOSS_SLOPES: dict[str, Callable[[Floats], Floats]] = {
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What least squares has found.
+    """A solution of least squares.
 
     Attributes:
-      chunks: the stretches that were simulated.
-      coordinates: of the parameters, `(p,)`.
+      chunks: simulated stretches.
+      coordinates: coordinates of the parameters, `(p,)`.
       states: integration states at the beginning of each chunk, `(chunks, nstate)`.
-      residuals: of the rows of each chunk, in standard deviations of the noise, `(n, signals)`; NaN where nothing was
+      residuals: residuals of each chunk in standard deviations of the noise, `(n, signals)`; NaN where nothing was
         measured.
-      sensitivities: of these to the coordinates, `(n, signals, p)`, and to the states, `(n, signals, size)`.
-      noise: standard deviation of each signal that was assumed, `(signals,)`.
-      loss: how residuals counted.
-      ends: coordinates at which other searches have ended, `(searches, p)`, where contacts make the motion rough; none
-        where it is smooth.
-      variances: of residuals with the roughness of the motion, as `residuals`; none where it is smooth: all are 1.
+      sensitivities: slopes of the residuals to the coordinates, `(n, signals, p)`, and to the states,
+        `(n, signals, size)`.
+      noise: assumed standard deviation of each signal, `(signals,)`.
+      loss: loss function of the residuals.
+      ends: coordinates at which other searches ended, `(searches, p)`, if contacts make the motion rough.
+      variances: variances of the residuals in the shape of `residuals`, if contacts make the motion rough; otherwise
+        empty, and all are 1.
     """
 
     chunks: Sequence[Chunk]
@@ -56,33 +54,33 @@ class Solution:
 
     @property
     def cost(self) -> float:
-        """Root mean square of the residuals as the loss counts them; 1 or so where the model explains all but noise."""
+        """Root mean square of the residuals under the loss; about 1 if the model explains all but noise."""
         squares = np.concatenate([each[np.isfinite(each)] for each in self.residuals]) ** 2
         return float(np.sqrt(LOSSES[self.loss](squares).mean()))
 
     @property
     def reduced(self) -> float:
-        """The reduced χ²: the mean square of the residuals, as the loss counts them, for each degree of freedom."""
+        """Reduced χ²: sum of squares of the residuals under the loss per degree of freedom."""
         numbers = sum(int(np.isfinite(each).sum()) for each in self.residuals)
         return self.cost**2 * numbers / max(numbers - self.unknowns, 1)
 
     @property
     def unknowns(self) -> int:
-        """How many numbers were looked for."""
+        """Number of unknowns."""
         (of_coordinates, of_states), count = self.sensitivities[0], len(self.chunks)
         return of_coordinates.shape[-1] + count * of_states.shape[-1]
 
     @property
     def observed_noise(self) -> Floats:
-        """Root mean square of what is left of each signal, `(signals,)`."""
+        """Root mean square residual of each signal in its unit, `(signals,)`."""
         squares = np.concatenate(list(self.residuals)) ** 2
         return np.sqrt(np.nanmean(squares, axis=0)) * self.noise
 
     @property
     def noise_scale(self) -> Floats:
-        """The standard deviation of the noise of each signal, `(signals,)`.
+        """Standard deviation of the noise of each signal, `(signals,)`.
 
-        With a robust loss it is that of the middle half of the residuals: outliers are no part of it.
+        With a robust loss, medians estimate it, so that outliers do not count.
         """
         if self.loss == "linear":
             return self.observed_noise
@@ -90,19 +88,18 @@ class Solution:
 
     @property
     def weights(self) -> list[Floats]:
-        """How much residuals count, 1 with a linear loss and smooth motion: derivatives of the loss by their squares,
-        as `residuals`."""
+        """Weights of the squared residuals, in the shape of `residuals`; 1 with a linear loss and smooth motion."""
         variances = self.variances or [np.ones_like(each) for each in self.residuals]
         return [loss_weights(self.loss, *each) for each in zip(self.residuals, variances, strict=True)]
 
 
 def loss_weights(loss: str, residuals: Floats, variances: Floats | float = 1.0) -> Floats:
-    """Weights of the squares of residuals: derivatives of the loss by these squares."""
+    """Returns the weights of squared residuals: derivatives of the loss by these squares."""
     return LOSS_SLOPES[loss](residuals**2 / variances) / variances
 
 
 def with_noise(solution: Solution, noise: Floats) -> Solution:
-    """The same, with residuals in other standard deviations."""
+    """Returns the same solution with residuals in other standard deviations."""
     factor = solution.noise / noise
     residuals = [each * factor for each in solution.residuals]
     slopes = [(a * factor[:, None], b * factor[:, None]) for a, b in solution.sensitivities]

@@ -1,30 +1,32 @@
-"""First guesses of the states in which chunks begin, from what was measured there."""
+"""First guesses of the initial states of chunks, from measurements and, for what is not measured, from a simulation."""
 
+import math
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from mjrun.fit.prediction import Chunk
+from mjrun.fit.measurements import Segment
+from mjrun.fit.prediction import Chunk, Predictor, Rollout
 from mjrun.model import state
 from mjrun.probe.fields import field_probe
 
 JOINTPOS, JOINTVEL = int(mujoco.mjtSensor.mjSENS_JOINTPOS), int(mujoco.mjtSensor.mjSENS_JOINTVEL)
 WINDOW = 9  # rows to which a parabola is fitted
-LONGER = (72, 36, 18)  # rows that take its place, the most that a parabola fits
-FITTING = 1.35  # residuals of such a parabola, in standard deviations of the noise, at most
+LONGER = (72, 36, 18)  # numbers of rows that are preferred if a parabola fits them
+FITTING = 1.35  # largest residuals of such a parabola, in standard deviations of the noise
 
 
 class StartingStates:
-    """Guesses states from measured columns of `qpos` and `qvel`; what is not measured is as at the start.
+    """Guesses states from measured columns of `qpos` and `qvel`; everything else is taken from a given state.
 
     Args:
-      start: an integration state, `(nstate,)`.
-      noise: standard deviation of each signal, `(signals,)`; 0 where it is not known.
+      start: integration state for everything that is not measured, `(nstate,)`.
+      noise: standard deviation of each signal, `(signals,)`; 0 where unknown.
 
     Attributes:
-      start: the same.
-      all_measured: whether measurements tell all positions and velocities, and there are no activations.
+      start: the argument.
+      all_measured: whether measurements determine all positions and velocities, and the model has no activations.
     """
 
     def __init__(
@@ -40,10 +42,10 @@ class StartingStates:
         self.all_measured = len(self._qpos) == model.nq and len(velocities) == model.nv and not model.na
 
     def guess(self, chunk: Chunk, timestep: float, start: np.ndarray | None = None) -> np.ndarray:
-        """The integration state `(nstate,)` at the first step of `chunk`.
+        """Guesses the integration state `(nstate,)` at the first step of `chunk`.
 
         Args:
-          start: the state that says what is not measured, if another than that of the start.
+          start: state for everything that is not measured; None for `self.start`.
         """
         data = mujoco.MjData(self._model)
         state.restore(self._model, data, self.start if start is None else start)
@@ -51,7 +53,7 @@ class StartingStates:
         return state.save(self._model, data)
 
     def place(self, data: mujoco.MjData, chunk: Chunk, timestep: float) -> None:
-        """Puts `data` where `chunk` begins, as far as that is measured."""
+        """Sets the measured positions and velocities of `data` to those at the beginning of `chunk`."""
         rows, seconds, noise = chunk.values[: LONGER[0]], chunk.positions[: LONGER[0]] * timestep, self._noise
         for index, signal in self._qpos.items():
             data.qpos[index] = _at_start(seconds, rows[:, signal], data.qpos[index], noise[signal])[0]
@@ -66,7 +68,7 @@ class StartingStates:
             data.qvel[index] = _at_start(seconds, rows[:, signal], data.qvel[index], noise[signal])[0]
 
     def _rates_of_positions(self) -> dict[int, int]:
-        """Velocities that are the rates of measured positions: of all joints but for rotations of three axes."""
+        """Maps velocities to the signals whose rates they are, of all joints except rotations about three axes."""
         model, rates = self._model, dict[int, int]()
         for joint in range(model.njnt):
             first, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
@@ -77,7 +79,7 @@ class StartingStates:
         return rates
 
     def _measured_rotations(self) -> dict[int, int]:
-        """Where the quaternions of measured rotations are in `qpos`, and their angular velocities in `qvel`."""
+        """Maps indices of measured quaternions in `qpos` to those of their angular velocities in `qvel`."""
         model, speeds = self._model, dict[int, int]()
         for joint in range(model.njnt):
             first, speed = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
@@ -90,7 +92,7 @@ class StartingStates:
 
 
 def _rotation_at_start(seconds: np.ndarray, quaternions: np.ndarray, noise: float) -> tuple[np.ndarray, np.ndarray]:
-    """Quaternion and angular velocity in its frame at 0 s, by parabolas of the rotation since the first sample."""
+    """Returns quaternion and angular velocity at 0 s, by parabolas of the rotation since the first sample."""
     known = np.isfinite(quaternions).all(axis=1)
     first = quaternions[known][0].copy()
     turns = np.empty((int(known.sum()), 3))
@@ -102,15 +104,15 @@ def _rotation_at_start(seconds: np.ndarray, quaternions: np.ndarray, noise: floa
 
 
 def measured_positions(model: mujoco.MjModel, signals: Sequence[str]) -> dict[int, int]:
-    """Which number of `qpos` each signal measures, by itself or as the sensor of a joint: signals by number."""
+    """Maps indices of `qpos` to the signals that measure them, as columns or as sensors of joints."""
     return _places(model, "qpos", signals, JOINTPOS)
 
 
 def _places(model: mujoco.MjModel, field: str, signals: Sequence[str], sensor: int) -> dict[int, int]:
-    """Which number of a field each signal measures: signals by number.
+    """Maps indices of a field to the signals that measure them.
 
     Args:
-      sensor: the type of sensors of a joint that measure it too.
+      sensor: type of joint sensors that measure the field too.
     """
     names = [column.name for column in field_probe(model, field).columns]
     places = {"qpos": model.jnt_qposadr, "qvel": model.jnt_dofadr}[field]
@@ -123,9 +125,9 @@ def _places(model: mujoco.MjModel, field: str, signals: Sequence[str], sensor: i
 
 
 def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float, noise: float) -> tuple[float, float]:
-    """Value and rate at 0 s of a parabola through the first samples; `otherwise` and 0 without any.
+    """Returns value and rate at 0 s of a parabola through the first samples; `otherwise` and 0 without any.
 
-    It goes through as many samples as one explains to the noise: the more there are, the less their noise counts.
+    It uses as many samples as one parabola explains to the noise, since more samples reduce the effect of noise.
     """
     for window in LONGER:
         known = np.isfinite(values[:window])
@@ -141,3 +143,67 @@ def _at_start(seconds: np.ndarray, values: np.ndarray, otherwise: float, noise: 
         return otherwise, 0.0
     factors = np.polynomial.polynomial.polyfit(seconds[:WINDOW][known], values[:WINDOW][known], min(2, count - 1))
     return float(factors[0]), float(factors[1]) if len(factors) > 1 else 0.0
+
+
+def simulated_starts(
+    predictor: Predictor, starting: StartingStates, parts: Sequence[Chunk], values: tuple[float, ...] | None
+) -> np.ndarray:
+    """Simulates states at the beginning of each chunk, `(chunks, nstate)`.
+
+    Every segment is simulated with its commands, and at each of its rows measured positions and velocities are set to
+    their measured values. The rest follows from the model: a car of which only the wheels are measured moves as they
+    roll.
+
+    Args:
+      values: values of the parameters; None for the original model.
+    """
+    starts = np.empty((len(parts), len(starting.start)))
+    for segment in {id(part.segment): part.segment for part in parts}.values():
+        places = [i for i, part in enumerate(parts) if part.segment is segment]
+        wanted = [parts[i].first_step for i in places]
+        states = _simulated(predictor, starting, segment, values, wanted)
+        for i in places:
+            starts[i] = starting.guess(parts[i], predictor.timestep, states[parts[i].first_step])
+    return starts
+
+
+def _simulated(
+    predictor: Predictor,
+    starting: StartingStates,
+    segment: Segment,
+    values: tuple[float, ...] | None,
+    wanted: Sequence[int],
+) -> dict[int, np.ndarray]:
+    """Returns states of the simulation at the steps `wanted`; the start state where nothing can be simulated."""
+    states = dict.fromkeys(wanted, starting.start)
+    model = predictor.compiled(values)
+    if model is None:
+        return states
+    data = mujoco.MjData(model)
+    state.restore(model, data, starting.start)
+    rows = _rows_by_step(segment, predictor.timestep)
+    last = max(wanted)
+    whole = Chunk(segment, slice(None), 0, segment.steps(predictor.timestep))
+    controls = predictor.controls(Rollout(whole, values, starting.start), last + 1)
+
+    for step in range(last + 1):
+        if step in rows:
+            starting.place(data, rows[step], predictor.timestep)
+        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            break
+        if step in states:
+            states[step] = state.save(model, data)
+        data.ctrl[:] = controls[step]
+        mujoco.mj_step(model, data)
+    return states
+
+
+def _rows_by_step(segment: Segment, timestep: float) -> dict[int, Chunk]:
+    """Returns a few rows from each row on, by the step before it."""
+    steps = segment.steps(timestep)
+    rows: dict[int, Chunk] = {}
+    for row in range(len(steps)):
+        first = math.floor(steps[row] + 1e-9)
+        near = slice(row, row + WINDOW)
+        rows.setdefault(first, Chunk(segment, near, first, steps[near] - first))
+    return rows

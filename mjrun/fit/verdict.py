@@ -1,4 +1,4 @@
-"""Whether a fit may be believed: how far its residuals are beyond the noise, and whether it predicts better."""
+"""Verdicts on a fit: its residuals compared with the noise, and its predictions compared with the original model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,27 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjrun.errors import clean, listing, option
-from mjrun.fit.intervals import bound_reached
-from mjrun.fit.noise import spread_of
-from mjrun.fit.rotations import shared
+from mjrun.fit.information import bound_reached
+from mjrun.fit.signals import shared, spread_of
 from mjrun.fit.solution import LOSSES, Floats, Solution
 from mjrun.model.column import Column
 
-MISFIT = 2.0  # reduced χ² from which on the user is warned
-HOPELESS, HOPELESS_SHARE = 10.0, 0.1  # residual over noise, and over the spread of a signal: beyond, nothing is written
-LEAST = 1e-5  # noise of a signal, in its standard deviation: less is not distinguished from none
-BLOCKS = 20  # of what is held out, in which errors are taken to be independent
-CERTAIN = 2.0  # standard deviations
+MISFIT = 2.0  # reduced χ² above which the user is warned
+HOPELESS, HOPELESS_SHARE = 10.0, 0.1  # residual over noise, and over the spread of a signal, above which a fit fails
+LEAST = 1e-5  # least noise of a signal that counts, as a share of its standard deviation
+BLOCKS = 20  # blocks of held-out data whose errors are assumed to be independent
+CERTAIN = 2.0  # standard deviations that a gain must exceed
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """Residuals of a fit beside the noise of the log.
+    """Residuals of a fit compared with the noise of the log.
 
     Attributes:
-      ratios: of each signal, residual over noise, `(signals,)`.
-      shares: of each signal, residual over its spread, `(signals,)`.
-      reduced: reduced χ², about 1 where the model explains all but noise.
+      ratios: residual over noise of each signal, `(signals,)`.
+      shares: residual over spread of each signal, `(signals,)`.
+      reduced: reduced χ², about 1 if the model explains all but noise.
       is_rough: whether contacts make the motion rough.
     """
 
@@ -36,22 +35,22 @@ class Misfit:
     is_rough: bool
 
     def warning(self) -> str | None:
-        """A sentence on a misfit; None without one."""
+        """Returns a sentence on a misfit; None without one."""
         if self.reduced < MISFIT:
             return None
         beyond = f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): "
         if self.is_rough:
             return (
-                f"{beyond}contacts make the motion rough, and simulations that are as near as this still rattle in "
-                "another way, or the model lacks something, so that true values may be outside of the intervals"
+                f"{beyond}contacts make the motion rough, and even the nearest simulations rattle differently, or the "
+                "model lacks something, so the intervals may exclude the true values"
             )
         return (
-            f"{beyond}the model lacks something, so that true values may be outside of the intervals, which only count "
-            f"scatter\nif the noise is larger than the log's high frequencies show, {option('noise')} sets it"
+            f"{beyond}the model lacks something, so the intervals, which cover only scatter, may exclude the true "
+            f"values\nif the noise is larger than the high frequencies of the log suggest, set {option('noise')}"
         )
 
     def refusal(self, columns: Sequence[Column], noise: Floats) -> str | None:
-        """Why nothing is written; None if the residuals may do."""
+        """Returns the reason why nothing is written; None if the residuals are acceptable."""
         bad = np.flatnonzero((self.ratios > HOPELESS) & (self.shares > HOPELESS_SHARE)).tolist()
         if not bad:
             return None
@@ -67,7 +66,7 @@ class Misfit:
 
 
 def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]) -> Misfit:
-    """How far the residuals of a solution are beyond the noise of the log."""
+    """Compares the residuals of a solution with the noise of the log."""
     values = np.concatenate([part.values for part in solution.chunks])
     spread = shared(spread_of(values, solution.loss), rotations)
     left = shared(solution.noise_scale, rotations)
@@ -78,26 +77,26 @@ def misfit(solution: Solution, noise: Floats, rotations: Sequence[Sequence[int]]
 
 
 def all_at_bounds(paths: Sequence[str], coordinates: Floats) -> str | None:
-    """A sentence if all parameters have ended at a bound; None otherwise."""
+    """Returns a sentence if all parameters have ended at a bound; None otherwise."""
     bounds = [bound_reached(each) for each in coordinates]
     if not all(bounds):
         return None
     places = listing([f"{clean(path)} at its {bound} bound" for path, bound in zip(paths, bounds, strict=True)])
     return (
-        f"nothing within the bounds of {option('free')} explains the measurements: {places}\nsigns, units or bounds "
-        f"may be wrong; a value that is known is {option('set')} instead"
+        f"no values within the bounds of {option('free')} explain the measurements: {places}\nsigns, units or bounds "
+        f"may be wrong; set a known value with {option('set')} instead"
     )
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """By how much a fitted model predicts better than the model as it was.
+    """Improvement of the predictions by a fitted model over the original one.
 
     Attributes:
-      before, after: errors, in standard deviations of the noise.
-      gain: decrease of the sum of squared errors, as the loss counts them.
-      uncertainty: what chance alone may make of it.
-      difference: root mean square of how far the predictions are from each other, in the same unit as the errors.
+      before, after: errors in standard deviations of the noise.
+      gain: decrease of the sum of squared errors under the loss.
+      uncertainty: gain that chance alone may cause.
+      difference: root mean square difference of the predictions, in the unit of the errors.
     """
 
     before: float
@@ -108,7 +107,7 @@ class Improvement:
 
     @property
     def is_silent(self) -> bool:
-        """Whether the measurements do not distinguish the models: both predict the same but for noise."""
+        """Whether the measurements do not distinguish the models, whose predictions agree to the noise."""
         return abs(self.gain) <= self.uncertainty and self.difference < self.after
 
     @property
@@ -121,8 +120,8 @@ def improvement(before: Solution, after: Solution) -> Improvement:
     """Compares two models by the same measurements.
 
     If the second is right, its residuals r are noise, and those of the first are r + δ: the gain is Σ δ² + 2 Σ δ·r,
-    whose second part is chance. Its standard deviation is taken from sums over blocks of time, in which r may be
-    correlated, and from white noise, whichever is more.
+    whose second part is chance. Its standard deviation is the larger of two estimates: from sums over blocks of time,
+    within which r may be correlated, and from white noise.
     """
     loss = LOSSES[after.loss]
     scale = max(after.cost, 1e-12)

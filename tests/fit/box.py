@@ -6,14 +6,11 @@ from tempfile import mkdtemp
 import mujoco
 import numpy as np
 
-from mjrun.fit.free_parameter import FreeParameter, free_parameters
+from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.measurements import Segment
-from mjrun.fit.noise import first_noise
-from mjrun.fit.prediction import Predictor
 from mjrun.fit.shooting import Shooting
-from mjrun.fit.starting_states import StartingStates
-from mjrun.model import state
-from mjrun.simulation.simulation import Simulation
+from mjrun.fit.signals import first_noise
+from tests.fit.problems import shooting_of
 
 FRICTION, NOISE = 0.33, 1e-3  # [m, rad]
 SIGNALS = [f"qpos/box/{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
@@ -52,13 +49,9 @@ def write_box(folder: Path, friction: float = FRICTION) -> Path:
 
 
 def box_shooting() -> tuple[Shooting, Segment, np.ndarray, list[FreeParameter]]:
-    """What fits the box of the log, the log, its noise, and the friction."""
+    """Returns a shooting of the box, the log, its noise, and the friction."""
     times, rows = box_log()
     log = Segment("log", times, rows, np.zeros((len(times), 0)))
-    simulation = Simulation(str(write_box(Path(mkdtemp()))))
-    parameters = free_parameters((("geom/box.friction[0]", "0.1..1"),), simulation.source, SIGNALS)
-    predictor = Predictor(simulation, SIGNALS, parameters)
-    noise = first_noise([log], predictor.rotations)
-    start = state.save(predictor.model, mujoco.MjData(predictor.model))
-    starting = StartingStates(predictor.model, SIGNALS, start, noise)
-    return Shooting(predictor, parameters, starting), log, noise, parameters
+    free = (("geom/box.friction[0]", "0.1..1"),)
+    shoot, predictor, _, parameters = shooting_of(write_box(Path(mkdtemp())), free, SIGNALS, [], log)
+    return shoot, log, first_noise([log.values], predictor.rotations), parameters

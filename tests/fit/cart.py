@@ -6,13 +6,12 @@ from tempfile import mkdtemp
 import mujoco
 import numpy as np
 
-from mjrun.fit.free_parameter import FreeParameter, free_parameters
+from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.starting_states import StartingStates
-from mjrun.model import state
-from mjrun.simulation.simulation import Simulation
+from tests.fit.problems import shooting_of
 
 SIGNALS = ["qpos/pole"]
 FREE = (("joint/cart.damping", "log:0.1..10"), ("scale:actuator/push.gear[0]", "0.3..3"))
@@ -52,11 +51,7 @@ def cart_log(seconds: float = 2.0) -> tuple[Segment, np.ndarray]:
 
 
 def cart_shooting() -> tuple[Shooting, Predictor, StartingStates, list[FreeParameter]]:
-    """What fits the nominal cart."""
+    """Returns a shooting of the nominal cart, and its parts."""
     path = Path(mkdtemp()) / "cart.xml"
     path.write_text(CART.format(**NOMINAL))
-    simulation = Simulation(str(path))
-    parameters = free_parameters(FREE, simulation.source, [*SIGNALS, "ctrl/push"])
-    predictor = Predictor(simulation, SIGNALS, parameters)
-    starting = StartingStates(predictor.model, SIGNALS, state.save(predictor.model, mujoco.MjData(predictor.model)))
-    return Shooting(predictor, parameters, starting), predictor, starting, parameters
+    return shooting_of(path, FREE, SIGNALS, ["ctrl/push"])

@@ -1,5 +1,6 @@
 """A pendulum's log and what fits it, shared by tests of what follows from a solution."""
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -9,9 +10,9 @@ import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter, free_parameters
 from mjrun.fit.measurements import Segment
-from mjrun.fit.noise import first_noise
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.shooting import Shooting
+from mjrun.fit.signals import first_noise
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.model import state
@@ -32,13 +33,27 @@ def segments(seconds: float = 3.0, seed: int = 0, *, exact: bool = False) -> lis
     return [Segment("log", times, values[:, None], np.zeros((len(times), 1)))]
 
 
-def shooting(texts: tuple[tuple[str, str], ...]) -> tuple[Shooting, list[FreeParameter]]:
-    """What fits the nominal pendulum."""
-    simulation = Simulation(str(write_model(Path(mkdtemp()))))
-    parameters = free_parameters(texts, simulation.source, ["qpos/hinge", "ctrl/motor"])
-    predictor = Predictor(simulation, ["qpos/hinge"], parameters)
+def shooting_of(
+    model: Path,
+    free: Sequence[tuple[str, str]],
+    signals: Sequence[str],
+    controls: Sequence[str],
+    log: Segment | None = None,
+) -> tuple[Shooting, Predictor, StartingStates, list[FreeParameter]]:
+    """Returns a shooting of a model from its default state, and its parts; with a log, guesses know its noise."""
+    simulation = Simulation(str(model))
+    parameters = free_parameters(free, simulation.source, [*signals, *controls])
+    predictor = Predictor(simulation, signals, parameters)
+    noise = first_noise([log.values], predictor.rotations) if log else None
     start = state.save(predictor.model, mujoco.MjData(predictor.model))
-    return Shooting(predictor, parameters, StartingStates(predictor.model, ["qpos/hinge"], start)), parameters
+    starting = StartingStates(predictor.model, signals, start, noise)
+    return Shooting(predictor, parameters, starting), predictor, starting, parameters
+
+
+def shooting(texts: tuple[tuple[str, str], ...]) -> tuple[Shooting, list[FreeParameter]]:
+    """Returns a shooting of the nominal pendulum, and its parameters."""
+    shoot, _, _, parameters = shooting_of(write_model(Path(mkdtemp())), texts, ["qpos/hinge"], ["ctrl/motor"])
+    return shoot, parameters
 
 
 @cache
@@ -47,7 +62,7 @@ def solved() -> tuple[Solution, tuple[FreeParameter, ...]]:
     shoot, parameters = shooting(THREE)
     parts = segments()
     start = np.array([each.first_coordinate for each in parameters])
-    last = shoot.search(parts, [start], first_noise(parts)).best
+    last = shoot.search(parts, [start], first_noise([each.values for each in parts])).best
     return with_noise(last, last.observed_noise), tuple(parameters)
 
 

@@ -119,7 +119,7 @@ def test_one_number_of_a_centre_can_be_free_and_all_have_a_prior(tmp_path: Path)
         ("inertia:payload.mass", "0..1", BadValueError, "above 0"),
         ("inertia:payloat.mass", "0.1..1", UnknownNameError, "did you mean 'payload'"),
         ("inertia:wrist.mass", "0.1..1", UsageError, "comes from its geoms"),
-        ("inertia:*.mass", "0.1..1", UsageError, "each body is free by itself"),
+        ("inertia:*.mass", "0.1..1", UsageError, "give one body at a time"),
     ],
 )
 def test_what_cannot_be_free_is_refused(

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.fit.fit_page import write_fit_page
-from mjrun.fit.fitted_inertia import FittedInertia, FittedQuantity
-from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
+from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedQuantity, FittedSignal
 from mjrun.model.column import Column
 
 LOGS = ("one.csv", "<two>.csv")
@@ -82,7 +81,7 @@ def test_every_log_has_a_figure_with_its_signals(tmp_path: Path) -> None:
     text = page(tmp_path)
     read = Reader(text)
     assert read.tags.count("svg") == 2
-    assert "<two>.csv: measured, by the model before, and by the fitted model" in read.texts
+    assert "<two>.csv: measured, predicted by the original model, and predicted by the fitted model" in read.texts
     for legend in ("measured", "before", "fitted", "held out"):
         assert read.texts.count(legend) >= 2
     assert "comparison.npz" not in text

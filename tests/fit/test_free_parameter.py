@@ -60,7 +60,7 @@ def test_what_a_wildcard_ties_is_told_by_name(tmp_path: Path) -> None:
     (tmp_path / "model.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     source = parse_source(str(tmp_path / "model.xml"))
     every, one = free_parameters([("joint/*.damping", "0..1"), ("joint/left.armature", "0..1")], source, [])
-    assert every.sharing == "joint/*.damping is one number, shared by root, left"
+    assert every.sharing == "joint/*.damping is a single number, shared by root, left"
     assert one.sharing == ""
 
 
@@ -68,7 +68,7 @@ def test_a_delay_with_a_wildcard_is_one_of_all_its_columns(tmp_path: Path) -> No
     source, columns = parse_source(str(write_model(tmp_path))), ["qpos/hinge", "ctrl/motor", "ctrl/brake"]
     (delay,) = free_parameters([("delay:ctrl/*", "0..0.1")], source, columns)
     assert delay.delayed == ("ctrl/motor", "ctrl/brake")
-    assert delay.sharing == "delay:ctrl/* is one number, shared by ctrl/motor, ctrl/brake"
+    assert delay.sharing == "delay:ctrl/* is a single number, shared by ctrl/motor, ctrl/brake"
     with pytest.raises(UsageError, match="is given twice"):
         free_parameters([("delay:ctrl/*", "0..0.1"), ("delay:ctrl/brake", "0..0.1")], source, columns)
 
@@ -82,7 +82,7 @@ def test_a_delay_with_a_wildcard_is_one_of_all_its_columns(tmp_path: Path) -> No
         ("joint/hinge.damping", "0..1~normal(0.5, 0)", "standard deviation above 0"),
         ("joint/hinge.dampin", "0..1", "did you mean 'damping'"),
         ("joint/knee.damping", "0..1", "no joint 'knee'"),
-        ("joint/hinge.axis", "0..1", r"has 3 numbers: write joint/hinge.axis\[0\] for one"),
+        ("joint/hinge.axis", "0..1", r"has 3 numbers; write joint/hinge.axis\[0\] for the first"),
         ("joint/hinge.type", "0..1", "is not a number"),
         ("delay:ctrl/servo", "0..1", "no signal 'ctrl/servo'"),
         ("delay:ctrl/motor", "-1..1", "a delay"),
@@ -97,7 +97,10 @@ def test_what_cannot_be_free_is_refused(tmp_path: Path, path: str, text: str, me
 
 def test_what_makes_no_difference_or_does_not_compile_is_refused(tmp_path: Path) -> None:
     source = parse_source(str(write_model(tmp_path)))
-    for text, message in ((("geom/rod.rgba[0]", "0..1"), "changes nothing"), (("geom/rod.mass", "-1..1"), "compile")):
+    for text, message in (
+        (("geom/rod.rgba[0]", "0..1"), "does not affect the physics"),
+        (("geom/rod.mass", "-1..1"), "compile"),
+    ):
         (parameter,) = free_parameters([text], source, [])
         with pytest.raises(UsageError, match=message):
             require_effect(parameter, source)
@@ -105,7 +108,7 @@ def test_what_makes_no_difference_or_does_not_compile_is_refused(tmp_path: Path)
 
 def test_something_must_be_free_and_once(tmp_path: Path) -> None:
     source = parse_source(str(write_model(tmp_path)))
-    with pytest.raises(UsageError, match="nothing is"):
+    with pytest.raises(UsageError, match="nothing to fit"):
         free_parameters([], source, [])
     with pytest.raises(UsageError, match="twice"):
         free_parameters([("joint/hinge.damping", "0..1")] * 2, source, [])

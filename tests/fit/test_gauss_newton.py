@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from mjrun.fit.gauss_newton import GaussNewton
-from mjrun.fit.normal_equations import solve_normal
+from mjrun.fit.gauss_newton import GaussNewton, solve_normal
 from mjrun.fit.prediction import Rollout, States
 from mjrun.fit.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fit.logs import NOISE

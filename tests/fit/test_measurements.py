@@ -36,7 +36,7 @@ def test_gaps_split_a_log(tmp_path: Path) -> None:
     times = np.concatenate([TIMES, TIMES + 1, TIMES[:5] + 2])
     found = read(tmp_path, {"time": times, "qpos/hinge": np.sin(times)})
     assert [len(segment.times) for segment in found.segments] == [40, 40]
-    assert "split it into 3 segments; 1 of fewer than 16 rows are left out" in found.remarks[0]
+    assert "split it into 3 segments; skipped 1 with fewer than 16 rows" in found.remarks[0]
 
 
 def test_missing_samples_are_passed_over_and_told(tmp_path: Path) -> None:
@@ -55,8 +55,8 @@ def test_a_log_of_several_rates_holds_commands_and_knows_none_before_the_first(t
     np.testing.assert_array_equal(segment.controls[:, 0], pd.Series(commanded).ffill()[2:])
     np.testing.assert_array_equal(segment.times, TIMES[2:])
     remarks = read(tmp_path, columns).remarks
-    assert "30 commands missing, and taken from the one before" in remarks[0]
-    assert "the 2 rows before the first command left out" in remarks[1]
+    assert "30 commands missing and replaced by the one before" in remarks[0]
+    assert "skipped the 2 rows before the first command" in remarks[1]
     model = parse_source(str(write_model(tmp_path))).load()
     linear = read_measurements([str(tmp_path / "log.csv")], model, (), np.zeros(1), linear=True).segments[0]
     known = np.isfinite(commanded)
@@ -125,8 +125,8 @@ def test_the_last_part_of_the_time_is_held_out(tmp_path: Path) -> None:
     [
         ({"t": TIMES, "qpos/hinge": TIMES}, "no column 'time'\n.*time=t"),
         ({"time": TIMES, "knee": TIMES}, "measures nothing of this model"),
-        ({"time": np.append(TIMES[:-1], TIMES[-2]), "qpos/hinge": TIMES}, "must grow"),
-        ({"time": TIMES[:10], "qpos/hinge": TIMES[:10]}, "no stretch of 16 rows"),
+        ({"time": np.append(TIMES[:-1], TIMES[-2]), "qpos/hinge": TIMES}, "times must ascend"),
+        ({"time": TIMES[:10], "qpos/hinge": TIMES[:10]}, "no 16 consecutive rows"),
         ({"time": TIMES, "qpos/hinge": np.append(TIMES[:-1], np.inf)}, "row 39: qpos/hinge is infinite"),
         (
             {"time": TIMES, "qpos/hinge": TIMES, "ctrl/motor": np.append(TIMES[:-1], np.inf)},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mjrun.fit.gauss_newton import EXPLAINED, GaussNewton
-from mjrun.fit.intervals import intervals
+from mjrun.fit.information import intervals
 from mjrun.fit.shooting_problem import together
 from mjrun.fit.solution import with_noise
 from tests.fit.box import FRICTION, box_shooting

@@ -2,8 +2,7 @@
 
 from mjrun.cli.commands.fit import excitation_report, fit_report
 from mjrun.fit.excitation import ExcitationResult, ExpectedParameter, MotionExtent
-from mjrun.fit.fitted_inertia import FittedInertia, FittedQuantity
-from mjrun.fit.result import FitResult, FittedParameter, FittedSignal
+from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedQuantity, FittedSignal
 
 PARAMETERS = [
     FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),

@@ -1,4 +1,4 @@
-"""Intervals against theory, where it is exact: linear models with white noise."""
+"""Information of measurements against theory: projection, identifiability, and intervals of linear models."""
 
 from dataclasses import replace
 
@@ -6,11 +6,82 @@ import numpy as np
 import pytest
 
 from mjrun.fit.free_parameter import FreeParameter
-from mjrun.fit.identifiability import sensitivity
-from mjrun.fit.intervals import bound_reached, intervals, is_white
-from mjrun.fit.projection import all_information, projected
+from mjrun.fit.information import (
+    all_information,
+    bound_reached,
+    information,
+    intervals,
+    is_white,
+    projected,
+    sensitivity,
+)
+from mjrun.fit.shooting import SHORTEST
+from mjrun.fit.shooting_problem import STATE_SCALE
 from mjrun.fit.solution import Solution
-from tests.fit.problems import solved
+from tests.fit.logs import NOISE
+from tests.fit.problems import THREE, segments, shooting, solved
+
+
+def test_the_parameters_of_the_joint_problem_are_those_of_the_projected_one() -> None:
+    solution, _ = solved()
+    a, b = (np.asarray(each)[:, 0] for each in solution.sensitivities[0])
+    r = np.random.default_rng(0).normal(size=len(a))
+    rows = projected(replace(solution, residuals=[r[:, None]]))[0]
+    short, *_ = np.linalg.lstsq(rows.slopes, rows.residuals, rcond=None)
+    joint = np.block([[a, b], [np.zeros((b.shape[1], a.shape[1])), np.eye(b.shape[1]) / STATE_SCALE]])
+    full, *_ = np.linalg.lstsq(joint, np.concatenate([r, np.zeros(b.shape[1])]), rcond=None)
+    np.testing.assert_allclose(short, full[: a.shape[1]], rtol=1e-3)
+    np.testing.assert_allclose(information([rows]), rows.slopes.T @ rows.slopes)
+
+
+def test_missing_samples_have_no_rows() -> None:
+    solution, _ = solved()
+    residuals = solution.residuals[0].copy()
+    residuals[5] = np.nan
+    assert len(projected(replace(solution, residuals=[residuals]))[0].residuals) == len(residuals) - 1
+
+
+def unidentifiable(*texts: tuple[str, str]) -> list[tuple[str, ...]]:
+    shoot, parameters = shooting(texts)
+    parts = shoot.cut(segments(), 4 * SHORTEST)
+    start = np.array([each.first_coordinate for each in parameters])
+    look = shoot.look(parts, start, shoot.guessed(parts, None), np.array([NOISE]))
+    return [each.paths for each in sensitivity([look], parameters).unidentifiable]
+
+
+def test_what_shows_in_the_motion_can_be_told() -> None:
+    assert unidentifiable(*THREE) == []
+
+
+def test_the_gear_of_a_motor_that_is_never_driven_cannot() -> None:
+    assert unidentifiable(THREE[0], ("actuator/motor.gear[0]", "0.5..2")) == [("actuator/motor.gear[0]",)]
+
+
+def test_two_names_of_one_thing_cannot_be_told_apart() -> None:
+    (mixed,) = unidentifiable(THREE[0], ("geom/rod.mass", "0.5..2"), ("scale:geom/*.mass", "0.5..2"))
+    assert set(mixed) == {"geom/rod.mass", "scale:geom/*.mass"}
+
+
+def test_a_prior_tells_what_measurements_do_not() -> None:
+    assert unidentifiable(THREE[0], ("actuator/motor.gear[0]", "0.5..2~normal(1, 0.05)")) == []
+
+
+def test_a_pendulum_that_swings_freely_does_not_tell_its_mass() -> None:
+    """Mass, armature, damping and friction can all be scaled: the motion is the same."""
+    (mixed,) = unidentifiable(*THREE, ("geom/rod.mass", "0.5..2"))
+    assert set(mixed) == {"geom/rod.mass", *(path for path, _ in THREE)}
+
+
+def test_messages_name_the_parameters() -> None:
+    shoot, parameters = shooting((THREE[0], ("actuator/motor.gear[0]", "0.5..2")))
+    parts = shoot.cut(segments(), 4 * SHORTEST)
+    look = shoot.look(parts, np.array([0.5, 0.5]), shoot.guessed(parts, None), np.array([NOISE]))
+    found = sensitivity([look], parameters)
+    assert found.unidentifiable[0].message == "the measurements do not determine actuator/motor.gear[0]"
+    assert found.effects[0] > 100
+    assert found.effects[1] == pytest.approx(0, abs=1e-6)
+    assert np.isinf(found.condition)
+
 
 LINE = FreeParameter("x", -1.0, 1.0, 0.0)
 

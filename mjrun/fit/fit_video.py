@@ -1,4 +1,4 @@
-"""A film of a fit: the fitted model as it goes along, and what was measured as a ghost."""
+"""A video of the fitted model with the measured motion as a ghost."""
 
 import itertools
 import shutil
@@ -29,12 +29,12 @@ TEXT = "fitted model; ghost: as measured"
 
 
 @dataclass(frozen=True, eq=False)
-class FilmedStretch:
-    """A stretch of a log, and where the fitted model is at its rows.
+class VideoStretch:
+    """A stretch of a log with the positions of the fitted model.
 
     Attributes:
       chunk: the stretch.
-      positions: `qpos` of the fitted model, `(n, nq)`.
+      positions: `qpos` of the fitted model at the rows of the stretch, `(n, nq)`.
     """
 
     chunk: Chunk
@@ -42,7 +42,7 @@ class FilmedStretch:
 
 
 class _Progress(WarningReporter):
-    """Passes on how far it is, and no warnings: of what the tables of a film lack, nobody needs to know."""
+    """A reporter that passes on progress but no warnings, which would concern temporary tables."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
@@ -54,14 +54,14 @@ class _Progress(WarningReporter):
         self._reporter.progress(what, done, total)
 
 
-class FitFilm:
-    """The film that the options ask for, of a model.
+class FitVideo:
+    """The video of a fit.
 
     Args:
-      signals: names of what was measured.
+      signals: names of the measured columns.
 
     Raises:
-      UsageError: no position is measured, there is no such camera, or no format for a film of this name.
+      UsageError: no position is measured, the camera is unknown, or no video format matches the name.
     """
 
     def __init__(self, options: FitOptions, model: mujoco.MjModel, signals: Sequence[str]) -> None:
@@ -69,27 +69,27 @@ class FitFilm:
         self._options, self._measured = options, measured_positions(model, signals)
         if not self._measured:
             raise UsageError(
-                f"{option('video')}: no position is measured, as qpos/knee would be, so there is no motion to show"
+                f"{option('video')}: no position such as qpos/knee is measured, so there is no motion to show"
             )
         if "%" in options.video or not Path(options.video).suffix:
-            raise UsageError(f"{option('video')} {clean(options.video)}: a film of a fit is one file, such as fit.mp4")
+            raise UsageError(f"{option('video')} {clean(options.video)}: give a single file such as fit.mp4")
         with concerning("video"):
             preview([self._video(Simulation(model, duration=1), options.video)], WarningReporter())
 
     def writer(
-        self, model: mujoco.MjModel, stretches: Sequence[FilmedStretch], delays: Sequence[float], reporter: Reporter
+        self, model: mujoco.MjModel, stretches: Sequence[VideoStretch], delays: Sequence[float], reporter: Reporter
     ) -> OutputWriter:
-        """The film, drawn but not published; the caller closes it.
+        """Renders the video, to be published and closed by the caller.
 
-        One stretch follows the other; time between segments and logs is left out. What was not measured is in the
-        ghost as in the model.
+        Stretches follow each other without the time between segments and logs. Positions that were not measured are
+        those of the model in the ghost too.
 
         Args:
-          model: the fitted one.
-          delays: of each signal [s], by which it was measured late.
+          model: the fitted model.
+          delays: delay of each measured signal [s].
 
         Raises:
-          MjrunError: it cannot be drawn or written.
+          MjrunError: the video cannot be rendered or written.
         """
         options = self._options
         writer = OutputWriter(StagedFile(Path(str(options.video))))
@@ -101,18 +101,18 @@ class FitFilm:
                 with TableWriter(path, output_format(path).name, columns) as table:
                     table.write(rows)
                     table.publish()
-            film = str(folder / f"film{Path(str(options.video)).suffix}")
+            video = str(folder / f"video{Path(str(options.video)).suffix}")
             simulation = Simulation(model, replay=f"{folder}/model.npz")
-            perform([self._video(simulation, film, f"trace={folder}/log.npz")], _Progress(reporter))
-            shutil.copyfile(film, writer.destination.path)
+            perform([self._video(simulation, video, f"trace={folder}/log.npz")], _Progress(reporter))
+            shutil.copyfile(video, writer.destination.path)
         return writer
 
     def _video(self, simulation: Simulation, path: str, *ghosts: str) -> Video:
         options = self._options
         return Video(simulation, path, camera=options.camera, size=options.size, text=TEXT, ghost=ghosts)
 
-    def _rows(self, stretches: Sequence[FilmedStretch], delays: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Times of the film and positions, of the model and of the ghost: `(n, 1 + nq)` each."""
+    def _rows(self, stretches: Sequence[VideoStretch], delays: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Returns times of the video with positions of the model and of the ghost, `(n, 1 + nq)` each."""
         tables: list[np.ndarray] = []
         ghosts: list[np.ndarray] = []
         end = 0.0
@@ -120,8 +120,8 @@ class FitFilm:
             chunk = stretch.chunk
             times = chunk.segment.times[chunk.rows]
             usual = float(np.median(np.diff(times)))
-            goes_on = following is not None and following.chunk.segment is chunk.segment
-            rows = slice(0, len(times) - goes_on)  # its last row is the first of the next
+            continues = following is not None and following.chunk.segment is chunk.segment
+            rows = slice(0, len(times) - continues)  # its last row is the first of the next
             ghost = stretch.positions.copy()
             for place, signal in self._measured.items():
                 values = chunk.segment.values[:, signal]
@@ -131,5 +131,5 @@ class FitFilm:
             shown = end + times - times[0]
             tables.append(np.column_stack([shown, stretch.positions])[rows])
             ghosts.append(np.column_stack([shown, ghost])[rows])
-            end = shown[-1] if goes_on else shown[-1] + usual
+            end = shown[-1] if continues else shown[-1] + usual
         return np.concatenate(tables), np.concatenate(ghosts)

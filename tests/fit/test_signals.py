@@ -1,4 +1,4 @@
-"""Quaternions as measurements, against MuJoCo's own and scipy's rotations."""
+"""Rotations against MuJoCo and scipy, and estimates of known noise."""
 
 import mujoco
 import numpy as np
@@ -6,7 +6,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mjrun.errors import UsageError
-from mjrun.fit.rotations import align, normalize, rotations, shared
+from mjrun.fit.signals import align, first_noise, normalize, rotations, shared, spread_of
+from tests.fit.logs import NOISE
+from tests.fit.problems import segments
 
 NAMES = ["qpos/torso/qw", "qpos/torso/qx", "qpos/torso/qy", "qpos/torso/qz"]
 
@@ -36,7 +38,7 @@ def test_signs_and_lengths_do_not_count() -> None:
     np.testing.assert_allclose(np.abs(np.sum(logged[known] * true[known], axis=1)), 1, rtol=1e-12)
     rows = logged[known]
     assert (np.sum(rows[1:] * rows[:-1], axis=1) > 0).all()
-    with pytest.raises(UsageError, match=r"log\.csv, row 0: a quaternion of length 0 is no rotation"):
+    with pytest.raises(UsageError, match=r"log\.csv, row 0: a quaternion of length 0 is not a rotation"):
         normalize(np.zeros((2, 4)), [[0, 1, 2, 3]], "log.csv")
 
 
@@ -53,3 +55,14 @@ def test_what_is_left_is_a_chord_of_the_angle_between_them() -> None:
 
 def test_the_numbers_of_a_rotation_share_their_noise() -> None:
     assert shared(np.array([5.0, 1.0, 1.0, 1.0, 7.0]), [[1, 2, 3, 4]]).tolist() == [5, *[np.sqrt(13)] * 4]
+
+
+def test_noise_shows_in_third_differences() -> None:
+    assert first_noise([each.values for each in segments()])[0] == pytest.approx(NOISE, rel=0.2)
+
+
+def test_the_spread_under_a_robust_loss_is_that_of_the_middle_half() -> None:
+    values = np.random.default_rng(1).normal(3, 2, (4000, 1))
+    values[::10] = 100
+    assert spread_of(values, "huber")[0] == pytest.approx(2, rel=0.25)
+    assert spread_of(values)[0] == pytest.approx(np.std(values))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.fit.film import FilmedStretch, FitFilm
+from mjrun.fit.fit_video import FitVideo, VideoStretch
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Chunk
 from mjrun.formats.video_reader import read_video
@@ -26,8 +26,8 @@ def film(folder: Path, measured: np.ndarray, delay: float = 0.0) -> np.ndarray:
     options = FitOptions(video=str(path), size=SIZE)
     times = np.arange(51) * 0.01
     logs = [Segment(name, times + 3, measured[:, None], np.zeros((51, 1))) for name in "ab"]
-    stretches = [FilmedStretch(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
-    with FitFilm(options, model, ["qpos/hinge"]).writer(model, stretches, [delay], WarningReporter()) as writer:
+    stretches = [VideoStretch(Chunk(log, slice(None), 0, times / 0.002), np.zeros((51, 1))) for log in logs]
+    with FitVideo(options, model, ["qpos/hinge"]).writer(model, stretches, [delay], WarningReporter()) as writer:
         assert not path.exists()
         writer.publish()
     return np.stack([np.array(frame, int) for frame in read_video(str(path))])
@@ -45,8 +45,8 @@ def test_logs_follow_each_other_and_what_was_measured_is_a_ghost(tmp_path: Path)
 
 def test_what_makes_no_film_is_refused_before_anything_is_fitted(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(write_model(tmp_path)))
-    with pytest.raises(UsageError, match="no position is measured"):
-        FitFilm(FitOptions(video="fit.mp4"), model, ["qvel/hinge"])
+    with pytest.raises(UsageError, match="no position such as qpos/knee is measured"):
+        FitVideo(FitOptions(video="fit.mp4"), model, ["qvel/hinge"])
     for options in ({"video": "fit.xyz"}, {"video": "frames/%03d.png"}, {"video": "fit.mp4", "camera": "nose"}):
-        with pytest.raises(UsageError, match=r"xyz|one file|nose"):
-            FitFilm(FitOptions(**options), model, ["qpos/hinge"])  # type: ignore[arg-type]
+        with pytest.raises(UsageError, match=r"xyz|single file|nose"):
+            FitVideo(FitOptions(**options), model, ["qpos/hinge"])  # type: ignore[arg-type]
