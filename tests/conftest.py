@@ -40,17 +40,6 @@ for ending, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
     if signal.getsignal(ending) is signal.SIG_IGN:
         signal.signal(ending, handler)
 
-# Tests whose cases take more than about a second of CPU time each, measured; they get the marker `slow`.
-SLOW = frozenset((ROOT / "tests/slow.txt").read_text().split())
-
-
-@pytest.hookimpl(tryfirst=True)  # before -m selects
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    for item in items:
-        if item.nodeid.partition("[")[0] in SLOW:
-            item.add_marker(pytest.mark.slow)
-
-
 SWING = """
 <mujoco>
   <visual><global offwidth="64" offheight="64"/><map force=".1"/></visual>

@@ -63,6 +63,7 @@ def keys_of(value: Any, where: str = "") -> dict[str, list[str]]:
 
 
 @pytest.mark.gl
+@pytest.mark.slow
 def test_the_document_has_these_keys(path: Path) -> None:
     base = str(path.with_name("base.json"))
     bench(path, save=base, threads=(1, 2, 3)).run(clock=FakeClock())

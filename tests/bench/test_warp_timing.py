@@ -236,6 +236,7 @@ def pushed(warp: WarpOptions) -> tuple[RolloutInputs, WarpRoller]:
 
 
 @pytest.mark.parametrize("steps", [FALLEN, FALLING])
+@pytest.mark.slow
 def test_every_rollout_of_every_world_moves_as_a_bare_loop_does(
     pushed: tuple[RolloutInputs, WarpRoller], steps: int
 ) -> None:

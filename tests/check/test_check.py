@@ -44,6 +44,7 @@ def test_the_exit_code_is_1_from_the_chosen_severity_on(fail_on: Any, code: int)
     assert check._exit_code([warned, ModelResult("b", False, ())]) == 3
 
 
+@pytest.mark.slow
 def test_codes_are_chosen_by_their_beginnings() -> None:
     chosen = {code for code in RULES if code.startswith("MJ3")}
     assert Check(["a.xml"], select=["mj3", "MJ201"]).codes == chosen | {"MJ201"}

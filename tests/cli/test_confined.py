@@ -148,6 +148,7 @@ def test_descriptors_that_a_command_was_started_with_are_closed(place: Path) -> 
 
 @pytest.mark.usefixtures("place")
 @pytest.mark.parametrize("name", ["root/x.xml", "cwd/x.xml", "", "status", "task/PID/root"])
+@pytest.mark.slow
 def test_a_model_cannot_ask_which_processes_there_are(name: str) -> None:
     messages: set[str] = set()
     for pid in (1, os.getppid(), 2**22 + 1):  # two that there are, and one that cannot be
@@ -190,6 +191,7 @@ def test_every_command_that_reads_files_has_the_option() -> None:
     assert "untrusted" in {param.name for param in diff_golden.params}
 
 
+@pytest.mark.slow
 def test_tables_and_studies_of_strangers_are_plotted_from_where_they_lie(place: Path) -> None:
     (place / "study").mkdir()
     (place / "study/results.parquet").symlink_to("/etc/hostname")
@@ -203,6 +205,7 @@ def test_tables_and_studies_of_strangers_are_plotted_from_where_they_lie(place: 
     assert [path.name for path in (place / "out").iterdir()] == ["p.png"]
 
 
+@pytest.mark.slow
 def test_missing_folders_of_all_outputs_are_made_and_go_if_nothing_is_published(place: Path) -> None:
     outputs = {"-o": "new/deep/t.csv", "--recording": "new/r.npz", "--manifest": "other/m.json"}
     named = [text for pair in outputs.items() for text in pair]

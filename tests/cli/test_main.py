@@ -227,6 +227,7 @@ def test_a_simulation_that_needs_more_memory_than_there_is_is_no_bug(
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=str
 )
+@pytest.mark.slow
 def test_a_signal_leaves_the_old_film_and_nothing_else(
     mjrun: Command, swing: Path, number: signal.Signals, code: int
 ) -> None:
@@ -276,6 +277,7 @@ def test_a_reader_that_goes_away_ends_the_film_quietly(mjrun: Command, swing: Pa
     assert child.returncode == 141
 
 
+@pytest.mark.slow
 def test_a_closed_stdout_ends_quietly_too(mjrun: Command) -> None:
     with mjrun.start("doctor") as child:
         assert child.stdout

@@ -31,6 +31,7 @@ def test_the_page_names_what_the_document_names(mjrun: Command, path: Path) -> N
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.slow
 def test_no_line_is_wider_than_the_terminal(mjrun: Command, width: int) -> None:
     done = mjrun("info", SCENES / "humanoid_stand.yaml", env={"COLUMNS": str(width)})
     assert max(map(len, done.stdout.decode().splitlines())) <= width

@@ -34,6 +34,7 @@ def evaluation(folder: Path, out: str = "out", name: str = "act", **options: obj
     return Evaluation(task, str(folder / out), **arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_the_table_is_the_same_bytes_whatever_the_number_of_processes(tmp_path: Path) -> None:
     varied = {"vary": {"geom/box.mass": "1,2"}, "compare": "random"}
     evaluation(tmp_path, "a", **varied).run()
@@ -111,6 +112,7 @@ def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:
     assert result.policies[0].returns.count == 0
 
 
+@pytest.mark.slow
 def test_edits_while_episodes_are_played_by_processes_change_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,6 +31,7 @@ def groups(folder: Path, policy: object, *others: object) -> list[EpisodeGroup]:
     return [EpisodeGroup(place, f"p{place}", 0, spec) for place, spec in enumerate(specs)]
 
 
+@pytest.mark.slow
 def test_episodes_are_the_same_whatever_the_number_of_processes_and_worlds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,6 +81,7 @@ def test_the_failure_told_is_that_of_the_first_episode_that_fails(
         ("Crashing", LostEpisodesError, "the episode of seed 5 was killed by SIGABRT.*"),
     ],
 )
+@pytest.mark.slow
 def test_what_an_episode_raises_is_raised_here(tmp_path: Path, name: str, error: type[MjrunError], match: str) -> None:
     with pytest.raises(error, match=match):
         list(played([EpisodeChunk(0, groups(tmp_path, f"{write_policies(tmp_path)}:{name}")[0].spec, [5, 6])], 1))

@@ -60,6 +60,7 @@ def test_a_bare_loop_stays_within_limits_and_moves_as_told(pendulum: Fit) -> Non
     assert controls[0] == controls[-1] == 0
 
 
+@pytest.mark.slow
 def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(tmp_path: Path, pendulum: Fit) -> None:
     result = excite(pendulum)
     times, angles = simulate(SECONDS, start=0.0, controls=played(result.files[0]))
@@ -74,6 +75,7 @@ def test_a_fit_of_what_it_makes_knows_as_much_as_was_expected(tmp_path: Path, pe
         assert abs(found.value - TRUTH[found.path.rpartition(".")[2]]) < width
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_another_another(pendulum: Fit) -> None:
     path = Path(excite(pendulum).files[0])
     first = path.read_bytes()

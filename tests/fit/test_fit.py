@@ -48,6 +48,7 @@ def test_a_fit_finds_what_the_log_was_made_with(tmp_path: Path, pendulum: Simula
     ]
 
 
+@pytest.mark.slow
 def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Path, pendulum: Simulation) -> None:
     class Editor(WarningReporter):
         def progress(self, what: str, done: int, total: int) -> None:
@@ -62,6 +63,7 @@ def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Pat
     assert (tmp_path / "fitted.xml").read_bytes() == written
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_fit(tmp_path: Path, pendulum: Simulation) -> None:
     times, angles = simulate(1.0)
     data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
@@ -159,6 +161,7 @@ def test_too_little_is_told_before_anything_is_fitted(tmp_path: Path, pendulum: 
         Fit(pendulum, data=data, free=THREE, holdout=0).run()
 
 
+@pytest.mark.slow
 def test_outliers_do_not_lead_a_robust_fit_astray(tmp_path: Path, pendulum: Simulation) -> None:
     times, angles = simulate(1.5)
     data = [str(write_log(tmp_path / "clean.csv", {"time": times, "qpos/hinge": noisy(angles)}))]

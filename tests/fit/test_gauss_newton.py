@@ -43,6 +43,7 @@ def test_parameters_stop_at_their_bounds() -> None:
     assert 0 < solution.coordinates[1] < 1
 
 
+@pytest.mark.slow
 def test_problems_side_by_side_come_to_what_each_comes_to_alone() -> None:
     shoot, _ = shooting(THREE[:2])
     parts = shoot.cut(segments(0.5))

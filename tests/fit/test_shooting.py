@@ -52,6 +52,7 @@ def test_a_fit_never_ends_worse_than_it_began() -> None:
     assert abs(search.best.coordinates[0] - truth[0]) < 0.03
 
 
+@pytest.mark.slow
 def test_intervals_of_rough_motions_contain_the_truth() -> None:
     """A box that slides and rattles, by a bare loop, from one wrong start: searches from there alone end alike, and
     exclude the truth."""

@@ -96,6 +96,7 @@ def pictures(folder: Path) -> np.ndarray:
         ),
     ],
 )
+@pytest.mark.slow
 def test_an_estimate_starts_processes_early_and_a_measurement_late(
     make_video: Callable,
     backend: Backend,

@@ -147,6 +147,7 @@ def test_images_of_one_pass_share_one_detection(swing: Path, tmp_path: Path, sta
     assert started == {"detections": 1, "workers": 0}
 
 
+@pytest.mark.slow
 def test_videos_of_one_pass_share_one_group_of_workers(swing: Path, tmp_path: Path, started: dict[str, int]) -> None:
     simulation, jobs = Simulation(swing, duration=0.15), 3
     event = CameraScript("hit", [Shot(FreeRig(), until=Event("time > 0.1")), Shot(TrackRig("ball"))])

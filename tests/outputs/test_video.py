@@ -29,6 +29,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 @pytest.mark.parametrize(
     ("fps", "speed", "duration"), [(30, 1, "0.1"), (100, Fraction(1, 10), "0.006"), ("30000/1001", 2, "0.3")]
 )
+@pytest.mark.slow
 def test_frame_k_is_exactly_its_step_of_a_bare_loop(
     swing: Path, tmp_path: Path, still: Callable, fps: float | str, speed: Fraction | int, duration: str
 ) -> None:
@@ -209,6 +210,7 @@ def frames_of(folder: Path) -> np.ndarray:
     return np.stack([iio.imread(file) for file in sorted(folder.iterdir())])
 
 
+@pytest.mark.slow
 def test_pixels_are_the_same_for_any_number_of_processes(swing: Path, tmp_path: Path) -> None:
     found = []
     for jobs in (1, 2):

@@ -18,6 +18,7 @@ def cpu() -> WarpDevice:
     return WarpDevice("cpu")
 
 
+@pytest.mark.slow
 def test_a_device_that_is_not_there_is_refused_with_those_that_are(cpu: WarpDevice) -> None:
     assert (cpu.alias, cpu.is_gpu) == ("cpu", False)
     assert cpu.version.startswith("mujoco_warp ")

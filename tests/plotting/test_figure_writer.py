@@ -25,6 +25,7 @@ TAGS = {"title": "a title", "comment": "mjrun 1", "description": "{}"}
 
 
 @pytest.mark.parametrize("name", ["png", "svg", "pdf", "webp"])
+@pytest.mark.slow
 def test_the_same_drawing_is_the_same_bytes(name: str) -> None:
     first = encoded(DRAWING, GRID, "light", name, TAGS)
     assert first == encoded(DRAWING, GRID, "light", name, TAGS)

@@ -31,6 +31,7 @@ def task(made: StudyPlan, number: int, count: int) -> TaskResult:
     return run_task(made, number, count, WarningReporter())
 
 
+@pytest.mark.slow
 def test_tasks_in_any_order_make_the_table_of_the_study(study: Study, tmp_path: Path) -> None:
     alone = replace(study, output=str(tmp_path / "alone"))
     with pytest.raises(FailedPointsError):

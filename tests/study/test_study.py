@@ -76,6 +76,7 @@ def test_each_row_is_the_trace_of_its_point(simulation: Simulation, tmp_path: Pa
     assert result.metrics["low"].quantiles[0] == min(lows) == lows[result.metrics["low"].lowest or 0]
 
 
+@pytest.mark.slow
 def test_the_same_study_again_simulates_nothing_and_more_values_only_what_is_new(
     simulation: Simulation, tmp_path: Path
 ) -> None:
@@ -95,6 +96,7 @@ def test_the_same_study_again_simulates_nothing_and_more_values_only_what_is_new
     assert changed.run().simulated == 6
 
 
+@pytest.mark.slow
 def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simulation, tmp_path: Path) -> None:
     tables = set[bytes]()
     for index, options in enumerate(
@@ -106,6 +108,7 @@ def test_the_table_does_not_depend_on_the_chunks_or_the_engine(simulation: Simul
     assert len(tables) == 1
 
 
+@pytest.mark.slow
 def test_points_that_fail_are_rows_and_the_rest_is_done(simulation: Simulation, tmp_path: Path) -> None:
     models = ",".join(str(tmp_path / name) for name in ("ball.xml", "deadly.xml", "missing.xml"))
     with pytest.raises(FailedPointsError) as caught:
@@ -195,6 +198,7 @@ def test_an_engine_that_is_not_there_leaves_no_folder(
     assert not (tmp_path / "study").exists()
 
 
+@pytest.mark.slow
 def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simulation, tmp_path: Path) -> None:
     options = {"vary": {"perturb": "uniform(0,2)"}, "samples": 24, "metric": {"low": "min(qpos/ball/z)"}, "jobs": 2}
     undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
@@ -237,6 +241,7 @@ class Count:
 
 
 @pytest.mark.parametrize("period", [(), ("--control-dt", "0.01")])
+@pytest.mark.slow
 def test_controllers_vary_and_their_code_is_part_of_what_a_point_is(mjrun_here: Command, period: Sequence[str]) -> None:
     (mjrun_here.folder / "ball.xml").write_text(BALL)
     name = f"pushes_{len(period)}.py"  # a module that this process has not imported yet
@@ -392,6 +397,7 @@ def test_where_all_machines_have_another_mujoco_nothing_is_kept(tmp_path: Path) 
     isolation.end_process()
 
 
+@pytest.mark.slow
 def test_kept_files_are_those_of_the_study_whatever_becomes_of_its_model(tmp_path: Path) -> None:
     options: dict[str, object] = {"vary": {"geom/bob.size": "0.1,0.2"}, "keep": ["trace", "recording"]}
     edited_study(tmp_path / "before", **options).run()

@@ -29,6 +29,7 @@ def test_a_crash_is_a_finding_and_the_other_models_are_looked_at() -> None:
 
 
 @pytest.mark.parametrize(("mistake", "code"), [('<option solver="x"/>', "MJ110"), ("<goem/>", "MJ102")])
+@pytest.mark.slow
 def test_a_circle_in_a_model_that_is_refused_is_told_first_and_then_why_it_is_refused(mistake: str, code: str) -> None:
     model, other = circle()
     write(model, Path(model).read_text().replace("<mujoco>", f"<mujoco>{mistake}"))

@@ -75,6 +75,7 @@ def test_a_finding_is_a_line_as_compilers_write_it_and_its_remedy(models: Comman
     assert done.stderr == b""
 
 
+@pytest.mark.slow
 def test_the_summary_counts_and_quiet_leaves_it_out(models: Command) -> None:
     (models.folder / "part.xml").write_text("<mujocoinclude/>")
     last = models("check", ".").stdout.decode().splitlines()[-1]
@@ -137,6 +138,7 @@ def test_annotations_are_commands_that_github_reads(models: Command) -> None:
     assert note.startswith("::notice file=noted.xml,line=3,title=MJ201 object without a name::")
 
 
+@pytest.mark.slow
 def test_a_finding_in_another_file_names_the_model_in_every_form(models: Command) -> None:
     (models.folder / "outer.xml").write_text('<mujoco><include file="warned.xml"/></mujoco>')
     told = f"{TOLD} (in outer.xml)"

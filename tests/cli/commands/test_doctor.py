@@ -39,6 +39,7 @@ def test_the_doctor_says_who_draws_with_filament(mjrun_here: Command, vulkan: Ba
     assert vulkan.renderer in filament["value"]
 
 
+@pytest.mark.slow
 def test_the_page_and_the_document_say_the_same(mjrun_here: Command) -> None:
     page = mjrun_here("doctor").stdout.decode()
     for finding in json.loads(mjrun_here("doctor", "--json").stdout)["findings"]:
@@ -60,6 +61,7 @@ def of(mjrun: Command, env: dict[str, str]) -> tuple[int, dict[str, dict[str, st
 
 
 @pytest.mark.parametrize(("vulkan_is_there", "code"), [(True, 0), (False, 5)])
+@pytest.mark.slow
 def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_five_unless_filament_does(
     mjrun_here: Command, vulkan: Backend, vulkan_is_there: bool, code: int
 ) -> None:
@@ -84,6 +86,7 @@ def test_where_no_opengl_draws_the_doctor_says_what_to_install_and_ends_with_fiv
     ],
 )
 @pytest.mark.gl
+@pytest.mark.slow
 def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
     mjrun_here: Command, swing: Path, backend: Backend, given: dict[str, str], value: str
 ) -> None:
@@ -99,6 +102,7 @@ def test_the_doctor_agrees_with_a_picture_about_what_the_environment_asks_for(
         assert found["egl"]["remedy"] == "unset MUJOCO_EGL_DEVICE_ID: egl draws on another device"
 
 
+@pytest.mark.slow
 def test_the_backend_that_the_environment_asks_for_is_the_one_used(mjrun_here: Command, backend: Backend) -> None:
     for asked, mark in ((backend.name, "used by MUJOCO_GL)"), ("auto", "used by default)")):
         code, found = of(mjrun_here, {"MUJOCO_GL": asked})

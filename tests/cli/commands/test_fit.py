@@ -37,6 +37,7 @@ def prepared(mjrun: Command) -> tuple[str, str]:
     return str(write_model(mjrun.folder, frictionloss=0.02)), "log.csv"
 
 
+@pytest.mark.slow
 def test_a_table_and_a_document_say_what_was_found(mjrun: Command) -> None:
     model, log = prepared(mjrun)
     done = mjrun("fit", model, log, *FREE, "--json", "-o", "new/fitted.xml")
@@ -75,6 +76,7 @@ def test_wrong_usage_exits_with_2(mjrun_here: Command) -> None:
         assert message in done.stderr
 
 
+@pytest.mark.slow
 def test_an_input_is_written_before_anything_is_measured(mjrun: Command) -> None:
     model, _ = prepared(mjrun)
     limits = ("--set", "actuator/motor.ctrlrange=-1,1", "--set", "actuator/motor.ctrllimited=true")
@@ -90,6 +92,7 @@ def test_an_input_is_written_before_anything_is_measured(mjrun: Command) -> None
 
 
 @pytest.mark.parametrize(("number", "keep"), [(signal.SIGINT, True), (signal.SIGTERM, True), (signal.SIGINT, False)])
+@pytest.mark.slow
 def test_an_interrupted_fit_leaves_the_best_so_far_if_asked_and_else_nothing(
     mjrun: Command, number: signal.Signals, keep: bool
 ) -> None:
@@ -122,6 +125,7 @@ def test_an_interrupted_fit_leaves_the_best_so_far_if_asked_and_else_nothing(
     assert (fitted.dof_damping[0], fitted.dof_armature[0]) == (damping, armature)
 
 
+@pytest.mark.slow
 def test_a_log_of_another_simulator_is_mapped_and_filmed(mjrun: Command) -> None:
     """Its names, units and clock are others; it has gaps, and commands of a lower rate."""
     model, _ = prepared(mjrun)

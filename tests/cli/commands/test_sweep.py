@@ -64,6 +64,7 @@ def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun_here: 
     assert (done.returncode, report["statuses"], report["error"]["exit_code"]) == (8, {"ok": 1, "unstable": 1}, 8)
 
 
+@pytest.mark.slow
 def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun_here: Command, ball: str) -> None:
     assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1..8:8", *METRIC, "--chunk", "1").returncode == 0
     folder = mjrun_here.folder / "ball_study"
@@ -93,6 +94,7 @@ def test_of_a_study_that_was_run_more_may_be_required(mjrun_here: Command, ball:
     assert b"--samples: study sets it already; for another study, give its model or its document" in refused.stderr
 
 
+@pytest.mark.slow
 def test_a_study_that_changed_says_what_has(mjrun_here: Command, ball: str) -> None:
     options = ("--vary", "seed=1,2", *METRIC)
     assert b"changed" not in mjrun_here("sweep", ball, "--steps", "5", *options).stderr
@@ -142,6 +144,7 @@ def test_mistakes_are_told_and_nothing_is_simulated(
     assert not list(mjrun_here.folder.rglob("results.*"))
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_what_would_be_done_and_writes_nothing(mjrun_here: Command, ball: str) -> None:
     options = (ball, "--steps", "30", "--vary", "qpos/ball/z=0.2..1:9", *METRIC, "-o", "study", "--dry-run")
     done = mjrun_here("sweep", *options)
@@ -252,6 +255,7 @@ def test_what_does_not_go_together_is_told(
     assert expected in done.stderr.decode()
 
 
+@pytest.mark.slow
 def test_a_model_on_standard_input_is_swept(mjrun: Command, ball: str) -> None:
     text = (mjrun.folder / ball).read_bytes()
     varied = ("--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
@@ -261,6 +265,7 @@ def test_a_model_on_standard_input_is_swept(mjrun: Command, ball: str) -> None:
     assert b"model_study: 3 points (3 ok)" in done.stdout
 
 
+@pytest.mark.slow
 def test_an_untrusted_model_is_swept_from_copies_and_reads_nothing_else(mjrun: Command, ball: str) -> None:
     varied = ("--untrusted", "--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
     assert mjrun("sweep", ball, *varied).returncode == 0

@@ -68,6 +68,7 @@ def test_the_same_command_gives_the_same_pixels(mjrun_here: Command, swing: Path
     assert first.stdout == second.stdout != other.stdout
 
 
+@pytest.mark.slow
 def test_every_shared_option_reaches_the_simulation(mjrun_here: Command, swing: Path) -> None:
     command = ("video", swing, "-o", "-", "--format", "rgb", "-q", *FAST)
     plain = mjrun_here(*command).stdout
