@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import json
 import re
 from collections.abc import Mapping, Sequence
 from types import UnionType
@@ -9,10 +10,13 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from mjrun.diff.result import DiffResult
 from mjrun.errors import Failure
+from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
+from mjrun.model.info import InfoResult
 from mjrun.outputs.run_result import RESULTS, RunResult
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 ERROR = "error"  # the key of a failure in any report, and the kind of a report with only that key
+SECTIONED = {"info": ["warnings"], "info-task": []}  # required keys of reports that hold only the requested sections
 _TYPES = {str: "string", int: "integer", float: "number", bool: "boolean", type(None): "null"}
 _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 
@@ -45,14 +49,20 @@ def _rule(annotation: Any, definitions: JsonSchema) -> JsonSchema:
     return {}
 
 
-def _mapping(report: type, definitions: JsonSchema) -> JsonSchema:
-    """Returns the rule for a dataclass, which requires all of its fields and describes them by its docstring."""
-    hints = get_type_hints(report, localns={"DiffResult": DiffResult})  # which traces import only when they need it
-    properties = {field.name: _rule(hints[field.name], definitions) for field in dataclasses.fields(report)}
+def _mapping(report: type, definitions: JsonSchema, types: Mapping[str, Any] | None = None) -> JsonSchema:
+    """Returns the rule for a dataclass, which requires all of its fields and describes them by its docstring.
+
+    Args:
+      types: the types of its properties, if these are not its fields.
+    """
+    if types is None:
+        hints = get_type_hints(report, localns={"DiffResult": DiffResult})  # which traces import only when they need it
+        types = {field.name: hints[field.name] for field in dataclasses.fields(report)}
+    properties = {name: _rule(annotation, definitions) for name, annotation in types.items()}
     for cls in reversed(report.__mro__):
         _, _, fields = (inspect.getdoc(cls) or "").partition("Attributes:\n")
         for names, description in _FIELDS.findall(fields):
-            for name in names.split(", "):
+            for name in properties.keys() & names.split(", "):
                 properties[name]["description"] = " ".join(description.split())
     about, _, _ = (inspect.getdoc(report) or "").partition("Attributes:\n")
     schema = {"title": report.__name__, "description": about.strip(), "type": "object"}
@@ -69,7 +79,7 @@ def report_schema(kind: str, command: str, report: type) -> JsonSchema:
       report: the dataclass of the report.
     """
     definitions: JsonSchema = {}
-    schema = _mapping(report, definitions)
+    schema = _info_rule(definitions) if report is InfoResult else _mapping(report, definitions)
     if report is RunResult:
         schema["properties"]["results"]["items"] |= {
             "properties": {"kind": {"description": "The kind of the output.", "enum": [*RESULTS]}},
@@ -78,8 +88,22 @@ def report_schema(kind: str, command: str, report: type) -> JsonSchema:
     name = {"description": "The kind of this report, and the version of its schema.", "type": "string"}
     schema["properties"].setdefault("schema", name)["const"] = f"mjrun-{kind}-1"
     schema["properties"][ERROR] = _failure_rule()
-    schema["anyOf"] = [{"required": [*dict.fromkeys((*schema.pop("required"), "schema"))]}, {"required": [ERROR]}]
+    keys: list[str] = schema.pop("required")
+    required = dict.fromkeys((*SECTIONED.get(kind, keys), "schema"))
+    schema["anyOf"] = [{"required": [*required]}, {"required": [ERROR]}]
     return {"$schema": DIALECT, "$defs": definitions, **schema, "title": f"report of {command}"}
+
+
+def _info_rule(definitions: JsonSchema) -> JsonSchema:
+    """Returns the rule for a description of a model, in which null represents numbers that are not finite."""
+    rule = _mapping(InfoResult, definitions, {"warnings": Sequence[str]})
+    rule["properties"] = {**_mapping(ModelDescription, definitions, SECTION_TYPES)["properties"], **rule["properties"]}
+
+    def with_null(part: JsonSchema) -> JsonSchema:
+        return {**part, "type": ["number", "null"]} if part.get("type") == "number" else part
+
+    definitions |= json.loads(json.dumps(definitions), object_hook=with_null)
+    return rule
 
 
 def failure_schema() -> JsonSchema:

@@ -39,13 +39,13 @@ class Recording(RecordingOptions, output.Job["RecordingResult"]):
 class RecordingResult(output.OutputResult):
     """The result of a recording output.
 
-    path: path of the recording.
+    Attributes:
+      path: path of the recording.
       states: the number of states: one for each step, and the first.
       size: numbers in a state.
       simulated: simulated time [s].
       wall: total wall time [s].
       warnings: MuJoCo's warnings.
-      warnings: MuJoCo's.
     """
 
     states: int

@@ -101,10 +101,10 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
 class TraceResult(output.OutputResult):
     """The result of a trace output.
 
-    path: path of the table; `-` is standard output; empty if the table is not written.
+    Attributes:
+      path: path of the table; `-` is standard output; empty if the table is not written.
       format: name of the format.
-      format: how it is written.
-      contacts: rows of the contact table; None without one.
+      rows, columns: the numbers of its rows and columns.
       contacts: rows of the contact table; None without one.
       simulated, steps: simulated time [s] and steps taken.
       wall: total wall time [s].

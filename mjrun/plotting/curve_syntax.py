@@ -28,10 +28,10 @@ _PANEL = re.compile(r"\s*([1-9][0-9]{0,3}):(.*)", re.DOTALL)
 class CurveSpec:
     """A curve over the columns of a table.
 
-    name: name in the legend.
+    Attributes:
+      name: name in the legend.
       unit: unit of its values; None for the column's.
       expression: expression for its values.
-      column: name of the column if the curve is an unchanged column.
       column: name of the column if the curve is an unchanged column.
     """
 
@@ -54,8 +54,8 @@ class PanelSpec:
 class ReferenceLine:
     """A line at a value: horizontal, or vertical at a value of x.
 
-    panel: the only panel with this line, counted from 1; None for all.
-      panel: the only one that has it, counted from 1; None for all.
+    Attributes:
+      panel: the only panel with this line, counted from 1; None for all.
     """
 
     label: str

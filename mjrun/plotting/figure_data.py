@@ -92,8 +92,8 @@ class DrawnPanel:
 class Drawing:
     """A figure: its panels over one x axis, and the vertical marks of all panels.
 
-    x_margin: margin beside curves, as a share of their range; none over time, which extends from edge to edge.
-      x_margin: before and after curves, as a share of their range; none over time, which goes from edge to edge.
+    Attributes:
+      x_margin: margin beside curves, as a share of their range; none over time, which extends from edge to edge.
     """
 
     title: str

@@ -14,9 +14,9 @@ from mjrun.probe.verdict import Verdict
 class ColumnStatistics:
     """Statistics of a column: minimum, maximum and mean without NaN; NaN if there are no other values.
 
-    last: value in the last row, possibly NaN.
+    Attributes:
+      last: value in the last row, possibly NaN.
       missing: number of rows with NaN.
-      missing: rows on which it is NaN.
     """
 
     name: str

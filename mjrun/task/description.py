@@ -59,6 +59,7 @@ class ObservationRow:
       unit: of the source, SI.
       frame: the body whose axes it is expressed in; empty for the world's.
       noise: its distribution; empty for none.
+      offset, scale: the offset [unit] and the scale of the value.
       low, high: None without a limit.
       delay: in control periods, history included.
     """
@@ -87,6 +88,7 @@ class ActionRow:
       unit: of the target, SI.
       squash: `tanh` or `none`.
       low, high: None without a limit.
+      scale, offset: the scale [unit] and the offset [unit] of the target.
       kp, kd: gains of a position or velocity target; None for others.
       actuator: that the number drives.
       range: of its control; None without limits.
@@ -109,7 +111,13 @@ class ActionRow:
 
 @dataclass(frozen=True)
 class CommandRow:
-    """A command: the number of its values, and their source."""
+    """A command.
+
+    Attributes:
+      name: its name.
+      size: the number of its values.
+      source: the source of its values.
+    """
 
     name: str
     size: int
@@ -118,7 +126,13 @@ class CommandRow:
 
 @dataclass(frozen=True)
 class RewardRow:
-    """A term of the reward of a control period."""
+    """A term of the reward of a control period.
+
+    Attributes:
+      name: its name.
+      weight: the factor of its value.
+      value: an expression.
+    """
 
     name: str
     weight: float
@@ -127,7 +141,13 @@ class RewardRow:
 
 @dataclass(frozen=True)
 class TerminationRow:
-    """A condition that ends an episode, and the kind of this ending."""
+    """A condition that ends an episode.
+
+    Attributes:
+      name: its name.
+      kind: the kind of the ending: `success`, `failure` or `timeout`.
+      when: the condition.
+    """
 
     name: str
     kind: str
@@ -136,7 +156,13 @@ class TerminationRow:
 
 @dataclass(frozen=True)
 class ResetRow:
-    """A part of the initial state: fixed in `key`, `qpos`, `qvel` and `ctrl`, random in `noise`, `set` and `vary`."""
+    """A part of the initial state: fixed in `key`, `qpos`, `qvel` and `ctrl`, random in `noise`, `set` and `vary`.
+
+    Attributes:
+      what: one of these parts.
+      name: the keyframe, the name of the object, or the path of the setting.
+      value: its values, or their distribution.
+    """
 
     what: str
     name: str
@@ -145,7 +171,16 @@ class ResetRow:
 
 @dataclass(frozen=True)
 class TaskDescription:
-    """A task, section by section."""
+    """A task, section by section.
+
+    Attributes:
+      task: the task as a whole.
+      observations, actions: the numbers that the policy observes and returns, in order.
+      commands: its commands.
+      rewards: the terms of its reward.
+      terminations: the conditions that end an episode.
+      reset: the parts of the initial state.
+    """
 
     task: TaskSummary
     observations: tuple[ObservationRow, ...]

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from mjrun.cli.commands.schema import schema_of
 from mjrun.task.description import SECTIONS
+from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -21,7 +23,9 @@ TASKS = [path for path in sorted(SCENES.glob("*.yaml")) if "control_dt:" in path
 @pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
 def test_the_page_names_what_the_document_names(mjrun: Command, path: Path) -> None:
     document = json.loads(mjrun("info", path, "--json").stdout)
-    assert [*document] == [*SECTIONS]
+    assert [*document] == [*SECTIONS, "schema"]
+    schema = schema_of("info-task")
+    assert fits(document, schema, schema)
     page = mjrun("info", path, *SECTIONS).stdout.decode()
     for section in SECTIONS[1:]:
         assert f"\n{section}  {len(document[section]) or 'none'}\n" in page

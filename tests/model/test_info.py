@@ -8,14 +8,16 @@ from typing import Any
 import mujoco
 import pytest
 
+from mjrun.document.report_schema import report_schema
 from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
 from mjrun.model.column import Column
 from mjrun.model.description.model_description import SECTIONS
-from mjrun.model.info import Info
+from mjrun.model.info import Info, InfoResult
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
 from mjrun.outputs.trace import columns
 from mjrun.simulation.simulation import Simulation
+from tests.document.schema_oracle import fits
 
 SCHEMA = json.loads((Path(__file__).parent / "info_schema.json").read_text("utf-8"))
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
@@ -52,6 +54,32 @@ def test_the_schema_of_the_document_is_stable(whole: Path) -> None:
         rows = document[name] if isinstance(document[name], list) else [document[name]]
         assert rows, name
         assert all([*row] == expected for row in rows)
+
+
+def test_the_document_fits_its_schema_with_any_of_its_sections(whole: Path) -> None:
+    schema = report_schema("info", "mjrun info", InfoResult)
+    model = mujoco.MjModel.from_xml_path(str(whole))
+    model.opt.gravity[:] = math.nan, math.inf, -1
+    for subject in (whole, model):
+        document = strict({**Info(subject).run().document(), "schema": "mjrun-info-1"})
+        assert fits(document, schema, schema)
+        for name in SECTIONS:
+            assert fits({key: value for key, value in document.items() if key != name}, schema, schema)
+            assert not fits({**document, name: "x"}, schema, schema)
+    for key in ("warnings", "schema"):
+        assert not fits({name: value for name, value in document.items() if name != key}, schema, schema)
+
+
+@pytest.mark.parametrize("name", [name for name in SECTIONS if name not in ("summary", "statistics")])
+def test_rows_of_the_document_have_all_keys_of_their_schema(whole: Path, name: str) -> None:
+    schema = report_schema("info", "mjrun info", InfoResult)
+    document = strict({**Info(whole, [name]).run().document(), "schema": "mjrun-info-1"})
+    (row, *_) = document[name]
+    assert fits(document, schema, schema)
+    for key in row:
+        part = {inner: value for inner, value in row.items() if inner != key}
+        assert not fits({**document, name: [part]}, schema, schema)
+        assert not fits({**document, name: [{**row, key: {"x": [{}]}}]}, schema, schema)
 
 
 @pytest.mark.parametrize("name", [*SECTIONS, "warnings"])

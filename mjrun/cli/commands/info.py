@@ -26,7 +26,13 @@ ROWS = 24  # of a section, unless it is requested
 SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1)
 
 
-@command(InfoOptions, ModelOptions, ConfinementOptions, arguments=[MODEL, SECTION_ARGUMENT])
+@command(
+    InfoOptions,
+    ModelOptions,
+    ConfinementOptions,
+    arguments=[MODEL, SECTION_ARGUMENT],
+    reports={"info": "mjrun.model.info:InfoResult", "info-task": "mjrun.task.description:TaskDescription"},
+)
 def info(console: Console, command_line: CommandLine) -> None:
     """Describe MODEL: sizes, bodies, joints, actuators, sensors and more; or only the given SECTIONs, uncut.
 
@@ -65,7 +71,7 @@ def info(console: Console, command_line: CommandLine) -> None:
         _show_collection(console, collection)
         return
     result = Info(source(command_line), sections).run(console)
-    report = Report("", result, lambda: _page(result, bool(sections), model), document=InfoResult.document)
+    report = Report("info", result, lambda: _page(result, bool(sections), model), document=InfoResult.document)
     console.answer(report)
 
 
@@ -80,11 +86,15 @@ def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[
     assert isinstance(task, Task | GymSource)
     description = describe_environment(task) if isinstance(task, GymSource) else describe_task(task)
     document = description.document(*sections)
-    if console.as_json:
-        console.document(document)
-    else:
-        again = f"mjrun info {clean(shlex.quote(task.text))}"
-        console.result(task_page(description, list(document) if sections else (), again))
+    again = f"mjrun info {clean(shlex.quote(task.text))}"
+    console.answer(
+        Report(
+            "info-task",
+            description,
+            lambda: task_page(description, list(document) if sections else (), again),
+            document=lambda _: document,
+        )
+    )
 
 
 def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:

@@ -86,7 +86,8 @@ class Actuator(ModelObject):
       reference: the site of a slider, or the site that a site moves relative to; None without one.
       gear: the gear of each output, without trailing zeros.
       unit, force_unit: the units of its length and of its force, before the gear; empty if unknown.
-      dynamics, gain, bias: their types; their parameters are listed without trailing zeros.
+      dynamics, gain, bias: the types of its dynamics, gain and bias.
+      dynamics_parameters, gain_parameters, bias_parameters: their parameters, without trailing zeros.
       ctrl, ctrl_size: the address and the number of its controls in `ctrl`.
       ctrl_range: the range of each control; None without limits.
       act, act_size: the address and the number of its activations in `act`; no address without any.

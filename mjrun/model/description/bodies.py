@@ -198,7 +198,15 @@ class Geom(ModelObject):
 
 @dataclass(frozen=True)
 class Site(ModelObject):
-    """A site: its body, shape, size [m], position in the body [m] and group."""
+    """A site.
+
+    Attributes:
+      body: the body that it is attached to.
+      type: its shape.
+      size: its size [m].
+      position: its position in the body [m].
+      group: the group by which it is shown.
+    """
 
     KIND = "site"
 

@@ -25,8 +25,12 @@ EQUALITIES = {0: "none", 1: "edges", 3: "strain"}
 
 @dataclass(frozen=True)
 class PathPoint:
-    """An element of the path of a tendon: a `joint` with its coefficient, a `site`, a `sphere` or `cylinder` of that
-    geom, or a `pulley`, which has a divisor and no name.
+    """An element of the path of a tendon.
+
+    Attributes:
+      kind: `joint`, `site`, `pulley`, or the shape of a geom: `sphere` or `cylinder`.
+      name: the name of the joint, site or geom; None for a pulley.
+      coefficient: the coefficient of a joint, or the divisor of a pulley; None for others.
     """
 
     kind: str
@@ -130,7 +134,11 @@ class ContactPair(ModelObject):
 
 @dataclass(frozen=True)
 class Exclude(ModelObject):
-    """Two bodies whose geoms never touch."""
+    """Two bodies whose geoms never touch.
+
+    Attributes:
+      body1, body2: the names of the bodies.
+    """
 
     KIND = "exclude"
 

@@ -30,8 +30,11 @@ SIZES = (
 
 @dataclass(frozen=True)
 class MemorySize:
-    """The memory that the model needs [bytes]: `model`, `data` without its arena, and the `arena`, which holds
-    contacts, constraints and temporary values.
+    """The memory that the model needs [bytes].
+
+    Attributes:
+      model, data: the sizes of the model, and of its data without the arena.
+      arena: the size of the arena, which holds contacts, constraints and temporary values.
     """
 
     model: int
@@ -197,16 +200,27 @@ T = TypeVar("T", bound=ModelObject)
 
 def _section(kind: type[T]) -> "cached_property[tuple[T, ...]]":
     """Returns a section with a row for each object of a kind."""
-    return cached_property(lambda description: objects(kind, description.model))
+
+    def rows(description: "ModelDescription") -> tuple[T, ...]:
+        return objects(kind, description.model)
+
+    rows.__annotations__["return"] = tuple[kind, ...]
+    return cached_property(rows)
 
 
 @dataclass(frozen=True)
 class ModelDescription:
     """The description of `model`; each section is computed on first use.
 
-    Args:
+    Attributes:
       model: a compiled model. It is not changed.
       path: the file that it was compiled from; None for a model that exists in memory only.
+      summary: its key properties.
+      bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes: its objects, in order of id.
+      tendons, equalities, pairs, excludes, flexes, plugins: its other objects, in order of id.
+      options, visual: its settings that differ from MuJoCo's defaults.
+      statistics: its statistics, by which MuJoCo scales images and solver.
+      assets: its files, and its assets without a file.
     """
 
     model: mujoco.MjModel
@@ -253,4 +267,9 @@ class ModelDescription:
         return assets(self.model, self.path)
 
 
-SECTIONS = tuple(name for name, value in vars(ModelDescription).items() if isinstance(value, cached_property))
+SECTION_TYPES: dict[str, type] = {
+    name: value.func.__annotations__["return"]
+    for name, value in vars(ModelDescription).items()
+    if isinstance(value, cached_property)
+}
+SECTIONS = tuple(SECTION_TYPES)

@@ -27,9 +27,9 @@ DOTS = 40  # maximum number of values of x that are marked
 class Parameter:
     """A varying parameter of a study.
 
-    name: name in the study.
+    Attributes:
+      name: name in the study.
       values: values of the points `(n,)`; for texts, their index in `categories`.
-      values: of the points `(n,)`; of texts, their index in `categories`.
       levels: the distinct values, ascending.
     """
 

@@ -12,12 +12,14 @@ import mujoco
 import pytest
 from rich.cells import cell_len
 
+from mjrun.cli.commands.schema import schema_of
 from mjrun.cli.info_sections import SECTIONS as SHOWN
 from mjrun.cli.info_sections import LineSection
 from mjrun.cli.page_layout import PageLayout
 from mjrun.errors import clean
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.mujoco_globals import collected_warnings
+from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -38,7 +40,9 @@ def lines(done: subprocess.CompletedProcess[bytes]) -> list[str]:
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
 def test_the_page_names_what_the_document_names(mjrun_here: Command, scene: Path) -> None:
     document = json.loads(mjrun_here("info", scene, "--json").stdout)
-    assert [*document] == [*SECTIONS, "warnings"]
+    assert [*document] == [*SECTIONS, "warnings", "schema"]
+    schema = schema_of("info")
+    assert fits(document, schema, schema)
     page = mjrun_here("info", scene, *SECTIONS).stdout.decode()
     for section in SECTIONS:
         rows = document[section] if isinstance(document[section], list) else []

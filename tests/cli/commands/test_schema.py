@@ -15,6 +15,8 @@ import mjrun
 from mjrun.cli.commands.schema import kinds, schema_of
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.document.json_schema import DOCUMENTS
+from mjrun.errors import listing
+from mjrun.model.description.model_description import SECTIONS
 from tests.document.schema_oracle import fits, rules
 
 if TYPE_CHECKING:
@@ -38,9 +40,8 @@ def test_each_kind_is_the_schema_of_the_library_as_json(mjrun_here: Command, kin
 
 
 def test_every_command_that_reports_has_a_schema() -> None:
-    assert {kind.removesuffix("-report") for kind in REPORTS} - {"verify", "excite"} == {*COMMANDS} - {
+    assert {kind.removesuffix("-report") for kind in REPORTS} - {"verify", "excite", "info-task"} == {*COMMANDS} - {
         "schema",
-        "info",
         "skill",
         "completion",
     }
@@ -63,11 +64,14 @@ def test_every_dataclass_that_names_a_schema_is_a_report_that_can_be_asked_for()
 @pytest.mark.parametrize("kind", REPORTS)
 def test_every_key_of_a_report_is_described_and_required(kind: str) -> None:
     made, names = schema_of(kind), [field.name for field in fields(resolve_name(REPORTS[kind]))]
+    if kind == "info":
+        names = [*SECTIONS, "warnings"]
     names += [] if "schema" in names else ["schema"]
+    required = {"info": ["warnings", "schema"], "info-task": ["schema"]}.get(kind, names)
     assert made["properties"]["schema"]["const"] == f"mjrun-{kind}-1"
     assert {*made["properties"]} == {*names, "error"}
     assert made["anyOf"][1] == {"required": ["error"]}
-    assert sorted(made["anyOf"][0]["required"]) == sorted(names)
+    assert sorted(made["anyOf"][0]["required"]) == sorted(required)
     for rule in rules(made):
         assert "$ref" not in rule or rule["$ref"].removeprefix("#/$defs/") in made["$defs"]
         if "description" in rule and "properties" in rule:
@@ -114,6 +118,8 @@ PRINTED: dict[str, tuple[str, ...]] = {
     "eval": ("eval", "scene:pendulum_swing_up", "--policy", "zero", "--episodes", "2", "--jobs", "1", "-o", "e"),
     "excite": ("fit", "one.xml", *FREE, "--excite", "chirp.csv", "--duration", "0.5"),
     "fit": ("fit", "one.xml", "log.csv", *FREE),
+    "info": ("info", "one.xml"),
+    "info-task": ("info", "scene:pendulum_swing_up", "observations"),
     "plot": ("plot", "a.csv", "-o", "a.svg"),
     "sweep": ("sweep", "one.xml", "--steps", "3", "--vary", "qpos/hinge=0,1", "--metric", "m=max(time)", "-o", "s"),
     "verify": ("trace", "one.xml", "--replay", "r.npz", "--verify"),
@@ -157,4 +163,4 @@ def test_options_are_a_reference_in_markdown(mjrun_here: Command) -> None:
 def test_another_kind_is_refused_with_those_there_are(mjrun_here: Command) -> None:
     done = mjrun_here("schema", "film")
     assert (done.returncode, done.stdout) == (2, b"")
-    assert done.stderr == f"mjrun: error: no kind 'film'\n  kinds: {', '.join(kinds())}\n".encode()
+    assert done.stderr == f"mjrun: error: no kind 'film'\n  kinds: {listing(kinds())}\n".encode()
