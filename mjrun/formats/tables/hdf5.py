@@ -18,7 +18,8 @@ Columns are written whole, so rows wait in an unnamed file beside the table unti
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -133,6 +134,17 @@ class _DatasetReader:
         return np.char.decode(values, "utf-8", "replace") if values.dtype.kind == "S" else values
 
 
+@cache
+def _omits_user_block() -> bool:
+    """Tells if the installed HDF5 counts the places of chunks from the end of the user block, as 1.14.2 does."""
+    content, memory = b"the place of a chunk", BytesIO()
+    with h5py.File(memory, "w", userblock_size=512) as archive:
+        dataset = archive.create_dataset("chunk", data=np.frombuffer(content, "u1"), chunks=(len(content),))
+        archive.flush()
+        place = dataset.id.get_chunk_info(0).byte_offset
+    return memory.getvalue().find(content) != place
+
+
 class _TextReader:
     """A dataset of texts of variable length, read from the file without HDF5's own library.
 
@@ -157,7 +169,8 @@ class _TextReader:
         self._places: dict[int, int] = {}  # where references are in the file, by the first row of a chunk
         if dataset.chunks:
             chunks = (dataset.id.get_chunk_info(index) for index in range(dataset.id.get_num_chunks()))
-            self._places = {chunk.chunk_offset[0]: chunk.byte_offset for chunk in chunks}
+            missing = self._base if self._base and _omits_user_block() else 0
+            self._places = {chunk.chunk_offset[0]: chunk.byte_offset + missing for chunk in chunks}
         elif dataset.id.get_storage_size():
             self._places = {0: dataset.id.get_offset()}
         self._chunk = dataset.chunks[0] if dataset.chunks else max(1, self.rows)
