@@ -65,7 +65,7 @@ _HOMES = {
     "load": "mjrun.model.sources",
     "load_policy": "mjrun.policy.load",
     "perform": "mjrun.outputs.perform",
-    "read_camera": "mjrun.document.camera",
+    "read_camera": "mjrun.document.forms",
     "read_table": "mjrun.formats.table_reader",
     "read_task": "mjrun.document.task",
     "read_video": "mjrun.formats.video_reader",

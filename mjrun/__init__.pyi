@@ -13,8 +13,8 @@ from mjrun.bench.results import BenchResult as BenchResult
 from mjrun.camera.script import CameraScript, Event
 from mjrun.check.check import CheckResult as CheckResult
 from mjrun.diff.result import DiffResult as DiffResult
-from mjrun.document.camera import read_camera as read_camera
 from mjrun.document.check import Check as _Check
+from mjrun.document.forms import read_camera as read_camera
 from mjrun.document.task import read_task as read_task
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult

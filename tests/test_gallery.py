@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from mjrun.document.camera import read_camera
 from mjrun.document.check import Check
+from mjrun.document.forms import read_camera
 from mjrun.document.json_schema import json_schema
 from mjrun.document.task import read_task
 from mjrun.formats.table_reader import read_table

@@ -18,15 +18,12 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
-from mjrun.document.builder import DocumentBuilder, Values, located_errors, values_of
+from mjrun.document.builder import DocumentBuilder, Request, Values, located_errors, values_of
 from mjrun.document.forms import DocumentReader
-from mjrun.document.output_folder import OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.run_writer import plain_options, plain_value, text_of
-from mjrun.document.simulation_document import Request
 from mjrun.document.task import read_task
-from mjrun.document.tree import Mapped
-from mjrun.document.tree import Path as Place
+from mjrun.document.tree import Mapped, Place
 from mjrun.errors import UsageError, clean, concerning
 from mjrun.evaluation.evaluation import Evaluation
 from mjrun.evaluation.prepared import Rewritten
@@ -97,7 +94,7 @@ def read_evaluation(
       DocumentError: with all faults in the document, the documents that it names, and the assignments.
       FileError: one of them is missing or cannot be read.
     """
-    folders = DocumentReader(Path(path).parent, OutputFolder(Path()))
+    folders = DocumentReader(Path(path).parent)
     document, tree = read(path, EVALUATION, folders, assignments, variables=True)
     builder = DocumentBuilder(tree, folders, _declared_at)
     changed = Settings()(cast("Mapping[str, object]", document.get("changes", {})))

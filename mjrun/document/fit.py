@@ -14,7 +14,7 @@ output: fitted.xml
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mjrun.document.simulation_document import Request, SimulationDocument
+from mjrun.document.builder import Request, SimulationDocument
 from mjrun.fit.fit import Fit
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options

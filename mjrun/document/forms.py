@@ -1,11 +1,24 @@
-"""Document forms of values that rooms above `options` define: cameras, ghosts, instants and MuJoCo's names."""
+"""The camera document, and document forms of ghosts, instants and MuJoCo's names.
 
+A camera document has shots in time, each a rig, with cuts, blends and events:
+
+```yaml
+speed: 0.25
+shots:
+  - orbit: {lookat: floor, distance: 0.9, azimuth: {from: 140, to: 240, ease: cosine}, elevation: -30}
+    until: {when: speed(box) > 0.02}
+  - track: {target: box, distance: 0.08, azimuth: 280, elevation: -10}
+    blend: {shape: sigmoid, width: 0.3}
+```
+"""
+
+import pathlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import cast
 
-from mjrun.camera.script import CameraScript, InlineCamera, InstantOrEvent
-from mjrun.document.camera import read_camera
+from mjrun.camera.script import CameraDocument, CameraScript, InlineCamera, InstantOrEvent
 from mjrun.document.output_folder import Folders
+from mjrun.document.reader import read
 from mjrun.document.yaml_writer import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
@@ -16,6 +29,18 @@ from mjrun.options.record import OneOf, Record
 from mjrun.options.schema import TEXT, Path, Schema, check
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP
 from mjrun.suffixes import is_yaml
+
+CAMERA = Record(CameraDocument, CameraDocument)
+
+
+def read_camera(path: pathlib.Path | str) -> CameraScript:
+    """Reads the camera document at `path`; the script is named after the file, without its suffix.
+
+    Raises:
+      DocumentError: with all faults, line by line.
+      FileError: the file is missing or cannot be read.
+    """
+    return read(path, CAMERA)[0].script(pathlib.Path(path).stem)
 
 
 class KnownName(Text):

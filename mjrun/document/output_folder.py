@@ -61,14 +61,16 @@ class OutputFolder:
 
 @dataclass(frozen=True)
 class Folders(Reader):
-    """The folders that resolve relative paths: inputs from that of the document, outputs in the output folder.
+    """The folders that resolve relative paths.
 
     Attributes:
+      inputs: the folder of input files, usually that of the document.
+      outputs: the folder of output files, by default the current one.
       lexical: resolve `a/../b` to `b` regardless of links, so that a path that was made relative is restored exactly.
     """
 
     inputs: Path
-    outputs: OutputFolder
+    outputs: OutputFolder = field(default_factory=lambda: OutputFolder(Path()))
     lexical: bool = False
     problems: list[Problem] = field(default_factory=list[Problem])
 

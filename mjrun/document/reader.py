@@ -1,15 +1,15 @@
-"""Reading of YAML files into typed values, with all errors at their lines and columns."""
+"""Reading of YAML files, changed by assignments `key=value`, into typed values, with all errors at their places."""
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, cast
 
-from mjrun.document.assignments import assign
-from mjrun.document.faults import NAMED, document_error, misfit_faults
-from mjrun.document.kinds import other_kind
-from mjrun.document.tree import Fault, InvalidNode, MappingNode, Mark, ScalarNode, described, plain
+from mjrun.document import tree
 from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
-from mjrun.document.yaml_parser import LineIndex, compose
+from mjrun.document.yaml_parser import DEPTH, LineIndex, compose
+from mjrun.errors import FileError, quoted, suggestion
 from mjrun.formats.input_file import opened
 from mjrun.options.kinds import Reader
 from mjrun.options.record import Record
@@ -17,8 +17,172 @@ from mjrun.options.schema import Misfits
 from mjrun.suffixes import YAML, is_yaml
 
 LARGEST = 2**20  # bytes per document
+SHOWN = 60  # characters of an assignment that messages show
+
+_STEP = re.compile(r"(?:^|\.)([^.\[\]\x00-\x1f\x7f-\x9f]+)|\[([0-9]{1,9})\]")
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class DocumentKind:
+    """A kind of document.
+
+    Attributes:
+      name: as in "a run document".
+      use: the command or option that accepts such a document.
+      keys: the keys that only this kind has.
+    """
+
+    name: str
+    use: str
+    keys: frozenset[str]
+
+
+RUN = ("videos", "images", "traces", "plots", "recordings", "keyframes")
+STUDY = ("vary", "points", "metrics", "samples", "sampler")
+FIT = ("data", "free", "holdout_data", "excite")
+TASK = ("observations", "actions", "rewards", "terminations")
+EVALUATION = ("task", "episodes", "compare", "fail_below")
+
+# By the names of their models.
+KINDS = {
+    "Run": DocumentKind("a run document", "mjrun run", frozenset(RUN)),
+    "Study": DocumentKind("a study document", "mjrun sweep", frozenset(STUDY)),
+    "Fit": DocumentKind("a fit document", "mjrun fit", frozenset(FIT)),
+    "Task": DocumentKind("a task document", "mjrun eval, or mjrun video with a policy", frozenset(TASK)),
+    "Evaluation": DocumentKind("an evaluation document", "mjrun eval", frozenset(EVALUATION)),
+    "CameraDocument": DocumentKind("a camera script", "the camera of mjrun video", frozenset(("shots",))),
+}
+
+
+def kind_of(root: tree.MappingNode) -> DocumentKind | None:
+    """Returns the kind of document that `root` is: the only one whose keys it has; None if it is ambiguous.
+
+    An evaluation may have the keys of variations that a study has.
+    """
+    kinds = [kind for kind in KINDS.values() if not kind.keys.isdisjoint(root.entries)]
+    evaluation = KINDS["Evaluation"]
+    if kinds == [KINDS["Study"], evaluation]:
+        return evaluation
+    return kinds[0] if len(kinds) == 1 else None
+
+
+def kind_of_file(path: Path | str) -> DocumentKind | None:
+    """Returns the kind of the document at `path`; None if it is ambiguous or unreadable, which its reader reports."""
+    root = unchecked_document(path)
+    return None if root is None else kind_of(root)
+
+
+def unchecked_document(path: Path | str, suffixes: Sequence[str] = ()) -> tree.MappingNode | None:
+    """Returns the tree of the document at `path`; None if it is unreadable, which its reader reports."""
+    try:
+        with opened(Path(path), "document", suffixes) as file:
+            text = file.read(LARGEST).decode("utf-8-sig")
+    except (FileError, OSError, UnicodeDecodeError):
+        return None
+    node, _ = compose(text, lambda index: tree.Mark(0, 0, 0, str(path)))
+    return node if isinstance(node, tree.MappingNode) else None
+
+
+def other_kind(root: tree.MappingNode, expected: str) -> tree.Fault | None:
+    """Returns the fault if `root` is a document of another kind than `expected`, the name of a model."""
+    kind, wanted = kind_of(root), KINDS.get(expected)
+    if kind is None or wanted is None or kind is wanted:
+        return None
+    key = next(key for key in root.entries if key in kind.keys)
+    message = f"{quoted(key)} makes this {kind.name}, for {kind.use}; expected {wanted.name}"
+    return tree.Fault(root.keys[key], "", message)
+
+
+class _InvalidPathError(Exception):
+    """A path to a place that cannot exist."""
+
+
+def assign(
+    root: tree.MappingNode, assignments: Sequence[str], order: int, fixed: Sequence[str] = (), named: Sequence[str] = ()
+) -> tuple[tree.MappingNode, list[tree.Fault]]:
+    """Applies `assignments` to `root` in turn; returns the new tree and the faults.
+
+    Missing mappings are created; items of lists must exist.
+
+    Args:
+      order: the number of the first assignment among the sources of the document.
+      fixed: top-level keys that cannot be set.
+      named: places below which all text up to = is one name, which may contain dots: `set.opt.cone` below `set`.
+    """  # fmt: skip
+    faults: list[tree.Fault] = []
+    for i, assignment in enumerate(assignments):
+        mark = tree.Mark(order + i, 0, 0, tree.shortened(assignment, SHOWN))
+        key, equals, text = assignment.partition("=")
+        try:
+            if not equals:
+                raise _InvalidPathError("write key=value")
+            path = _path(key, named)
+            if path[0] in fixed:
+                raise _InvalidPathError(f"{path[0]} is set in the document only")
+            value, value_faults = compose(text, lambda index, mark=mark: mark, inline=True)
+            faults += value_faults
+            if value or not value_faults:
+                root = _with(root, path, value or tree.ScalarNode(mark, None, ""))
+        except _InvalidPathError as error:
+            faults.append(tree.Fault(mark, "", str(error)))
+    return root, faults
+
+
+def _path(text: str, named: Sequence[str]) -> tree.Place:
+    owner = next((f"{place}." for place in named if text.startswith(f"{place}.")), "")
+    if owner and text != owner:
+        return (*owner.split(".")[:-1], text.removeprefix(owner))
+    steps: list[str | int] = []
+    position = 0
+    while match := _STEP.match(text, position):
+        steps.append(match[1] if match[1] is not None else int(match[2]))
+        position = match.end()
+        if len(steps) > DEPTH:
+            raise _InvalidPathError(f"a path of more than {DEPTH} parts leads to nothing in a document")
+    if position < len(text) or not steps or isinstance(steps[0], int):
+        raise _InvalidPathError(f"{quoted(tree.shortened(text))} is not a path; write it as in duration, videos[0].fps")
+    return tuple(steps)
+
+
+def _with(root: tree.MappingNode, path: tree.Place, value: tree.Node) -> tree.MappingNode:
+    changed = _set(root, path, value, ())
+    assert isinstance(changed, tree.MappingNode)  # a path begins with a key
+    return changed
+
+
+def _set(node: tree.Node | None, path: tree.Place, value: tree.Node, above: tree.Place) -> tree.Node:
+    """Returns `node`, at the path `above`, with `value` set at `path` below it."""
+    if not path:
+        return value
+    if isinstance(node, tree.InvalidNode):
+        return node
+    step, below = path[0], path[1:]
+    if isinstance(step, int):
+        return _set_item(node, step, below, value, above)
+    if node is None or (isinstance(node, tree.ScalarNode) and node.value is None):
+        node = tree.MappingNode(value.mark)
+    if not isinstance(node, tree.MappingNode):
+        raise _InvalidPathError(f"{tree.path_text(above)} is {tree.described(node)} and has no keys")
+    if step not in node.entries and below and isinstance(below[0], int):
+        raise _InvalidPathError(f"no list {quoted(tree.path_text((*above, step)))}{suggestion(step, node.entries)}")
+    return node.with_entry(step, value.mark, _set(node.entries.get(step), below, value, (*above, step)))
+
+
+def _set_item(
+    node: tree.Node | None, index: int, below: tree.Place, value: tree.Node, above: tree.Place
+) -> tree.ListNode:
+    if not isinstance(node, tree.ListNode):
+        raise _InvalidPathError(f"{tree.path_text(above)} is {tree.described(node) if node else 'nothing'}, not a list")
+    count = len(node.items)
+    if index >= count:
+        raise _InvalidPathError(
+            f"{tree.path_text(above)} has {count or 'no'} item{'' if count == 1 else 's'}, counted from 0"
+        )
+    items = list(node.items)
+    items[index] = _set(items[index], below, value, (*above, index))
+    return tree.ListNode(node.mark, items)
 
 
 def read(
@@ -28,7 +192,7 @@ def read(
     assignments: Sequence[str] = (),
     *,
     variables: bool = False,
-) -> tuple[T, MappingNode]:
+) -> tuple[T, tree.MappingNode]:
     """Reads the document at `path`, a mapping, by `record`; returns its value and the tree with the places.
 
     Documents follow YAML 1.2's core schema: only `true` and `false` are booleans, `010` is ten, times and dates are
@@ -47,79 +211,83 @@ def read(
       FileError: the document, or one of those, is missing or cannot be read.
     """
     reader = _Reader(Path(path), variables)
-    tree = reader.document(Path(path), 0)
-    if tree and variables:
-        tree = reader.with_defaults(tree)
-    if tree and (fault := other_kind(tree, record.name)):
-        raise document_error([fault])  # which explains any further faults
-    if tree:
-        tree, faults = assign(tree, assignments, 2, (DEFAULTS,) if variables else (), NAMED)
+    root = reader.document(Path(path), 0)
+    if root and variables:
+        root = reader.with_defaults(root)
+    if root and (fault := other_kind(root, record.name)):
+        raise tree.document_error([fault])  # which explains any further faults
+    if root:
+        root, faults = assign(root, assignments, 2, (DEFAULTS,) if variables else (), tree.NAMED)
         reader.faults += faults
         if variables:
-            tree, faults = without_variables(tree)
+            root, faults = without_variables(root)
             reader.faults += faults
-    return reader.validated(tree, record, context)
+    return reader.validated(root, record, context)
 
 
 class _Reader:
     def __init__(self, path: Path, variables: bool) -> None:
         self.path, self.variables = path, variables
-        self.faults: list[Fault] = []
+        self.faults: list[tree.Fault] = []
 
-    def document(self, path: Path, order: int, hint: str = "") -> MappingNode | None:
+    def document(self, path: Path, order: int, hint: str = "") -> tree.MappingNode | None:
         """Returns the mapping in the file at `path`; None if there is no such mapping."""
         with opened(path, "document", YAML, hint) as file:
             data = file.read(LARGEST + 1)
-        top = Mark(order, 0, 0, str(path))
+        top = tree.Mark(order, 0, 0, str(path))
         if len(data) > LARGEST:
-            self.faults.append(Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))
+            self.faults.append(tree.Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))
             return None
         try:
             text = data.decode("utf-8-sig")
         except UnicodeDecodeError as error:
             before = error.object[: error.start].decode("utf-8")  # after the byte order mark
-            mark = Mark(order, *LineIndex(before).at(len(before)), str(path))
-            self.faults.append(Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
+            mark = tree.Mark(order, *LineIndex(before).at(len(before)), str(path))
+            self.faults.append(tree.Fault(mark, "", f"not UTF-8: the byte 0x{error.object[error.start]:02x}"))
             return None
         lines = LineIndex(text)
-        node, faults = compose(text, lambda index: Mark(order, *lines.at(index), str(path)))
+        node, faults = compose(text, lambda index: tree.Mark(order, *lines.at(index), str(path)))
         self.faults += faults
         if node is None and not faults:
-            self.faults.append(Fault(top, "", "the document is empty"))
-        elif node is not None and not isinstance(node, MappingNode | InvalidNode):
+            self.faults.append(tree.Fault(top, "", "the document is empty"))
+        elif node is not None and not isinstance(node, tree.MappingNode | tree.InvalidNode):
             # Its content is not quoted: it may be a file other than a document, with secrets.
-            form = "text" if isinstance(node, ScalarNode) and node.text else described(node)
-            self.faults.append(Fault(node.mark, "", f"expected a mapping, got {form}"))
-        return node if isinstance(node, MappingNode) else None
+            form = "text" if isinstance(node, tree.ScalarNode) and node.text else tree.described(node)
+            self.faults.append(tree.Fault(node.mark, "", f"expected a mapping, got {form}"))
+        return node if isinstance(node, tree.MappingNode) else None
 
-    def with_defaults(self, tree: MappingNode) -> MappingNode | None:
-        """Returns `tree` merged over the document in its `defaults`; None if that cannot be read."""
-        path = tree.entries.get(DEFAULTS)
-        tree = tree.without(DEFAULTS)
-        if path is None or isinstance(path, InvalidNode):
-            return tree
-        if not isinstance(path, ScalarNode) or not isinstance(path.value, str) or not path.value:
-            self.faults.append(Fault(path.mark, DEFAULTS, f"expected the path of a document, got {described(path)}"))
-            return tree
+    def with_defaults(self, root: tree.MappingNode) -> tree.MappingNode | None:
+        """Returns `root` merged over the document in its `defaults`; None if that cannot be read."""
+        path = root.entries.get(DEFAULTS)
+        root = root.without(DEFAULTS)
+        if path is None or isinstance(path, tree.InvalidNode):
+            return root
+        if not isinstance(path, tree.ScalarNode) or not isinstance(path.value, str) or not path.value:
+            self.faults.append(
+                tree.Fault(path.mark, DEFAULTS, f"expected the path of a document, got {tree.described(path)}")
+            )
+            return root
         if not is_yaml(path.value):  # a file of another kind is neither read nor quoted
-            self.faults.append(Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
-            return tree
+            self.faults.append(tree.Fault(path.mark, DEFAULTS, f"a document ends in {' or '.join(YAML)}"))
+            return root
         below = self.document(self.path.parent / path.value, 1, hint=f"{path.mark} names it as defaults")
         if below and DEFAULTS in below.entries:
-            self.faults.append(Fault(below.keys[DEFAULTS], "", "the document in defaults cannot have defaults"))
+            self.faults.append(tree.Fault(below.keys[DEFAULTS], "", "the document in defaults cannot have defaults"))
             below = below.without(DEFAULTS)
-        both = merged(tree, below)
-        return both if below and isinstance(both, MappingNode) else None
+        both = merged(root, below)
+        return both if below and isinstance(both, tree.MappingNode) else None
 
-    def validated(self, tree: MappingNode | None, record: Record[T], context: Reader | None) -> tuple[T, MappingNode]:
+    def validated(
+        self, root: tree.MappingNode | None, record: Record[T], context: Reader | None
+    ) -> tuple[T, tree.MappingNode]:
         """Returns the value and the tree if there were no faults."""
         values: list[T] = []
         context = context or Reader()
-        if tree:
+        if root:
             top = Misfits()
             with top.at():
-                values.append(cast("T", record.read(plain(tree), context)))
-            self.faults += misfit_faults(top.all, tree, (VARS, DEFAULTS) if self.variables else ())
-        if tree is None or not values or self.faults:
-            raise document_error(self.faults, context.problems)
-        return values[0], tree
+                values.append(cast("T", record.read(tree.plain(root), context)))
+            self.faults += tree.misfit_faults(top.all, root, (VARS, DEFAULTS) if self.variables else ())
+        if root is None or not values or self.faults:
+            raise tree.document_error(self.faults, context.problems)
+        return values[0], root

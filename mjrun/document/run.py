@@ -22,15 +22,24 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import cast
 
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
-from mjrun.document.faults import RENAMED, document_error, option_fault
 from mjrun.document.forms import DocumentReader
 from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import read
-from mjrun.document.tree import Fault, MappingNode, find, path_text, written_path
-from mjrun.document.tree import Path as Place
+from mjrun.document.tree import (
+    RENAMED,
+    Fault,
+    MappingNode,
+    Place,
+    document_error,
+    find,
+    option_fault,
+    path_text,
+    written_path,
+)
 from mjrun.errors import InvalidJobsError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import File, Reader
@@ -94,20 +103,8 @@ RUN = _Run()
 
 def _output_class(key: str) -> Callable[..., Job[OutputResult]]:
     """Returns the class of the outputs under a key."""
-    match key:
-        case "videos":
-            from mjrun.outputs.video import Video as Output
-        case "images":
-            from mjrun.outputs.image import Image as Output
-        case "traces":
-            from mjrun.outputs.trace import Trace as Output
-        case "plots":
-            from mjrun.outputs.plot import Plot as Output
-        case "recordings":
-            from mjrun.outputs.recording import Recording as Output
-        case _:
-            from mjrun.outputs.keyframe import Keyframe as Output
-    return Output
+    name = OUTPUTS[key].__name__.removesuffix("Options")
+    return cast("Callable[..., Job[OutputResult]]", resolve_name(f"mjrun.outputs.{name.lower()}:{name}"))
 
 
 class RunRequest:

@@ -12,22 +12,33 @@ require: max(drift) < 0.5
 ```
 """
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import TypeVar, cast
 
-from mjrun.document.builder import Values
+from mjrun.document.builder import Request, SimulationDocument, Values
 from mjrun.document.forms import DocumentReader
-from mjrun.document.output_folder import OutputFolder
 from mjrun.document.run_writer import plain_options, plain_value, simulation_document, text_of
-from mjrun.document.simulation_document import Request, SimulationDocument
-from mjrun.document.tree import Mapped
-from mjrun.errors import UsageError
-from mjrun.options.option import document_options, options
+from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Node, document_error, misfit_faults, node_of
+from mjrun.errors import FileError, UsageError, clean, option, quoted
+from mjrun.formats.atomic_output import publish_together, written_file
+from mjrun.formats.input_file import is_file, opened
+from mjrun.options.kinds import Choice, Kind, Reader, Text
+from mjrun.options.option import Options, document_options, options, required
+from mjrun.options.record import Record
+from mjrun.options.schema import TEXT, ExpectedError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.options.sweep import MANIFEST, PLANS
+from mjrun.study.plan import SCHEMA, StudyPlan
+from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
+
+LARGEST = 2**26  # bytes per line
+
+V = TypeVar("V")
 
 
 @options
@@ -96,10 +107,183 @@ def portable_document(study: Study, folder: Path) -> Mapped:
     document = study_document(replace(study, output="study"))
     if document["model"] == "-":
         raise UsageError("a study cannot be resumed with a model from standard input; give a file")
-    reader = _MovedReader(Path(os.path.relpath(Path.cwd(), folder)), OutputFolder(folder), lexical=True)
+    reader = _MovedReader(Path(os.path.relpath(Path.cwd(), folder)), lexical=True)
     values = cast("Values", STUDY.record.read(document, reader))
     moved: Mapped = {"model": reader.model(str(document["model"]))}
     for each in document_options(_StudyOptions):
         if each.attribute in values and each.name != "output":
             moved[each.key] = plain_value(each.kind, each.kind(values[each.attribute]))
     return moved
+
+
+class Plain(Kind[V, V]):
+    """Plain values with a rule of JSON Schema; an empty rule accepts everything."""
+
+    def __init__(self, rule: Schema) -> None:
+        super().__init__()
+        self._rule = rule
+
+    @property
+    def form(self) -> Schema:
+        return self._rule
+
+    def __call__(self, value: V) -> V:
+        return value
+
+
+STRING: Schema = {"type": "string"}
+ABOUT = ("format", "folder", "study", "identity", "names")  # shared by all lines
+
+
+@options
+class PlanLine(Options):
+    """A chunk of points, with the study that it belongs to."""
+
+    format: str = required(converter=Choice((SCHEMA,)), key="schema", help="Format of the plan.")
+    folder: str = required(converter=Text(), help="Folder of the study.")
+    study: object = required(converter=Plain[object]({}), help="Study, as a document.")
+    identity: Mapping[str, str] = required(
+        converter=Plain[Mapping[str, str]]({"type": "object", "additionalProperties": STRING}),
+        help="Versions of the programs.",
+    )
+    names: Sequence[str] = required(
+        converter=Plain[Sequence[str]]({"type": "array", "items": TEXT}), help="Names of the parameters."
+    )
+    points: Sequence[int] = required(
+        converter=Plain[Sequence[int]]({"type": "array", "items": {"type": "integer"}}), help="Indices of the points."
+    )
+    values: Sequence[Sequence[str]] = required(
+        converter=Plain[Sequence[Sequence[str]]]({"type": "array", "items": {"type": "array", "items": STRING}}),
+        help="Values of the points.",
+    )
+
+    @property
+    def about(self) -> dict[str, object]:
+        """The part that all lines of a plan share."""
+        return {name: getattr(self, name) for name in ABOUT}
+
+
+LINE = Record(PlanLine, PlanLine)
+
+
+def write_plan(path: str, plan: StudyPlan) -> None:
+    """Writes a plan, one line per chunk, together with the manifest of the study: both or neither.
+
+    Raises:
+      FileError: the plan cannot be written.
+    """
+    folder = Path(path).parent
+    study = portable_document(plan.study, folder)
+    home = os.path.relpath(plan.study.output, folder)
+    about = {"schema": SCHEMA, "folder": home, "study": study, "identity": plan.identity, "names": plan.names}
+    chunks = (
+        {**about, "points": [point.index for point in chunk], "values": [point.values for point in chunk]}
+        for chunk in plan.chunks
+    )
+    text = "".join(f"{json.dumps(chunk)}\n" for chunk in chunks)
+    with written_file(Path(path), text.encode()) as output, plan.study.manifest_writer({}) as manifest:
+        publish_together([output, manifest])
+
+
+def read_plan(path: str, given: Mapping[str, object] | None = None) -> StudyPlan | None:
+    """Reads a plan; returns None if it has no chunks.
+
+    Args:
+      given: options of the study that override the plan's, such as its execution.
+
+    Raises:
+      DocumentError: the file is not a plan.
+      UsageError: the plan names a folder that it must not write to.
+      FileError: the file cannot be read.
+    """
+    with opened(Path(path), "plan", PLANS) as file:
+        lines = [_line(path, number, text) for number, text in enumerate(file, 1) if text.strip()]
+    if not lines:
+        return None
+    first = lines[0]
+    for number, line in enumerate(lines, 1):
+        if line.about != first.about:
+            raise document_error(
+                [Fault(Mark(0, number, 1, path), "", "this chunk belongs to another study than the first")]
+            )
+    chunks = [
+        tuple(StudyPoint(index, tuple(values)) for index, values in zip(line.points, line.values, strict=True))
+        for line in lines
+    ]
+    folder = Path(path).parent
+    values = dict(given or {})
+    if "output" not in values:
+        values["output"] = str(_study_folder(folder, first.folder))
+    study = _study(path, cast("Mapping[str, object]", first.study), folder, values)
+    return StudyPlan(study, first.names, first.identity, chunks)
+
+
+def read_folder(path: str, given: Mapping[str, object] | None = None) -> Study:
+    """Reads the study in a folder from its manifest.
+
+    Raises:
+      DocumentError: the manifest does not contain a study.
+      FileError: the manifest cannot be read.
+    """
+    manifest = Path(path) / MANIFEST
+    with opened(manifest, "manifest of a study", [".json"]) as file:
+        text = file.read(LARGEST)
+    try:
+        facts = json.loads(text)
+        study = facts["study"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise FileError(manifest, "does not contain a study", "give the study's document instead") from None
+    return _study(str(manifest), study, Path(path), {"output": path, **(given or {})})
+
+
+def _study_folder(folder: Path, path: str) -> Path:
+    """Returns the folder of a study that a plan in `folder` names.
+
+    Raises:
+      UsageError: the folder is outside of the plan's and is not a study: a plan is untrusted and must not write there.
+    """
+    study = Path(os.path.normpath(folder / path))
+    outside = Path(path).is_absolute() or Path(os.path.normpath(path)).parts[:1] == (os.pardir,)
+    if outside and not is_file(study / MANIFEST):
+        raise UsageError(
+            f"{option('output')}: the plan names {quoted(str(study))}, outside of the plan's folder and not a study\n"
+            f"to write the results there, give {option('output')} DIR"
+        )
+    return study
+
+
+def _line(path: str, number: int, text: bytes) -> PlanLine:
+    mark = Mark(0, number, 1, path)
+    try:
+        value = json.loads(text[:LARGEST])
+        tree = node_of(value, mark)
+    except (ValueError, RecursionError) as error:
+        raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
+    line = _read(LINE, value, tree, Reader())
+    if len(line.points) != len(line.values) or any(len(values) != len(line.names) for values in line.values):
+        raise document_error([Fault(mark, "values", "expected a list for each point, with a value for each name")])
+    return line
+
+
+def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) -> Study:
+    """Returns the study in `value`, a document in `folder`."""
+    tree = node_of(value, Mark(0, 1, 1, path))
+    folders = DocumentReader(folder, lexical=True)
+    document = _read(STUDY.record, value, tree, folders)
+    assert isinstance(tree, MappingNode)
+    return STUDY.made(tree, folders, document, {}, given, CodeOptions())
+
+
+def _read(record: Record[V], value: object, tree: Node, reader: Reader) -> V:
+    """Reads plain values by `record`.
+
+    Raises:
+      DocumentError: with all faults.
+    """
+    try:
+        return cast("V", record.read(value, reader))
+    except (MisfitError, ExpectedError) as error:
+        top = Misfits()
+        with top.at():
+            raise error
+        raise document_error(misfit_faults(top.all, tree)) from None

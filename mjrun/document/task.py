@@ -27,16 +27,11 @@ from typing import TypeVar, cast
 
 from mjrun.confinement.confinement import is_readable
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
-from mjrun.document.faults import document_error, option_fault
 from mjrun.document.forms import DocumentReader
-from mjrun.document.output_folder import OutputFolder
-from mjrun.document.reader import LARGEST, read
-from mjrun.document.tree import MappingNode, Mark
-from mjrun.document.tree import Path as Place
-from mjrun.document.yaml_parser import compose
+from mjrun.document.reader import read, unchecked_document
+from mjrun.document.tree import MappingNode, Place, document_error, option_fault
 from mjrun.document.yaml_writer import number
-from mjrun.errors import FileError, UsageError, quoted
-from mjrun.formats.input_file import opened
+from mjrun.errors import UsageError, quoted
 from mjrun.model.override import overrides_of
 from mjrun.model.source import Source
 from mjrun.model.sources import names_task, parse_source
@@ -137,7 +132,7 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
     """
     bundled = bundled_task(str(path))
     file = bundled or Path(path)
-    folders = DocumentReader(file.parent, OutputFolder(Path()))
+    folders = DocumentReader(file.parent)
     document, tree = read(file, TASK, folders, assignments, variables=True)
     return _Builder(tree, folders, declared_at).task(document, file, str(path) if bundled else "")
 
@@ -149,15 +144,8 @@ def task_or_model(text: str) -> Task | str:
 
 def is_task(path: Path | str) -> bool:
     """Returns whether the document at `path` is a task document: it has observations."""
-    if not is_readable(path):
-        return False  # as below
-    try:
-        with opened(Path(path), "document", YAML) as file:
-            text = file.read(LARGEST).decode("utf-8-sig")
-    except (FileError, OSError, UnicodeDecodeError):
-        return False  # its reader reports why
-    node, _ = compose(text, lambda index: Mark(0, 0, 0, str(path)))
-    return isinstance(node, MappingNode) and "observations" in node.entries
+    root = unchecked_document(path, YAML) if is_readable(path) else None
+    return root is not None and "observations" in root.entries
 
 
 class _Builder(DocumentBuilder):

@@ -3,19 +3,7 @@
 import re
 from collections.abc import Mapping
 
-from mjrun.document.tree import (
-    Fault,
-    InvalidNode,
-    ListNode,
-    MappingNode,
-    Mark,
-    Node,
-    Path,
-    ScalarNode,
-    described,
-    path_text,
-    shortened,
-)
+from mjrun.document import tree
 from mjrun.errors import listing, quoted, suggestion
 
 VARS, DEFAULTS = "vars", "defaults"
@@ -25,90 +13,90 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _REFERENCE = re.compile(r"\$\$\{|\$\{([^{}$]*)\}|\$\{")
 
 
-def merged(above: Node, below: Node | None) -> Node:
+def merged(above: tree.Node, below: tree.Node | None) -> tree.Node:
     """Merges `above` over `below`: mappings by key; any other value of `above` replaces that of `below`."""
-    if not isinstance(above, MappingNode) or not isinstance(below, MappingNode):
+    if not isinstance(above, tree.MappingNode) or not isinstance(below, tree.MappingNode):
         return above
     entries = {key: merged(above.entries[key], below.entries.get(key)) for key in above.entries}
-    return MappingNode(above.mark, {**below.entries, **entries}, {**below.keys, **above.keys})
+    return tree.MappingNode(above.mark, {**below.entries, **entries}, {**below.keys, **above.keys})
 
 
-def without_variables(tree: MappingNode) -> tuple[MappingNode, list[Fault]]:
-    """Returns `tree` without its `vars`, with every `${name}` replaced by its value, and the faults.
+def without_variables(root: tree.MappingNode) -> tuple[tree.MappingNode, list[tree.Fault]]:
+    """Returns `root` without its `vars`, with every `${name}` replaced by its value, and the faults.
 
     A scalar that consists of `${name}` gets the value of the variable, number or text; within a longer text, the
     source of the value is inserted. `$${` becomes `${`.
     """
     resolver = _Resolver()
-    resolver.define(tree.entries.get(VARS))
-    rest = tree.without(VARS)
+    resolver.define(root.entries.get(VARS))
+    rest = root.without(VARS)
     entries = {key: resolver.resolved(value, (key,)) for key, value in rest.entries.items()}
-    return MappingNode(rest.mark, entries, rest.keys), resolver.faults
+    return tree.MappingNode(rest.mark, entries, rest.keys), resolver.faults
 
 
 class _Resolver:
     def __init__(self) -> None:
-        self.variables: dict[str, Node] = {}
-        self.faults: list[Fault] = []
+        self.variables: dict[str, tree.Node] = {}
+        self.faults: list[tree.Fault] = []
         self.substituted = 0
 
-    def define(self, node: Node | None) -> None:
+    def define(self, node: tree.Node | None) -> None:
         """Reads the variables."""
-        if node is None or isinstance(node, InvalidNode):
+        if node is None or isinstance(node, tree.InvalidNode):
             return
-        if not isinstance(node, MappingNode):
-            self._fault(node.mark, (VARS,), f"expected a mapping of names to values, got {described(node)}")
+        if not isinstance(node, tree.MappingNode):
+            self._fault(node.mark, (VARS,), f"expected a mapping of names to values, got {tree.described(node)}")
             return
         for name, value in node.entries.items():
             if not _NAME.fullmatch(name):
                 self._fault(
-                    node.keys[name], (VARS,), f"{quoted(shortened(name))} is not a name of letters, digits and _"
+                    node.keys[name], (VARS,), f"{quoted(tree.shortened(name))} is not a name of letters, digits and _"
                 )
             self.variables[name] = self._variable(value, (VARS, name))
 
-    def _variable(self, value: Node, path: Path) -> Node:
-        if not isinstance(value, ScalarNode | InvalidNode):
-            self._fault(value.mark, path, f"expected a single value, got {described(value)}")
-            return InvalidNode(value.mark)
-        if isinstance(value, ScalarNode) and any(match[0] != "$${" for match in _REFERENCE.finditer(value.text)):
+    def _variable(self, value: tree.Node, path: tree.Place) -> tree.Node:
+        if not isinstance(value, tree.ScalarNode | tree.InvalidNode):
+            self._fault(value.mark, path, f"expected a single value, got {tree.described(value)}")
+            return tree.InvalidNode(value.mark)
+        if isinstance(value, tree.ScalarNode) and any(match[0] != "$${" for match in _REFERENCE.finditer(value.text)):
             self._fault(value.mark, path, "a variable cannot refer to another variable; write $${ for ${")
-            return InvalidNode(value.mark)
+            return tree.InvalidNode(value.mark)
         return self.resolved(value, path)
 
-    def resolved(self, node: Node, path: Path) -> Node:
+    def resolved(self, node: tree.Node, path: tree.Place) -> tree.Node:
         """Replaces the variables in `node`, which is at `path`."""
         match node:
-            case ListNode():
-                return ListNode(node.mark, [self.resolved(item, (*path, i)) for i, item in enumerate(node.items)])
-            case MappingNode():
+            case tree.ListNode():
+                return tree.ListNode(node.mark, [self.resolved(item, (*path, i)) for i, item in enumerate(node.items)])
+            case tree.MappingNode():
                 entries = {key: self.resolved(value, (*path, key)) for key, value in node.entries.items()}
-                return MappingNode(node.mark, entries, node.keys)
-            case ScalarNode(value=str(text)) if "${" in text:
+                return tree.MappingNode(node.mark, entries, node.keys)
+            case tree.ScalarNode(value=str(text)) if "${" in text:
                 return self._scalar(node, text, path)
             case _:
                 return node
 
-    def _scalar(self, node: ScalarNode, text: str, path: Path) -> Node:
+    def _scalar(self, node: tree.ScalarNode, text: str, path: tree.Place) -> tree.Node:
         whole = _REFERENCE.fullmatch(text)
         if whole and whole[1] is not None:
             value = self._value(whole, node.mark, path)
-            return ScalarNode(node.mark, value.value, value.text, text) if value else InvalidNode(node.mark)
+            return tree.ScalarNode(node.mark, value.value, value.text, text) if value else tree.InvalidNode(node.mark)
         parts: list[str] = []
         end = 0
         for match in _REFERENCE.finditer(text):
             value = None if match[0] == "$${" else self._value(match, node.mark, path)
             if match[0] != "$${" and not value:
-                return InvalidNode(node.mark)
+                return tree.InvalidNode(node.mark)
             parts += [text[end : match.start()], value.text if value else "${"]
             end = match.end()
             self.substituted += len(parts[-1])
             if self.substituted > LARGEST:
                 self._fault(node.mark, path, f"variables insert more than {LARGEST:,} characters")
-                return InvalidNode(node.mark)
+                return tree.InvalidNode(node.mark)
         text = "".join([*parts, text[end:]])
-        return ScalarNode(node.mark, text, text)
+        return tree.ScalarNode(node.mark, text, text)
 
-    def _value(self, match: re.Match[str], mark: Mark, path: Path) -> ScalarNode | None:
+    def _value(self, match: re.Match[str], mark: tree.Mark, path: tree.Place) -> tree.ScalarNode | None:
         """Returns the variable that `match` refers to; None if it does not exist."""
         name = match[1]
         if name is None:
@@ -117,12 +105,12 @@ class _Resolver:
         if name not in self.variables:
             self._fault(mark, path, _unknown(name, self.variables))
         value = self.variables.get(name)
-        return value if isinstance(value, ScalarNode) else None
+        return value if isinstance(value, tree.ScalarNode) else None
 
-    def _fault(self, mark: Mark, path: Path, message: str) -> None:
-        self.faults.append(Fault(mark, path_text(path), message))
+    def _fault(self, mark: tree.Mark, path: tree.Place, message: str) -> None:
+        self.faults.append(tree.Fault(mark, tree.path_text(path), message))
 
 
-def _unknown(name: str, variables: Mapping[str, Node]) -> str:
+def _unknown(name: str, variables: Mapping[str, tree.Node]) -> str:
     choices = f"vars: {listing(list(variables))}" if variables else "there are no vars"
-    return f"no variable {quoted(shortened(name))}{suggestion(name, variables)}; {choices}"
+    return f"no variable {quoted(tree.shortened(name))}{suggestion(name, variables)}; {choices}"

@@ -15,32 +15,9 @@ from collections.abc import Callable
 from typing import NoReturn
 
 import yaml
-from yaml.events import (
-    AliasEvent,
-    CollectionStartEvent,
-    DocumentStartEvent,
-    Event,
-    MappingEndEvent,
-    NodeEvent,
-    ScalarEvent,
-    SequenceEndEvent,
-    SequenceStartEvent,
-    StreamEndEvent,
-)
+from yaml import events
 
-from mjrun.document.tree import (
-    Fault,
-    InvalidNode,
-    ListNode,
-    MappingNode,
-    Mark,
-    Node,
-    Path,
-    ScalarNode,
-    described,
-    path_text,
-    shortened,
-)
+from mjrun.document import tree
 from mjrun.errors import clean, quoted
 
 NOTHING = {"", "~", "null", "Null", "NULL"}
@@ -94,7 +71,7 @@ PROBLEMS = {
 NODES = 50_000  # values per document
 DEPTH = 50  # levels of nested values
 
-Place = Callable[[int], Mark]  # of the character at an index
+MarkAt = Callable[[int], tree.Mark]  # of the character at an index
 
 # YAML's printable characters, except byte order marks and line ends that only some programs recognize.
 FORBIDDEN = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
@@ -115,7 +92,7 @@ class LineIndex:
         return line, index - self._starts[line - 1] + 1
 
 
-def compose(text: str, place: Place, inline: bool = False) -> tuple[Node | None, list[Fault]]:
+def compose(text: str, place: MarkAt, inline: bool = False) -> tuple[tree.Node | None, list[tree.Fault]]:
     """Returns the tree of `text` and its faults; no tree if the text is empty or cannot be parsed further.
 
     Aliases, anchors, tags, directives, merge keys and further documents are faults; keys are unique texts.
@@ -135,27 +112,27 @@ class _UnreadableError(Exception):
 
 
 class _Composer:
-    def __init__(self, text: str, place: Place, inline: bool) -> None:
+    def __init__(self, text: str, place: MarkAt, inline: bool) -> None:
         self.text, self.place, self.inline = text, place, inline
-        self.faults: list[Fault] = []
+        self.faults: list[tree.Fault] = []
         self.nodes = self.depth = 0
 
-    def document(self) -> Node | None:
+    def document(self) -> tree.Node | None:
         if found := FORBIDDEN.search(self.text):
             self._halt(found.start(), forbidden(found[0]))
         self.loader = yaml.SafeLoader(self.text)
         self._event()  # the stream begins
         start = self._event()
-        if not isinstance(start, DocumentStartEvent):
+        if not isinstance(start, events.DocumentStartEvent):
             return None
         self._check_directives(start)
         node = self._node(self._event(), ())
         self._event()  # the document ends
-        if not isinstance(extra := self._event(), StreamEndEvent):
+        if not isinstance(extra := self._event(), events.StreamEndEvent):
             self._halt(extra.start_mark.index, "a second document begins here, and a file holds one")
         return node
 
-    def _event(self) -> Event:
+    def _event(self) -> events.Event:
         try:
             return self.loader.get_event()
         except yaml.MarkedYAMLError as error:
@@ -165,18 +142,18 @@ class _Composer:
             self._halt(self.loader.get_mark().index, "this escape means no character")
 
     def _halt(self, index: int, message: str) -> NoReturn:
-        self.faults.append(Fault(self.place(index), "", message))
+        self.faults.append(tree.Fault(self.place(index), "", message))
         raise _UnreadableError
 
-    def _fault(self, mark: Mark, path: Path, message: str) -> None:
-        self.faults.append(Fault(mark, path_text(path), message))
+    def _fault(self, mark: tree.Mark, path: tree.Place, message: str) -> None:
+        self.faults.append(tree.Fault(mark, tree.path_text(path), message))
 
-    def _check_directives(self, start: DocumentStartEvent) -> None:
+    def _check_directives(self, start: events.DocumentStartEvent) -> None:
         if start.tags or start.version not in (None, (1, 2)):
             self._fault(self.place(start.start_mark.index), (), NO_DIRECTIVES)
 
-    def _node(self, event: Event, path: Path) -> Node:
-        assert isinstance(event, NodeEvent), "YAML's grammar has a value here"
+    def _node(self, event: events.Event, path: tree.Place) -> tree.Node:
+        assert isinstance(event, events.NodeEvent), "YAML's grammar has a value here"
         index = event.start_mark.index
         mark = self.place(index)
         self.nodes += 1
@@ -185,70 +162,70 @@ class _Composer:
         if self.depth >= DEPTH:
             self._halt(index, f"more than {DEPTH} lists and mappings within each other are no document for mjrun")
         self._check_properties(event, mark, path)
-        if isinstance(event, AliasEvent):
-            return InvalidNode(mark)
-        if isinstance(event, ScalarEvent):
+        if isinstance(event, events.AliasEvent):
+            return tree.InvalidNode(mark)
+        if isinstance(event, events.ScalarEvent):
             return self._scalar(event, mark, path)
-        if self.inline and isinstance(event, CollectionStartEvent) and not event.flow_style:
+        if self.inline and isinstance(event, events.CollectionStartEvent) and not event.flow_style:
             self._halt(index, "expected one value, [a list] or {a: mapping}")
         self.depth += 1
-        node = self._list(mark, path) if isinstance(event, SequenceStartEvent) else self._mapping(mark, path)
+        node = self._list(mark, path) if isinstance(event, events.SequenceStartEvent) else self._mapping(mark, path)
         self.depth -= 1
         return node
 
-    def _check_properties(self, event: NodeEvent, mark: Mark, path: Path) -> None:
+    def _check_properties(self, event: events.NodeEvent, mark: tree.Mark, path: tree.Place) -> None:
         """Reports YAML's node properties, anchors and tags, as faults."""
         if event.anchor is not None:
             self._fault(mark, path, NO_ANCHORS)
         if getattr(event, "tag", None) is not None:
             self._fault(mark, path, NO_TAGS)
 
-    def _scalar(self, event: ScalarEvent, mark: Mark, path: Path) -> Node:
+    def _scalar(self, event: events.ScalarEvent, mark: tree.Mark, path: tree.Place) -> tree.Node:
         if found := _SURROGATE.search(event.value):
             self._fault(mark, path, f"the escape {quoted(found[0])} is half a character")
-            return InvalidNode(mark)
-        return ScalarNode(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
+            return tree.InvalidNode(mark)
+        return tree.ScalarNode(mark, meaning(event.value) if event.implicit[0] else event.value, event.value)
 
-    def _list(self, mark: Mark, path: Path) -> ListNode:
-        items: list[Node] = []
-        while not isinstance(event := self._event(), SequenceEndEvent):
+    def _list(self, mark: tree.Mark, path: tree.Place) -> tree.ListNode:
+        items: list[tree.Node] = []
+        while not isinstance(event := self._event(), events.SequenceEndEvent):
             items.append(self._node(event, (*path, len(items))))
-        return ListNode(mark, items)
+        return tree.ListNode(mark, items)
 
-    def _mapping(self, mark: Mark, path: Path) -> MappingNode:
-        entries: dict[str, Node] = {}
-        keys: dict[str, Mark] = {}
-        while not isinstance(event := self._event(), MappingEndEvent):
+    def _mapping(self, mark: tree.Mark, path: tree.Place) -> tree.MappingNode:
+        entries: dict[str, tree.Node] = {}
+        keys: dict[str, tree.Mark] = {}
+        while not isinstance(event := self._event(), events.MappingEndEvent):
             key, key_mark = self._key(event, path), self.place(event.start_mark.index)
             value = self._node(self._event(), path if key is None else (*path, key))
             if key in keys:
-                self._fault(key_mark, path, f"{quoted(shortened(key))} is given twice{_first(keys[key])}")
+                self._fault(key_mark, path, f"{quoted(tree.shortened(key))} is given twice{_first(keys[key])}")
             elif key is not None:
                 entries[key], keys[key] = value, key_mark
-        return MappingNode(mark, entries, keys)
+        return tree.MappingNode(mark, entries, keys)
 
-    def _key(self, event: Event, path: Path) -> str | None:
+    def _key(self, event: events.Event, path: tree.Place) -> str | None:
         """Returns the key that `event` begins; None if it is invalid."""
-        plain = isinstance(event, ScalarEvent) and event.implicit[0]
+        plain = isinstance(event, events.ScalarEvent) and event.implicit[0]
         node = self._node(event, path)
-        if isinstance(node, InvalidNode):
+        if isinstance(node, tree.InvalidNode):
             return None
-        if not isinstance(node, ScalarNode):
-            self._fault(node.mark, path, f"a key is text, not {described(node)}")
+        if not isinstance(node, tree.ScalarNode):
+            self._fault(node.mark, path, f"a key is text, not {tree.described(node)}")
         elif plain and node.text == "<<":
             self._fault(node.mark, path, NO_MERGE)
         elif plain and node.text.count(")") > node.text.count("("):
             self._fault(node.mark, path, NO_COMMAS)
         elif not isinstance(node.value, str):
-            self._fault(node.mark, path, f"a key is text; {described(node)} as text goes in quotes")
+            self._fault(node.mark, path, f"a key is text; {tree.described(node)} as text goes in quotes")
         elif _CONTROL.search(node.value):
-            self._fault(node.mark, path, f"a key with control characters, {described(node)}")
+            self._fault(node.mark, path, f"a key with control characters, {tree.described(node)}")
         else:
             return node.value
         return None
 
 
-def _first(mark: Mark) -> str:
+def _first(mark: tree.Mark) -> str:
     return f"; first in line {mark.line}" if mark.line else ""
 
 
@@ -288,7 +265,7 @@ def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str,
     for pattern, sentence in PROBLEMS.items():
         if found := re.fullmatch(pattern, problem, re.DOTALL):
             return sentence.format(*found.groups()), place
-    return f"not YAML: {clean(shortened(problem, 80))}", place
+    return f"not YAML: {clean(tree.shortened(problem, 80))}", place
 
 
 def forbidden(character: str) -> str:

@@ -45,18 +45,6 @@ def exact(value: float | str | Fraction) -> float | str:
         return str(meant)
 
 
-def decimal(value: Fraction, what: str) -> float:
-    """Returns `value` as a decimal number.
-
-    Raises:
-      UsageError: no decimal number is exactly equal.
-    """
-    found = exact(value)
-    if isinstance(found, str):
-        raise UsageError(f"{what}: {found} is not a decimal number, which a camera document requires")
-    return found
-
-
 def yaml_text(value: Plain) -> str:
     """Formats `value`, made of mappings, lists, texts, numbers, booleans and None, as a document.
 

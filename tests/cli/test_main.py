@@ -17,7 +17,7 @@ import pytest
 
 from mjrun import __version__
 from mjrun.cli.main import COMMANDS, group
-from mjrun.document.report_schema import failure_schema
+from mjrun.document.json_schema import failure_schema
 from mjrun.errors import EncoderError, NoRendererError, TerminatedError
 from tests.document.schema_oracle import fits
 from tests.processes import PATIENCE

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from mjrun.document.builder import DocumentBuilder
-from mjrun.document.faults import option_fault
 from mjrun.document.output_folder import Folders, OutputFolder
-from mjrun.document.tree import MappingNode, Mark
+from mjrun.document.tree import MappingNode, Mark, option_fault
 from mjrun.document.yaml_parser import LineIndex, compose
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.option import Options

@@ -16,7 +16,7 @@ from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Event, Fit, Shot
 from mjrun.camera.shake import Shake
-from mjrun.document.camera import read_camera
+from mjrun.document.forms import read_camera
 from mjrun.errors import DocumentError
 
 

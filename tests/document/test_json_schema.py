@@ -8,7 +8,7 @@ import yaml
 from mjrun.camera.easing import BLENDS, EASINGS
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.script import ShotForm
-from mjrun.document import camera
+from mjrun.document import forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
@@ -30,7 +30,7 @@ from tests.document.schema_oracle import fits, rules
 )
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    camera.CAMERA.read(value, Reader())
+    forms.CAMERA.read(value, Reader())
     assert fits(value, json_schema("camera"), json_schema("camera"))
 
 
@@ -49,7 +49,7 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     with pytest.raises((MisfitError, ExpectedError)):
-        camera.CAMERA.read(value, Reader())
+        forms.CAMERA.read(value, Reader())
     assert not fits(value, json_schema("camera"), json_schema("camera"))
 
 
@@ -139,7 +139,7 @@ def test_a_kind_that_there_is_not_is_told() -> None:
 
 
 def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
-    example = (camera.__doc__ or "").split("```yaml")[1].split("```")[0]
+    example = (forms.__doc__ or "").split("```yaml")[1].split("```")[0]
     (tmp_path / "c.yaml").write_text(example)
-    assert len(camera.read_camera(tmp_path / "c.yaml").shots) == 2
+    assert len(forms.read_camera(tmp_path / "c.yaml").shots) == 2
     assert fits(yaml.safe_load(example), json_schema("camera"), json_schema("camera"))

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.camera import CAMERA, read_camera
 from mjrun.document.evaluation import EVALUATION, read_evaluation
 from mjrun.document.fit import FIT, read_fit
-from mjrun.document.kinds import KINDS, kind_of_file
+from mjrun.document.forms import CAMERA, read_camera
+from mjrun.document.reader import KINDS, kind_of_file
 from mjrun.document.run import RUN, read_run
 from mjrun.document.study import STUDY, read_study
 from mjrun.document.task import TASK, read_task

@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from mjrun.document.plan import read_folder, read_plan, write_plan
-from mjrun.document.study import portable_document
+from mjrun.document.study import portable_document, read_folder, read_plan, write_plan
 from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.plan import StudyPlan, plan

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mjrun.document import faults, yaml_parser
+from mjrun.document import tree, yaml_parser
 from mjrun.document.reader import LARGEST
 from mjrun.errors import FAULTS, DocumentError, FileError, clean
 from tests.document.documents import ANCHOR, Anything, Run, outcome, problems, put, read
@@ -131,7 +131,7 @@ def test_what_is_no_document_is_not_cited() -> None:
 
 def test_thousands_of_unknown_keys_are_compared_as_far_as_they_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     compared: list[str] = []
-    monkeypatch.setattr(faults, "suggestion", lambda key, keys: compared.extend([key] if keys else []) or "")
+    monkeypatch.setattr(tree, "suggestion", lambda key, keys: compared.extend([key] if keys else []) or "")
     with pytest.raises(DocumentError) as caught:
         read(put("".join(f"step{i}: 1\n" for i in range(2000))), Run)
     assert len(caught.value.problems) == 2000

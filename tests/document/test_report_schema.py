@@ -9,7 +9,7 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.results import BenchResult
-from mjrun.document.report_schema import report_schema
+from mjrun.document.json_schema import report_schema
 from tests.document.schema_oracle import fits
 
 FAILURE = {"kind": "FileError", "message": "a.csv: no such file", "exit_code": 7}

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.document.simulation_document import SimulationDocument
+from mjrun.document.builder import SimulationDocument
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options

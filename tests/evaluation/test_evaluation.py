@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import mjrun
-from mjrun.document.report_schema import report_schema
+from mjrun.document.json_schema import report_schema
 from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
 from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
 from mjrun.evaluation.schedule import play_all

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.document.report_schema import report_schema
+from mjrun.document.json_schema import report_schema
 from mjrun.fit.fit import Fit
 from mjrun.fit.result import FitResult
 from mjrun.model.sources.file import FileSource

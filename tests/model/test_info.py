@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import pytest
 
-from mjrun.document.report_schema import report_schema
+from mjrun.document.json_schema import report_schema
 from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
 from mjrun.model.column import Column
 from mjrun.model.description.model_description import SECTIONS

@@ -79,7 +79,7 @@ def _evaluation(console: Console, command_line: CommandLine) -> "tuple[Evaluatio
     locates its errors.
     """
     from mjrun.document.evaluation import evaluated_task, read_evaluation
-    from mjrun.document.kinds import KINDS, kind_of_file
+    from mjrun.document.reader import KINDS, kind_of_file
     from mjrun.evaluation.evaluation import Evaluation
 
     path, assignments = command_line.argument("task"), command_line.arguments("assignments")

@@ -48,16 +48,14 @@ def schema(console: Console, command_line: CommandLine) -> None:
 
 def kinds() -> list[str]:
     """Returns all kinds of schemas."""
-    from mjrun.document.json_schema import DOCUMENTS
-    from mjrun.document.report_schema import ERROR
+    from mjrun.document.json_schema import DOCUMENTS, ERROR
 
     return [*DOCUMENTS, *(kind for kind, _, _ in _reports()), ERROR, OPTIONS]
 
 
 def schema_of(kind: str) -> dict[str, Any]:
     """Returns the JSON Schema of a kind of document or report."""
-    from mjrun.document.json_schema import DOCUMENTS, json_schema
-    from mjrun.document.report_schema import failure_schema, report_schema
+    from mjrun.document.json_schema import DOCUMENTS, failure_schema, json_schema, report_schema
 
     if kind in DOCUMENTS:
         return json_schema(kind)

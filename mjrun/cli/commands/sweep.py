@@ -137,7 +137,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
             raise UsageError(f"{clean(model)} is a plan; give {option('task')} I/N or {option('collect')}")
         return replace(_plan(command_line).study, command=console.command), nullcontext
     if is_file(Path(model) / MANIFEST):
-        from mjrun.document.plan import read_folder
+        from mjrun.document.study import read_folder
 
         return replace(read_folder(model, _beside_study(command_line, model)), command=console.command), nullcontext
     if is_folder(model) and not any(Path(model).glob("*.xml")):
@@ -164,7 +164,7 @@ def _is_plan(path: str) -> bool:
 
 
 def _plan(command_line: CommandLine) -> "StudyPlan":
-    from mjrun.document.plan import read_plan
+    from mjrun.document.study import read_plan
 
     path = command_line.argument("model")
     if not _is_plan(path):
@@ -195,7 +195,7 @@ def _with_document(study: "Study", *, required: bool = False) -> "Study":
 
 
 def _write_plan(console: Console, study: "Study", path: str) -> None:
-    from mjrun.document.plan import write_plan
+    from mjrun.document.study import write_plan
     from mjrun.study.plan import plan
 
     made = plan(study)

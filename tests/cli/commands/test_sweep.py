@@ -235,7 +235,7 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
         (("k.yaml", "sampels=3"), "sampels=3: unknown key 'sampels' (did you mean 'samples' or 'sampler'?)"),
         (("ball.xml", "samples=3"), "samples=3: ball.xml is not a document, so KEY=VALUE cannot change it"),
         (("ball.xml", "--task", "1/2"), "--task: ball.xml is not a plan (.jsonl); --plan FILE writes one"),
-        (("p.jsonl",), "p.jsonl is a plan: give --task I/N, or --collect"),
+        (("p.jsonl",), "p.jsonl is a plan; give --task I/N or --collect"),
         (("p.jsonl", "--task", "1/2"), "p.jsonl has no points: all results existed when it was made"),
         (("p.jsonl", "--task", "3/2"), "'3/2' is not one of N tasks; write it as in 1/16"),
         (
