@@ -24,7 +24,7 @@ class StepTimingOptions(Options):
         converter=Optional(Integer(1)),
         default=None,
         usual="7 to 50",
-        help="Number of times that each rollout is repeated.",
+        help="Number of times to repeat each rollout.",
     )
     threads: tuple[int | str, ...] = option(
         converter=Several(Processes("N", of="threads"), commas=True),
@@ -53,7 +53,7 @@ class StepTimingOptions(Options):
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="an eighth of the smallest",
-        help="Timestep of the run that accuracy is measured against [s].",
+        help="Timestep of the run against which accuracy is measured [s].",
     )
     whole: bool = option(
         converter=Flag(), default=False, help="Also time a complete trace and a complete video of 1 s."
@@ -69,8 +69,8 @@ class EngineOptions(Options):
     engine: str = option(
         converter=Choice(ENGINES),
         default="c",
-        help="Engine: c, MuJoCo; or warp, MuJoCo Warp, which steps many worlds at once in single precision. "
-        "Requires the extra warp.",
+        help="Physics engine: c is MuJoCo; warp is MuJoCo Warp, which steps many worlds at once in single "
+        "precision and requires the extra warp.",
     )
     worlds: int | None = option(
         converter=Optional(Integer(1, 2**20)),
@@ -87,13 +87,13 @@ class EngineOptions(Options):
     nconmax: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
-        usual="its own guess",
+        usual="chosen by MuJoCo Warp",
         help="Maximum number of contacts per Warp world.",
     )
     njmax: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
-        usual="its own guess",
+        usual="chosen by MuJoCo Warp",
         help="Maximum number of constraints per Warp world.",
     )
 
@@ -108,7 +108,7 @@ class RolloutOptions(Options):
         converter=Optional(Key()),
         default=None,
         usual="test, if it exists",
-        help="The keyframe to start from, by name or index.",
+        help="Keyframe to start from, by name or index.",
     )
     steps: int | None = option(
         converter=Optional(Integer(1)),
@@ -134,23 +134,23 @@ class RolloutOptions(Options):
 class FrameTimingOptions(BackendOptions):
     """Measurement of rendering speed."""
 
-    section: ClassVar[str] = "Drawing"
+    section: ClassVar[str] = "Rendering"
 
     render: bool = option(converter=Flag(), default=False, help="Also time rendering and encoding.")
     size: tuple[tuple[int, int], ...] = option(
         converter=Several(Size()), default=(), usual="1280x720", help="Width and height of a view [pixels]."
     )
     camera: str | None = option(
-        converter=Optional(Text("SPEC")), default=None, usual="free", help="As for mjrun video."
+        converter=Optional(Text("SPEC")), default=None, usual="free", help="Camera, as for mjrun video."
     )
     view: tuple[str, ...] = option(
-        converter=Several(Choice(VIEWS)), default=(), usual="rgb", help="Colour, depth or segmentation."
+        converter=Several(Choice(VIEWS)), default=(), usual="rgb", help="Kind of image: colour, depth or segmentation."
     )
     quality: tuple[str, ...] = option(
-        converter=Several(Choice(QUALITIES)), default=(), usual="model", help="As for mjrun video."
+        converter=Several(Choice(QUALITIES)), default=(), usual="model", help="Rendering quality, as for mjrun video."
     )
     renderer: tuple[str, ...] = option(
-        converter=Several(Choice(RENDERERS)), default=(), usual="classic", help="As for mjrun video."
+        converter=Several(Choice(RENDERERS)), default=(), usual="classic", help="Renderer, as for mjrun video."
     )
 
 
@@ -167,9 +167,9 @@ class BaselineOptions(Options):
     fail_above: float | None = option(
         converter=Optional(Percent()),
         default=None,
-        help="Exit with code 1 if the result is certainly slower than the baseline by more than this, such as 10%, "
-        "or if the simulation became unstable. A slowdown whose confidence interval contains the limit is "
-        "inconclusive.",
+        help="Exit with code 1 if the result is certainly more than this much slower than the baseline, such as "
+        "10%, or if the simulation became unstable. A slowdown whose confidence interval contains the limit "
+        "is inconclusive.",
     )
     force: bool = option(
         converter=Flag(), default=False, help="Compare even if the model, the options or the machine differ."

@@ -19,12 +19,12 @@ class CheckOptions(Options):
     select: tuple[str, ...] = option(
         converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
-        help="Report only these codes: MJ301, or MJ3 for all codes that begin with it.",
+        help="Report only findings with these codes: MJ301, or MJ3 for all codes that begin with it.",
     )
     ignore: tuple[str, ...] = option(
         converter=Several(Text("CODE"), commas=True, expected="a code, or how several begin"),
         default=(),
-        help="Do not report these codes. Errors that prevent a model from loading are always reported.",
+        help="Do not report findings with these codes. Errors that prevent a model from loading are always reported.",
     )
     fail_on: str = option(
         converter=Choice(SEVERITIES),
@@ -34,13 +34,13 @@ class CheckOptions(Options):
     skip_other: bool = option(
         converter=Flag(),
         default=False,
-        help="Skip XML files that are neither MJCF nor URDF, as in folders, instead of reporting them.",
+        help="Skip XML files that are neither MJCF nor URDF, which folders may contain, instead of reporting them.",
     )
     steps: int = option(
         converter=Integer(),
         default=200,
-        help="Number of steps that a model must simulate from its initial state without becoming unstable; 0 skips "
-        "this check.",
+        help="Number of steps to simulate from the initial state, to find out whether the model becomes unstable; "
+        "0 skips this check.",
     )
     timeout: Fraction = option(converter=ExactNumber("SECONDS"), default=60, help="Maximum wall time per model [s].")
     memory: int = option(converter=Integer(1, metavar="MIB"), default=4096, help="Maximum memory per model [MiB].")
@@ -67,5 +67,5 @@ class CheckReportOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print annotations for GitHub workflows to stdout.",
+        help="Print GitHub Actions annotations to stdout.",
     )

@@ -29,13 +29,13 @@ class ConfinementOptions(Options):
         default=None,
         usual="the model's folder",
         places=FrontEnd.COMMAND,
-        help="Folder that files may be read from; requires --untrusted.",
+        help="Folder from which files may be read; requires --untrusted.",
     )
     limit: Mapping[str, tuple[float, ...]] = option(
         converter=Values("NAME=N"),
         default=dict[str, tuple[float, ...]](),
         usual="time=3600, memory=8192, file=16384",
         places=FrontEnd.COMMAND,
-        help="Limits of the untrusted run; requires --untrusted. time is the wall time [s], memory is per process "
-        "[MiB], and file is the size of one written file [MiB].",
+        help="Limit of an untrusted run: time, the wall time [s]; memory, that of each process [MiB]; or file, the "
+        "size of each written file [MiB]. Requires --untrusted.",
     )

@@ -49,15 +49,15 @@ class ToleranceOptions(Options):
     atol: float = option(
         converter=Real(metavar="ATOL"),
         default=0.0,
-        help="Absolute tolerance: numbers and pixels are equal where |a - b| <= ATOL + RTOL·|b|. With both "
-        "tolerances 0, they must be identical bit for bit; NaN equals NaN.",
+        help="Absolute tolerance: numbers and pixels count as equal if |a - b| <= ATOL + RTOL·|b|. If both "
+        "tolerances are 0, they must be identical bit for bit; NaN equals NaN.",
     )
     rtol: float = option(converter=Real(metavar="RTOL"), default=0.0, help="Relative tolerance.")
     tol: Mapping[str, Numbers] = option(
         converter=ColumnTolerances(),
         default=NO_TOLERANCES,
-        help="Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. The last match "
-        "applies. The tolerance of the column time decides which times are equal.",
+        help="Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. If several "
+        "match, the last one applies. The tolerance of the column time determines which times count as equal.",
     )
 
 
@@ -77,19 +77,20 @@ class TableDiffOptions(ToleranceOptions):
         converter=Optional(Text("time|row|COLUMN[,COLUMN]...")),
         default=None,
         usual="time, if both have it",
-        help="How rows are paired: time pairs rows of equal time, row pairs them by number, and column names pair "
-        "rows with equal cells there, in any order. Points of studies are paired by their parameters, episodes "
-        "by their seeds.",
+        help="How rows are paired: time pairs rows with equal times, row pairs rows with equal numbers, and column"
+        " names pair rows with equal values in those columns, in any order. Points of studies are paired by "
+        "their parameters, and episodes by their seeds.",
     )
     common: bool = option(
         converter=Flag(),
         default=False,
-        help="Compare only rows and columns that exist on both sides; others are counted but are no difference.",
+        help="Compare only rows and columns that exist on both sides; the others are counted, but not treated as "
+        "differences.",
     )
     model: str | None = option(
         converter=Optional(File("MODEL")),
         default=None,
-        help="Model of the two recordings, from which columns get the names of joints.",
+        help="Model of the two recordings, so that the report can name joints.",
     )
 
 
@@ -143,5 +144,5 @@ class DiffReportOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print annotations for GitHub workflows to stdout.",
+        help="Print GitHub Actions annotations to stdout.",
     )

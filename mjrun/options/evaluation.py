@@ -53,7 +53,7 @@ class Thresholds(Values):
 class FilmOptions(Options):
     """Videos of selected episodes."""
 
-    section: ClassVar[str] = "Films"
+    section: ClassVar[str] = "Videos"
 
     films: int = option(
         converter=Integer(),
@@ -94,7 +94,7 @@ class EvaluationOptions(FilmOptions, VariationOptions, PolicyOptions, ModelOptio
         converter=Integer(1), default=100, help="Number of episodes for each policy and each point of a study."
     )
     seed: int = option(
-        converter=Integer(), default=0, help="Seed of the first episode; each further episode uses the next one."
+        converter=Integer(), default=0, help="Seed of the first episode; each later episode uses the next seed."
     )
     compare: object | None = option(
         converter=Optional(PolicyKind()),
@@ -158,5 +158,5 @@ class EvaluationCommandOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print this command as an evaluation document and exit.",
+        help="Print an evaluation document equivalent to this command and exit.",
     )

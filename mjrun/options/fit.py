@@ -27,11 +27,11 @@ class FitOptions(Options):
     free: tuple[tuple[str, str], ...] = option(
         converter=Settings("PATH=LOW..HIGH", "joint/hinge.damping=0.001..1"),
         default=(),
-        help="Parameter to estimate, with its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its order of "
-        "magnitude is unknown. Accepts any path of --set, scale: and wildcards to tie several together; "
-        "actuator/NAME.kp and .kv of position servos; delay:ctrl/* or delay:qpos/knee [s]; inertia:BODY.mass "
-        "[kg], .center of mass [m] and .shape, factors for the spread of mass. Append ~normal(MEAN, STD) to "
-        "add a prior.",
+        help="Parameter to estimate and its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its order of "
+        "magnitude is unknown. Accepts any path of --set, with scale: or wildcards to tie several values "
+        "together; actuator/NAME.kp and .kv of position servos; delay:ctrl/* or delay:qpos/knee [s]; "
+        "inertia:BODY.mass [kg], .center (of mass) [m] and .shape (factors for the spread of mass). Append "
+        "~normal(MEAN, STD) to add a prior.",
     )
     output: str | None = option(
         converter=Optional(File(written=True)),
@@ -42,19 +42,19 @@ class FitOptions(Options):
     comparison: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="Table of the measurements beside the predictions of the model before the fit (/nominal) and after it "
+        help="Table of the measurements and of the predictions of the model before (/nominal) and after the fit "
         "(/fitted), for mjrun plot.",
     )
     ranges: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="Distributions of the fitted parameters (.yaml), for vary: in documents of mjrun sweep.",
+        help="Distributions of the fitted parameters (.yaml), for the key vary in documents of mjrun sweep.",
     )
     html: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
         help="Self-contained page (.html) about the fit: parameters with confidence intervals, errors, "
-        "correlations, and plots of the measurements beside the model before and after.",
+        "correlations, and plots of the measurements with the model before and after the fit.",
     )
     video: str | None = option(
         converter=Optional(File(written=True)),
@@ -74,19 +74,19 @@ class FitOptions(Options):
     holdout: float = option(
         converter=Real(0, most=0.9, metavar="SHARE"),
         default=0.2,
-        help="Share of each table, at its end, that is not fitted but predicted, to test whether the fit is an "
-        "improvement.",
+        help="Share of each table, at its end, that is not used for the fit, but predicted to test whether the fit"
+        " is an improvement.",
     )
     holdout_data: tuple[str, ...] = option(
         converter=Several(File()),
         default=(),
-        help="Tables that are only predicted, instead of the last part of each table.",
+        help="Table that is not used for the fit but only predicted, instead of the last part of each table.",
     )
     starts: int = option(
         converter=Integer(1),
         default=3,
-        help="Number of starting points: the values of the model, then others spread evenly over the bounds, used "
-        "if the fit does not reach the noise level.",
+        help="Number of starting points: first the values of the model, then values spread evenly over the bounds,"
+        " which are used if the fit does not reach the noise level.",
     )
     confidence: float = option(
         converter=Real(0.5, most=0.999),
@@ -102,7 +102,7 @@ class FitOptions(Options):
     allow_unidentifiable: bool = option(
         converter=Flag(),
         default=False,
-        help="Continue although the measurements do not determine some parameters, alone or in combination.",
+        help="Continue even if the measurements do not determine some parameters or combinations of them.",
     )
     keep_partial: bool = option(
         converter=Flag(),
@@ -113,9 +113,9 @@ class FitOptions(Options):
     excite: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="Without measurements: write a table of controls that excite the parameters, chirps of 0.1 to 10 Hz "
-        "within the ranges of controls, joints and forces. --ctrl-from applies the table; --duration sets its "
-        "length.",
+        help="Instead of fitting, write a table of controls that excite the parameters: chirps of 0.1 to 10 Hz "
+        "within the ranges of controls, joints and forces. --ctrl-from applies the table; --duration sets its"
+        " length.",
     )
     excite_noise: float = option(
         converter=Real(1e-12, metavar="STD"),

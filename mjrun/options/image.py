@@ -44,6 +44,6 @@ class ImageOptions(ViewOptions, OutputOptions):
     pointcloud: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m]; the view seg adds "
+        help="Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m]; --view seg adds "
         "labels.",
     )

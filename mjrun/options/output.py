@@ -57,14 +57,14 @@ class CommandOptions(Options):
         converter=Optional(Text("FILE.xml[:NAME]")),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Also write the model's XML with the last instant, or that of the image, as a keyframe. FILE may be "
-        "the model itself; NAME is end by default.",
+        help="Also write the model's XML with the final state, or the state in the image, as a keyframe. FILE may "
+        "be the model itself; the default NAME is end.",
     )
     print_document: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print this command as a document for mjrun run and exit.",
+        help="Print a run document equivalent to this command and exit.",
     )
 
 
@@ -81,12 +81,13 @@ class KeyframeOptions(OutputOptions):
     output: str = required(
         converter=File(written=True),
         kw_only=False,
-        help="An .xml file, which may be the model itself. Apart from the keyframe, the XML is unchanged to the byte.",
+        help="An .xml file, which may be the model itself. Apart from the keyframe, every byte of the XML is "
+        "unchanged.",
     )
     name: str = option(
         converter=Text(metavar="NAME"),
         default=LAST_INSTANT,
-        help="Name of the keyframe; an existing keyframe of this name is replaced.",
+        help="Name of the keyframe; an existing keyframe with this name is replaced.",
     )
     time: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS", zero=True)),

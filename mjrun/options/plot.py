@@ -32,7 +32,7 @@ class FigureOptions(Options):
         converter=Optional(Text("COLUMN")),
         default=None,
         usual="time",
-        help="Curve on the x axis.",
+        help="Column or expression on the x axis.",
     )
     log: tuple[str, ...] = option(
         converter=Several(Text("[PANEL:]x|y|both"), commas=True, expected="x, y or both"),
@@ -54,7 +54,7 @@ class FigureOptions(Options):
     style: str = option(
         converter=Choice(STYLES),
         default="light",
-        help="Colour scheme; print is meant for paper and also distinguishes lines by their dashes.",
+        help="Colour scheme; print is meant for paper and also distinguishes lines by dash patterns.",
     )
     size: tuple[int, int] | None = option(
         converter=Optional(Size()),
@@ -122,7 +122,7 @@ class TablePlotOptions(PageOptions, FigureOptions):
     include: tuple[str, ...] = option(
         converter=Several(File()),
         default=(),
-        help="Also show this on the page: an image, a video or a manifest (.json). Other files are linked.",
+        help="Also show this file on the page: an image, a video or a manifest (.json). Other files are linked.",
     )
 
 

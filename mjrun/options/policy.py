@@ -62,7 +62,7 @@ class TrustOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Open policy files that can run code when they are opened: Stable-Baselines3 archives and torch files.",
+        help="Allow policy files that can run code when they are opened: Stable-Baselines3 archives and torch files.",
     )
 
 
@@ -76,8 +76,8 @@ class PolicyOptions(TrustOptions):
         converter=Optional(PolicyKind()),
         default=None,
         help="Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its .yaml; a "
-        "Stable-Baselines3 .zip or a TorchScript .pt, which require --trust; policy.py:act or "
-        "package.module:Policy; random or zero.",
+        "Stable-Baselines3 .zip or a TorchScript .pt, which require --trust; Python code, policy.py:act or "
+        "package.module:Policy; random; or zero.",
     )
     normalize: str | None = option(
         converter=Optional(NormalizationKind()),

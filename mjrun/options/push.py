@@ -50,10 +50,8 @@ class Push:
 class PushMapping(Options):
     """A force on a body at its centre of mass, or at a site, for a limited time."""
 
-    body: str | None = option(
-        converter=Optional(Text()), default=None, help="Body that is pushed at its centre of mass."
-    )
-    site: str | None = option(converter=Optional(Text()), default=None, help="Site at which its body is pushed.")
+    body: str | None = option(converter=Optional(Text()), default=None, help="Body to push at its centre of mass.")
+    site: str | None = option(converter=Optional(Text()), default=None, help="Site at which to push its body.")
     force: Force = required(converter=Point(), help="Force in world coordinates [N].")
     at: Fraction = required(converter=ExactNumber(zero=True), help="Start of the push [s].")
     duration: Fraction = required(converter=ExactNumber(), help="Duration of the push [s].")

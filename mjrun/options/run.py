@@ -29,7 +29,7 @@ class RunOptions(BackendOptions, CodeOptions):
         help="Create or replace the golden tables of all traces, and report what changed.",
     )
     dry_run: bool = option(
-        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Show what would be made and exit."
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List the outputs that would be made and exit."
     )
     quality: str | None = option(
         converter=Optional(Choice(QUALITIES)),

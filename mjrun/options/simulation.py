@@ -35,15 +35,16 @@ class ControllerOptions(Options):
         converter=PythonFunction(),
         default=None,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Python code that sets the controls: policy.py:act or package.module:Policy, called with (model, "
-        "data). It writes data.ctrl or returns the controls; a class may have a method reset.",
+        help="Python code that sets the controls: a function or class such as policy.py:act or "
+        "package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a "
+        "class may have a method reset.",
     )
     control_dt: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
         default=None,
         usual="every step",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Time between two calls of the controller, or of a policy without a task [s].",
+        help="Time between two calls of the controller, or of a policy that has no task document [s].",
     )
 
 
@@ -108,9 +109,9 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
     push: tuple[Push, ...] = option(
         converter=Several(PushKind()),
         default=(),
-        help="Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its "
-        "duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up; the visual "
-        "flag pertforce shows them.",
+        help="Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start and its"
+        " duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up; --show "
+        "pertforce draws them.",
     )
     replay: str | None = option(
         converter=Optional(File()),
@@ -121,8 +122,8 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
     replay_mode: str = option(
         converter=Choice(REPLAY_MODES),
         default=STATES,
-        help="Replay mode: states, the recorded states; or controls, a simulation from the first state under the "
-        "recorded controls and forces.",
+        help="Replay mode: states plays back the recorded states; controls simulates again from the first state, "
+        "with the recorded controls and forces.",
     )
     replay_rate: Fraction | None = option(
         converter=Optional(ExactNumber("HZ")),
@@ -133,25 +134,26 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
     replay_interpolation: str = option(
         converter=Choice(INTERPOLATIONS),
         default="linear",
-        help="Interpolation between the rows of a replayed table and across gaps in it; quaternions follow an arc.",
+        help="Interpolation between the rows of a replayed table and across gaps in it; linear interpolates "
+        "quaternions along an arc.",
     )
     replay_unwrap: bool = option(
         converter=Flag(),
         default=False,
-        help="Unwrap hinge angles: a jump of more than half a turn between rows continues the rotation.",
+        help="Unwrap hinge angles: treat a jump of more than half a turn between rows as a continued rotation.",
     )
     map: tuple[str, ...] = option(
         converter=ColumnMap(),
         default=(),
-        help="Column of mjrun and an expression over the columns of a table that is replayed or that a ghost "
-        "follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching columns "
+        help="Column of mjrun and its value, an expression over the columns of a table that is replayed or that a "
+        "ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching columns "
         "'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.",
     )
     quat: str = option(
         converter=Choice(QUATERNION_ORDERS),
         default="wxyz",
-        help="Order of quaternion components in such a table if its columns number them instead of naming them qw … "
-        "qz.",
+        help="Order of quaternion components in a replayed table whose columns number them instead of naming them "
+        "qw … qz.",
     )
     perturb: float = option(
         converter=Real(metavar="STD"),

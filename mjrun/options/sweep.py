@@ -46,24 +46,24 @@ class KeepOptions(Options):
     keep: tuple[str, ...] = option(
         converter=Several(Choice(KEPT), commas=True, expected="trace, recording or video"),
         default=(),
-        help="Kinds of files to write for points, in points/NUMBER of the study's folder: trace.parquet, "
+        help="Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet, "
         "recording.npz, video.mp4.",
     )
     keep_where: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),
         default=(),
-        help="Keep files of points for which this condition over parameters, metrics and statuses holds: unstable, "
-        "drift > 1.",
+        help="Keep the files of points for which this condition on parameters, metrics and statuses holds: "
+        "unstable, drift > 1.",
     )
     keep_lowest: tuple[str, ...] = option(
         converter=Several(Text("N:METRIC")),
         default=(),
-        help="Keep files of the N points with the lowest values of a metric: 4:drift.",
+        help="Keep the files of the N points with the lowest values of a metric: 4:drift.",
     )
     keep_highest: tuple[str, ...] = option(
         converter=Several(Text("N:METRIC")),
         default=(),
-        help="Keep files of the N points with the highest values of a metric: 4:drift.",
+        help="Keep the files of the N points with the highest values of a metric: 4:drift.",
     )
     contact_sheet: str | None = option(
         converter=Optional(File(written=True)),
@@ -113,10 +113,10 @@ class VariationOptions(Options):
     vary: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="Parameter to vary, with its values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
-        "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Accepts any path of --set, "
-        "each:PATH for separate values of all objects that match a wildcard, or an option of the simulation, "
-        "such as controller=a.py:act,b.py:act.",
+        help="Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
+        "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Accepts any path of --set; "
+        "each:PATH, which varies all objects that match a wildcard separately; or an option of the "
+        "simulation, such as controller=a.py:act,b.py:act.",
     )
     points: str | None = option(
         converter=Optional(File()),
@@ -144,7 +144,7 @@ class VariationOptions(Options):
     where: tuple[str, ...] = option(
         converter=Several(Text("EXPR")),
         default=(),
-        help="Leave out points for which this condition does not hold: mass < 10.",
+        help="Include only points for which this condition holds: mass < 10.",
     )
 
 
@@ -162,7 +162,7 @@ class StudyOptions(KeepOptions, VariationOptions):
         kw_only=False,
         short="-o",
         usual="MODEL_study, or from the document",
-        help="Folder for the study; a second run with the same folder continues it.",
+        help="Folder for the study; running again with the same folder continues the study.",
     )
     metric: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=EXPR", "drift=max(abs(energy/drift))"),
@@ -196,8 +196,8 @@ class ExecutionOptions(Options):
         converter=Text("ENGINE"),
         default="local",
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Engine that runs the points: local, warp (MuJoCo Warp, in single precision), dask, dask://HOST:PORT, "
-        "slurm, or module:factory, which returns an Executor of concurrent.futures.",
+        help="Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask, "
+        "dask://HOST:PORT, slurm, or module:factory, a function that returns a concurrent.futures.Executor.",
     )
     chunk: int | None = option(
         converter=Optional(Integer(1)),
@@ -213,7 +213,7 @@ class ExecutionOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND | FrontEnd.PYTHON,
-        help="Simulate points that failed before again.",
+        help="Simulate again the points that failed before.",
     )
 
 
@@ -236,25 +236,26 @@ class StudyCommandOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print this command as a study document and exit.",
+        help="Print a study document equivalent to this command and exit.",
     )
     plan: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Write the simulations of the study to this .jsonl file, many points per line, and exit.",
+        help="Write a plan of all simulations of the study to this .jsonl file and exit; each line contains many "
+        "points.",
     )
     task: tuple[int, int] | None = option(
         converter=Optional(TaskNumber()),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Simulate the I-th of N equal parts of a plan and exit: for job arrays, xargs and make.",
+        help="Simulate the I-th of N equal parts of a plan and exit; for job arrays, xargs and make.",
     )
     collect: bool = option(
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Simulate nothing; write the table from the existing results.",
+        help="Write the table from the existing results, without simulating.",
     )
     csv: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="Print the table of all points to stdout."

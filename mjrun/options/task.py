@@ -134,17 +134,17 @@ class TaskOptions(ModelOptions):
 
     control_dt: Fraction = required(
         converter=ExactNumber("SECONDS"),
-        help="Control period [s]: time between two actions of the policy, a whole number of timesteps.",
+        help="Control period [s]: time between two actions of the policy; must be a whole number of timesteps.",
     )
     duration: Fraction = required(
         converter=ExactNumber("SECONDS"),
-        help="Length of an episode [s]; reaching it ends the episode with the termination timeout.",
+        help="Maximum length of an episode [s]; an episode that reaches it ends with the termination timeout.",
     )
     derived: str = option(
         converter=Choice(DERIVED),
         default=CURRENT,
-        help="When quantities that MuJoCo derives from the state, such as xpos, are observed: current computes them "
-        "for the observed state; lagged takes those of the last step, one step behind, as Gymnasium does.",
+        help="Values of quantities that MuJoCo derives from the state, such as xpos: current, computed from the "
+        "observed state; or lagged, as left by the last step, one step behind the state, as in Gymnasium.",
     )
 
 
@@ -167,18 +167,18 @@ class ResetOptions(Options):
     noise: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="Noise added to the initial state, by columns: 'qpos/*' as in uniform(-0.1, 0.1), 'qvel/*' as in "
-        "normal(0, 0.1). Quaternions are normalized afterwards.",
+        help="Noise added to the initial state, by column: {'qpos/*': 'uniform(-0.1, 0.1)', 'qvel/*': 'normal(0, "
+        "0.1)'}. Quaternions are normalized afterwards.",
     )
     set: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="Random values that replace the initial state, by columns: qpos/slider as in uniform(-1, 1).",
+        help="Random values that replace those of the initial state, by column: {qpos/slider: 'uniform(-1, 1)'}.",
     )
     vary: tuple[tuple[str, str], ...] = option(
         converter=Variations(),
         default=(),
-        help="Random values of the model for each episode: geom/floor.friction[0] as in uniform(0.3, 1).",
+        help="Random values in the model for each episode: {'geom/floor.friction[0]': 'uniform(0.3, 1)'}.",
     )
 
 
@@ -260,8 +260,9 @@ class ActionOptions(Options):
         converter=Optional(Choice(TARGETS)),
         default=None,
         usual="control with actuators",
-        help="Meaning of the action: a control of the actuator; a position or a velocity of the joint, held by a "
-        "torque kp (q* - q) - kd q̇ or kd (q̇* - q̇) that is computed at every step; or that torque itself.",
+        help="Quantity that the action sets: control, of the actuator; position or velocity, a target q* or q̇* of"
+        " the joint, reached by a torque kp (q* - q) - kd q̇ or kd (q̇* - q̇) that is computed at every step;"
+        " or torque, of the joint.",
     )
     kp: Numbers | None = option(
         converter=Optional(NumberVector()), default=None, help="Stiffness of a position target [N·m/rad, N/m]."

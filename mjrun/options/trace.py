@@ -38,7 +38,7 @@ class GoldenOptions(ToleranceOptions):
     golden: str | None = option(
         converter=Optional(File()),
         default=None,
-        help="Table of an earlier run to compare with, within the tolerances; exits with code 1 if it differs.",
+        help="Table of an earlier run with which to compare, within the tolerances; the exit code is 1 if they differ.",
     )
     update: bool = option(
         converter=Flag(),
@@ -74,7 +74,7 @@ class TraceOptions(SamplingOptions, GoldenOptions):
         help="Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.",
     )
     keep_partial: bool = option(
-        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the rows before that."
+        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the rows from before."
     )
     contacts: str | None = option(
         converter=Optional(File(written=True)),
@@ -101,8 +101,8 @@ class TraceCommandLineOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Simulate --replay again, compare every recorded state bit for bit, and exit; the exit code is 1 if a "
-        "state differs.",
+        help="Simulate the recording of --replay again, compare every state bit for bit, and exit; the exit code "
+        "is 1 if a state differs.",
     )
 
 
@@ -114,5 +114,5 @@ class RecordingOptions(OutputOptions):
 
     output: str = required(converter=File(written=True), kw_only=False, help="An .npz file.")
     keep_partial: bool = option(
-        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the states before that."
+        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the states from before."
     )

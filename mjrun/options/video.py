@@ -32,7 +32,7 @@ class VideoOptions(ViewOptions, OutputOptions):
         converter=Optional(ExactNumber("FPS")),
         default=None,
         usual="30; 25 in a GIF",
-        help="Frames per second of the video [Hz], as in 60 or 30000/1001.",
+        help="Frames per second of the video [Hz], such as 60 or 30000/1001.",
     )
     speed: Fraction = option(
         converter=ExactNumber("FACTOR"), default=1, help="Simulated seconds per second of video; 0.25 is slow motion."
@@ -53,7 +53,7 @@ class VideoOptions(ViewOptions, OutputOptions):
     preset: str | None = option(
         converter=Optional(Key("NAME", "the name of a preset")),
         default=None,
-        help="Preset of the codec, which trades encoding speed for compression.",
+        help="Encoder preset, a trade-off between encoding speed and compression.",
     )
     plot: tuple[str, ...] = option(
         converter=Several(Text("PROBE,…")),
@@ -66,5 +66,5 @@ class VideoOptions(ViewOptions, OutputOptions):
     jobs: int | str = option(
         converter=Processes(),
         default=AUTO,
-        help="Number of processes that render; auto uses one per core if a CPU renders a long video.",
+        help="Number of rendering processes; auto uses one per core for long videos that are rendered on the CPU.",
     )

@@ -56,13 +56,13 @@ class RendererOptions(BackendOptions):
     quality: str = option(
         converter=Choice(QUALITIES),
         default="model",
-        help="Rendering quality: draft without shadows, reflections or multisampling; model with the settings of "
-        "the model; high with supersampling.",
+        help="Rendering quality: draft omits shadows, reflections and multisampling; model uses the model's "
+        "settings; high adds supersampling.",
     )
     renderer: str = option(
         converter=Choice(RENDERERS),
         default="classic",
-        help="Renderer: classic, MuJoCo's OpenGL renderer; or filament, its physically based one, which requires "
+        help="Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one, which requires "
         "Vulkan.",
     )
 
@@ -92,13 +92,14 @@ class ViewOptions(RendererOptions):
         converter=Optional(Choice(STYLES)),
         default=None,
         usual="chosen by the file format",
-        help="Pixels of depth and segmentation: color, colours for viewing; or exact, 16-bit millimetres or ids.",
+        help="Pixel values of depth and segmentation: color writes colours for viewing; exact writes 16-bit "
+        "millimetres or ids.",
     )
     depth_range: tuple[float, float] | None = option(
         converter=Optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
         default=None,
         usual="the visible range",
-        help="Depths [m] of the first and the last colour.",
+        help="Depths [m] that get the first and the last colour.",
     )
     seg_by: str = option(
         converter=MujocoName("KIND", of="segmentation"),
@@ -149,7 +150,7 @@ class ViewOptions(RendererOptions):
     trail: tuple[str, ...] = option(
         converter=Several(Text("OBJECT,…")),
         default=(),
-        help="Bodies, geoms or sites whose path is drawn, wider and in warmer colours at higher speed.",
+        help="Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed is higher.",
     )
     trail_span: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")),
@@ -160,9 +161,9 @@ class ViewOptions(RendererOptions):
     ghost: tuple[str, ...] = option(
         converter=Several(Ghost()),
         default=(),
-        help="Translucent copy of the model: offset=0/1/0, opacity=.3; in the pose of a keyframe, key=NAME; or "
-        "moving as in a recording, recording=FILE, or as in a table of positions, trace=FILE, with map=FILE or "
-        "--map.",
+        help="Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe, key=NAME; "
+        "the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, with "
+        "map=FILE or --map.",
     )
     text: str | None = option(
         converter=Optional(Text("TEMPLATE")),
@@ -179,7 +180,7 @@ class ViewOptions(RendererOptions):
     calibration: str | None = option(
         converter=Optional(File(written=True)),
         default=None,
-        help="File with the calibration of each frame: K, world from camera, near and far [m] and time [s], in "
+        help="File for the calibration of each frame: K, world from camera, near and far [m] and time [s], in "
         "OpenCV axes.",
     )
     calibration_format: str = option(

@@ -9,9 +9,9 @@ from mjrun.errors import UnknownNameError
 
 @command(arguments=[click.Argument(["shell"], metavar="bash|zsh|fish")])
 def completion(console: Console, command_line: CommandLine) -> None:
-    """Print a script that completes mjrun's commands, options and values in a SHELL.
+    """Print a script that completes mjrun's commands, options and values in a shell.
 
-    Values include the models of a collection, and cameras, keyframes, actuators, joints, columns and paths of the
+    Values include the models of a collection, and the cameras, keyframes, actuators, joints, columns and paths of the
     model on the command line. Add one of these lines to the shell's start-up file:
 
     \b

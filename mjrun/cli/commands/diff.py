@@ -49,7 +49,7 @@ def diff(console: Console, command_line: CommandLine) -> None:
     mjrun diff arm.xml arm_heavier.xml
     mjrun diff --golden golden.csv scene.xml
 
-    Tables may have different formats and are aligned by time; one of them may come from standard input. Exits with 1
+    Tables may have different formats and are aligned by time; one may come from standard input. Exits with 1
     if A and B differ. --golden compares a simulation with a golden table: see mjrun diff --golden --help.
     """
     form = command_line.form("github")

@@ -52,9 +52,10 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
     mjrun eval gym:Walker2d-v5 --policy random --episodes 20
     mjrun eval evaluation.yaml --policy new.onnx episodes=20
 
-    TASK is a task document, a task of the gallery such as scene:car_drive, or a Gymnasium environment. KEY=VALUE
-    changes a value of the document. Each episode uses the next seed after the first one; mjrun video TASK --policy P
-    --seed S shows the episode of seed S. Equal seeds give identical tables. Exits with 1 if a requirement is not met.
+    TASK is a task document, an included task such as scene:car_drive, or a Gymnasium environment. KEY=VALUE
+    changes a value of the document. Episodes use consecutive seeds, from --seed on; mjrun video TASK --policy P
+    --seed S shows the episode with seed S. The same seeds give identical tables. Exits with 1 if a requirement is not
+    met.
 
     EVALUATION.yaml is an evaluation document; KEY=VALUE changes a value in it, and options override it.
     """

@@ -34,9 +34,9 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
     reports={"info": "mjrun.model.info:InfoResult", "info-task": "mjrun.task.description:TaskDescription"},
 )
 def info(console: Console, command_line: CommandLine) -> None:
-    """Describe MODEL: sizes, bodies, joints, actuators, sensors and more; or only the given SECTIONs, uncut.
+    """Describe MODEL: sizes, bodies, joints, actuators, sensors and more; or only the given SECTIONs, in full.
 
-    Of a task document, describes the observations and actions of the policy, number by number, and the course of
+    For a task document, describes the observations and actions of the policy, number by number, and the course of
     episodes. Sections of a task also work for an environment such as gym:Ant-v5.
 
     \b

@@ -23,10 +23,10 @@ def _complete(context: click.Context, parameter: click.Parameter, incomplete: st
 def schema(console: Console, command_line: CommandLine) -> None:
     """Print the JSON Schema of a KIND of document, for editors and validators, or of a report printed with --json.
 
-    Kinds of documents: camera, run, study, task, fit-document, eval-document. The report of a command has its name,
-    such as video or bench. In addition, run-report is the report of mjrun run, excite that of mjrun fit --excite,
-    verify that of mjrun trace --verify, info-task that of mjrun info with a task, and error that of any command that
-    fails.
+    Kinds of documents: camera, run, study, task, fit-document, eval-document. The kind of a command's report is the
+    name of the command, such as video or bench. In addition, run-report is the report of mjrun run, excite that of
+    mjrun fit --excite, verify that of mjrun trace --verify, info-task that of mjrun info with a task, and error
+    that of any command that fails.
 
     The kind options prints the reference of all options of all commands as Markdown.
 

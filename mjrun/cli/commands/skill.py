@@ -8,7 +8,8 @@ from mjrun.cli.console import Console
 
 @command()
 def skill(console: Console, command_line: CommandLine) -> None:
-    """Print instructions for coding agents, in the format of a SKILL.md: how to run, see and judge a model headless.
+    """Print instructions for coding agents, in the format of a SKILL.md: how to run, render and evaluate a
+    model without a display.
 
     \b
     mkdir -p .claude/skills/mjrun && mjrun skill > .claude/skills/mjrun/SKILL.md

@@ -69,8 +69,8 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
     Repeating a command continues its study from the results in the folder. Exits with 8 if points failed.
 
-    To distribute the simulations by other means than an engine, write a plan, simulate its parts in any number of
-    processes in any order, and collect the results:
+    To distribute the simulations without an engine, write a plan, simulate its parts in any number of processes and
+    in any order, and collect the results:
 
     \b
     mjrun sweep study.yaml --plan plan.jsonl
