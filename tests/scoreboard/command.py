@@ -235,7 +235,7 @@ def _refuse_landlock() -> None:
     ]
     program = seccomp.Program(len(steps), b"".join(struct.pack("HBBI", *step) for step in steps))
     library = ctypes.CDLL(None, use_errno=True)
-    library.prctl(seccomp.NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    library.prctl(landlock.NO_NEW_PRIVILEGES, 1, 0, 0, 0)
     if library.prctl(seccomp.SET_SECCOMP, seccomp.FILTER, ctypes.byref(program), 0, 0):
         raise OSError(ctypes.get_errno(), "seccomp")
 
