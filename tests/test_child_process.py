@@ -279,7 +279,7 @@ def test_waiting_forever_costs_nothing_that_is_infinite() -> None:
 def test_a_program_that_may_not_be_executed_is_named(tmp_path: Path) -> None:
     program = tmp_path / "python"
     program.touch(0o600)
-    with pytest.raises(FileError, match=r"python: cannot be started, .*: Permission denied"):
+    with pytest.raises(FileError, match=r"python: cannot be started; .*: Permission denied"):
         ChildProcess([str(program)])
 
 

@@ -115,7 +115,7 @@ def test_a_failing_controller_shows_its_own_traceback_and_nothing_of_mjrun(mjrun
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--control-dt", ".1"], "there is none"),
+        (["--control-dt", ".1"], "requires --controller"),
         (["--controller", "code/policy.py:act", "--ctrl-from", "x.csv"], "exclude each other"),
         (["--controller", "code/policy.py:act", "--control-dt", "1e-4"], "shorter than the timestep"),
         (["--controller", "code/policy.py:act", "--control-dt", "0"], "not a positive number"),

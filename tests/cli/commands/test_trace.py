@@ -162,7 +162,7 @@ def test_csv_is_the_format_said_shortly(mjrun_here: Command) -> None:
 def test_a_rate_above_that_of_the_steps_is_a_warning(mjrun_here: Command) -> None:
     done = mjrun_here("trace", PENDULUM, "--steps", "3", "--rate", "30000")
     assert done.returncode == 0
-    assert b"warning: --rate 30000 is more than the 500 steps of a simulated second" in done.stderr
+    assert b"warning: --rate 30000 exceeds the 500 steps of a simulated second" in done.stderr
     assert len(done.stdout.splitlines()) == 5
 
 
