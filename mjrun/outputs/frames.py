@@ -78,6 +78,7 @@ class FramePlan:
     Attributes:
       plots: the values to plot.
       motions: the motion of each camera.
+      probes: the measurement of the values in a text and in plots; None without these.
       overlay: the overlay without content, whose size is known.
       conditions: the conditions of the events that the schedule depends on.
       schedule: the schedule of the frames; None if events decide.
@@ -88,7 +89,7 @@ class FramePlan:
     plots: Sequence[str]
     motions: Sequence[CameraMotion]
     decorations: SceneDecorations
-    probes: OverlayProbes
+    probes: OverlayProbes | None
     overlay: Overlay
     conditions: Sequence[str]
     schedule: FrameSchedule | None = None
@@ -96,7 +97,8 @@ class FramePlan:
     @property
     def enable_flags(self) -> int:
         """MuJoCo enable flags that the measured values require."""
-        return self.probes.model.opt.enableflags
+        model = self.probes.model if self.probes else self.context.model
+        return model.opt.enableflags
 
     def size_of(self, file: PanelFile) -> tuple[int, int]:
         """Returns width and height of the frames in a file [pixels]."""
@@ -125,16 +127,20 @@ def plan_frames(
     with context.simulation.source.named_in_errors():
         motions = camera_motions(job, model)
     events = {**shot_events([motion.script for motion in motions]), **job.events}
-    corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
+    probes, overlay = None, Overlay()
+    if job.text or plots:
+        probes = overlay_probes(model, context.timeline, job.text, plots, context.episode)
+        corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
+        overlay = empty_overlay(frame_size(job), corner, plots, side)
     plan = FramePlan(
         job=job,
         context=context,
         plots=plots,
         motions=motions,
         decorations=scene_decorations(job, model, context.simulation),
-        probes=overlay_probes(model, context.timeline, job.text, plots, context.episode),
-        overlay=empty_overlay(frame_size(job), corner, plots, side),
-        conditions=conditions(events, model, context.episode),
+        probes=probes,
+        overlay=overlay,
+        conditions=conditions(events, model, context.episode) if events else (),
     )
     return plan if plan.conditions else replace(plan, schedule=plan.scheduled({}))
 
@@ -180,7 +186,7 @@ class FrameOutput(Output[R_co]):
             Tap(frames, lambda stepper: stepper.state(), self.states.append),
             Tap(trail, lambda stepper: stepper.state(), self._trail_states.append),
         ]
-        if not plan.probes.idle:
+        if plan.probes and not plan.probes.idle:
             taps.append(Tap(frames, plan.probes.read, self._values.append))
         return taps
 
@@ -208,9 +214,9 @@ class FrameOutput(Output[R_co]):
         plan, schedule = self._plan, self.schedule
         trail_states = (self._trail_states[k] for k in range(len(self._trail_states)))
         decorations = plan.decorations.decorations(trail_states, self.times)
-        overlay = plan.probes.overlay(
-            plan.overlay, self._values, schedule.steps, schedule.speeds, plan.context.timeline
-        )
+        overlay = plan.overlay
+        if plan.probes:
+            overlay = plan.probes.overlay(overlay, self._values, schedule.steps, schedule.speeds, plan.context.timeline)
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
         return scene_compositor(plan.job, plan.context.model, self._backend, streams, self.poses, decorations)
 
