@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 import pytest
 
+from mjrun.cli.commands.diff import diff_golden
 from mjrun.cli.confined import confinement_of
-from mjrun.cli.diff_golden import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
 from tests.processes import PATIENCE
