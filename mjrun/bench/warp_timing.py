@@ -133,7 +133,7 @@ class WarpRoller:
                 steps,
                 steps * timestep,
                 f"the simulation became unstable in {bad} of {self.copies} worlds within {steps} steps, "
-                f"{steps * timestep:.9g} s\na smaller {option('timestep')} than {timestep:g} s may cure it; "
+                f"{steps * timestep:.9g} s\na smaller {option('timestep')} than {timestep:g} s may help; "
                 "mujoco_warp computes in single precision",
             )
 

@@ -129,7 +129,7 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
     centers[planes], halves[planes] = 0.0, model.geom_size[ids[planes]] * [1, 1, 0]
     finite = ~planes | (model.geom_size[ids, :2] > 0).all(axis=1)
     if not finite.any():
-        raise UsageError(f"{clean(text)} cannot be fitted into an image: it has no geoms that end somewhere")
+        raise UsageError(f"{clean(text)} cannot be fitted into an image: it has no geoms of finite size")
     return Bounds("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
 
 

@@ -76,7 +76,7 @@ def _names(recording: RecordingReader, model: mujoco.MjModel | None) -> list[str
         others = [f"{name} is {sizes[name]}, not {ours[name]}" for name in sizes if sizes[name] != ours[name]]
         if others or recording.size != state.size(model):
             facts = f": {', '.join(others)}" if others else ""
-            raise UsageError(f"{option('model')}: the recordings are of another model{facts}")
+            raise UsageError(f"{option('model')}: the recordings were made with another model{facts}")
         return state_columns(model)
 
     names = [

@@ -140,7 +140,7 @@ def _path(text: str, named: Sequence[str]) -> tree.Place:
         steps.append(match[1] if match[1] is not None else int(match[2]))
         position = match.end()
         if len(steps) > DEPTH:
-            raise _InvalidPathError(f"a path of more than {DEPTH} parts leads to nothing in a document")
+            raise _InvalidPathError(f"a path can have at most {DEPTH} parts")
     if position < len(text) or not steps or isinstance(steps[0], int):
         raise _InvalidPathError(f"{quoted(tree.shortened(text))} is not a path; write it as in duration, videos[0].fps")
     return tuple(steps)

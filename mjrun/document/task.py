@@ -173,7 +173,7 @@ class _Builder(DocumentBuilder):
     def _model(self, document: Values) -> Source:
         written = str(document["model"])
         if names_task(written):
-            raise UsageError(f"{quoted(written)} is a document; a task is made of a model", ("model",))
+            raise UsageError(f"{quoted(written)} is a document; a task requires a model", ("model",))
         return parse_source(self.folders.model(written))
 
     def _reset(self, document: Values) -> Reset | None:

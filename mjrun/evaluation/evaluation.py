@@ -179,4 +179,4 @@ def _require_ours(path: Path) -> None:
         raise FileError(path, "is not a folder", f"{option('output')} names the folder of the results")
     if any(path.iterdir()) and not is_file(path / MANIFEST):
         hint = f"{option('output')} names a folder that is new, empty, or of an earlier evaluation"
-        raise FileError(path, f"holds other files than an evaluation: it has no {clean(MANIFEST)}", hint)
+        raise FileError(path, f"contains other files, but no evaluation: it has no {clean(MANIFEST)}", hint)

@@ -212,7 +212,7 @@ def encoding(
     chosen = codec or holds[0]
     known = CODECS[chosen]
     if crf is not None and known.crf is None:
-        raise UsageError(f"{option('crf')}: {chosen} has no constant rate factor")
+        raise UsageError(f"{option('crf')}: {chosen} does not support a constant rate factor")
     if crf is not None and known.crf and not known.crf[0] <= crf <= known.crf[1]:
         raise BadValueError(option("crf"), crf, f"from {known.crf[0]} (best) to {known.crf[1]}, as {chosen} takes")
     if preset is not None and preset not in known.presets:

@@ -143,7 +143,7 @@ def segment_numbers(ids: np.ndarray, count: int) -> np.ndarray:
 def check_segment_count(count: int, most: int) -> None:
     """Raises UsageError if an image cannot number `count` segments."""
     if count > most:
-        raise UsageError(f"a segmentation of {count} objects does not fit an image that can hold {most}")
+        raise UsageError(f"a segmentation of {count} objects does not fit in an image that can hold at most {most}")
 
 
 def encode_exr(values: np.ndarray, tags: Mapping[str, str] | None = None) -> bytes:

@@ -219,7 +219,7 @@ def require_plausible_size(path: Path, rows: int, columns: int) -> None:
     Common compression makes a thousandth of equal numbers, at best.
     """
     if 8 * rows * columns > max(ENDLESS, PACKED * path.stat().st_size):
-        raise FileError(path, f"is too small for the {rows:,} rows that it promises")
+        raise FileError(path, f"is too small for the {rows:,} rows that its header declares")
 
 
 def shown(text: str) -> str:

@@ -133,7 +133,7 @@ def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
                         named.models[place] = inner
                         waiting.append((Path(place), inner))
     if waiting and confinement():
-        raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, too many to check each")
+        raise BrokenModelError(path, f"it includes or attaches more than {MAX_FILES} files, which is too many to check")
     return named
 
 

@@ -197,7 +197,7 @@ def indices_at(spec: mujoco.MjSpec, override: Override) -> tuple[list[int], list
         if matches:
             return matches, fields
     if len(parts) == 1:
-        raise UsageError(f"{kind}/{clean(rest)} names no field; write {kind}/{clean(rest)}.FIELD=VALUE")
+        raise UsageError(f"{kind}/{clean(rest)} lacks a field; write {kind}/{clean(rest)}.FIELD=VALUE")
     raise UnknownNameError(kind, parts[0], list(named), plural=ELEMENTS[kind])
 
 

@@ -142,7 +142,7 @@ class ReplayStepper:
       simulated: whether the states come from physics, in which bodies may sleep, or from a table.
 
     Raises:
-      UsageError: the recording is of another model, or of another timestep.
+      UsageError: the recording was made with another model, or of another timestep.
     """
 
     def __init__(
@@ -258,11 +258,11 @@ def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mappi
     differing = [name for name in state.SIZES if theirs.get(name, ours[name]) != ours[name]]
     if differing:
         facts = [f"{name} {clean(str(theirs[name]))}, not {ours[name]}" for name in differing]
-        raise UsageError(f"the recording is of another model: it has {'; '.join(facts)}")
+        raise UsageError(f"the recording was made with another model: it has {'; '.join(facts)}")
     if states.size != state.size(model):
         facts = [f"{name} {size}" for name, size in ours.items() if size]
         raise UsageError(
-            f"the recording is of another model: its states have {states.size} numbers, "
+            f"the recording was made with another model: its states have {states.size} numbers, "
             f"those of this model {state.size(model)}\nthis model has {listing(facts)}"
         )
 

@@ -183,7 +183,7 @@ class PickledDtype:
     def dtype(self) -> np.dtype:
         """Returns the type; raises ValueError if it is not a type of numbers."""
         if not re.fullmatch(r"[fiub][1248]", str(self._code)) or self._order not in ("<", ">", "=", "|"):
-            raise ValueError(f"its numbers are of the type {self._code}")
+            raise ValueError(f"its numbers have the unsupported type {self._code}")
         return np.dtype(f"{self._order}{self._code}")
 
 
@@ -257,4 +257,4 @@ def read_inert(path: Path) -> object:
         try:
             return _Reader(file).load()
         except MemoryError:  # a length beyond the end of the file
-            raise FileError(path, f"{DAMAGED}: it is shorter than it claims") from None
+            raise FileError(path, f"{DAMAGED}: it ends early") from None

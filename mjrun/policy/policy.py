@@ -174,6 +174,6 @@ def require_trusted_file(path: Path, trust: bool) -> None:
     if not trust:
         raise UsageError(
             f"{clean(str(path))} can run any code when it is opened\n"
-            f"set {option('trust')} if you know its origin; a policy in ONNX needs no trust",
+            f"set {option('trust')} if you trust its origin; ONNX policies do not need it",
             ("policy",),
         )

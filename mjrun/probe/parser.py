@@ -132,7 +132,9 @@ class Parser:
     def _number(self, token: Token) -> tree.NumericExpression:
         value = float(token.text)
         if math.isinf(value):
-            raise self.source.fault(token.start, f"a number beyond all floats ({token.text[:SHOWN]})", "less, or inf")
+            raise self.source.fault(
+                token.start, f"a number too large for floating point ({token.text[:SHOWN]})", "less, or inf"
+            )
         return tree.NumberLiteral(token.start, token.end, tree.FIXED, value)
 
     def _named(self, token: Token) -> tree.Node:

@@ -203,7 +203,7 @@ class Simulation(SimulationOptions):
         """Starts the simulation of `model`.
 
         Raises:
-          UsageError: the recording is of another model, or too short; an option requires one that is missing.
+          UsageError: the recording was made with another model, or too short; an option requires one that is missing.
           FileError: a recording or a table cannot be read.
         """
         if self.control_dt is not None and self.controller is self.policy is None:
@@ -377,4 +377,4 @@ def require_simulation(value: object) -> None:
 def require_countable(steps: int, name: str) -> None:
     """Raises UsageError if the option `name` requests more steps than floats can distinguish."""
     if steps > EXACT:
-        raise UsageError(f"{option(name)}: more than {EXACT:.1g} steps, which floats cannot distinguish")
+        raise UsageError(f"{option(name)}: more than {EXACT:.1g} steps, too many to count exactly in floating point")

@@ -119,7 +119,7 @@ class IsolatedSimulator:
             is_new = self._worker.pending[0].name == "open"
             reply = self._worker.receive(START if is_new else time_limit * max(left, 1))
             if reply.failure:
-                raise reply.failure.error("the process that simulates cannot do so")
+                raise reply.failure.error("the simulation process failed")
             if isinstance(reply.value, PointResult):
                 left -= 1
                 yield reply.value

@@ -74,7 +74,7 @@ class Environment:
         self._mujoco = mujoco_environment(self._environment, source.name)
         action, observation = self._environment.action_space, self._environment.observation_space
         if not isinstance(action, spaces.Box):
-            raise UsageError(f"{clean(self.text)} has the action space {action}; policies return vectors of numbers")
+            raise UsageError(f"{clean(self.text)} has the action space {action}; only vectors of numbers are supported")
         if not observation.is_np_flattenable:
             raise UsageError(f"{clean(self.text)} has the observation space {observation}, which is not a vector")
         self._flatten = _one_vector if isinstance(observation, spaces.Box) else partial(spaces.flatten, observation)

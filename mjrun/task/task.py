@@ -304,7 +304,7 @@ class Task(Source):
         for name in RESERVED:
             if name in self.terminations:
                 with concerning("terminations", name):
-                    raise UsageError(f"{name} is a termination of every task; choose another name")
+                    raise UsageError(f"{name} is a built-in termination; choose another name")
 
 
 def _check_random(text: str, place: str, path: tuple[str | int, ...], *, is_number: bool = True) -> None:

@@ -59,7 +59,7 @@ def test_terms_that_would_be_made_of_themselves_are_found(name: str) -> None:
 def test_a_task_that_is_its_own_model_is_found() -> None:
     (finding,) = checked(head=HEAD.replace("slider.xml", "t.yaml"))
     assert (finding.code, finding.line) == ("MJ801", 1)
-    assert finding.message == "model: 't.yaml' is a document; a task is made of a model"
+    assert finding.message == "model: 't.yaml' is a document; a task requires a model"
 
 
 def test_a_model_that_does_not_load_is_found_in_its_own_file() -> None:

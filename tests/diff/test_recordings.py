@@ -91,7 +91,7 @@ def test_recordings_of_other_models_are_told_by_their_sizes(tmp_path: Path, mode
     table, differences, notes = compare_recordings(a, bare, TableDiffOptions())
     assert differences == [f"a state has {rows.shape[1]} numbers in {a}, {state.size(larger)} in {bare}"]
     assert notes == ["MuJoCo is 4 and 4.0.0"]
-    with pytest.raises(UsageError, match="model: the recordings are of another model: nu is 1, not 2"):
+    with pytest.raises(UsageError, match="model: the recordings were made with another model: nu is 1, not 2"):
         compare(a, a, larger)
 
 

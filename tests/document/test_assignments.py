@@ -42,7 +42,7 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
     ("assignment", "lines"),
     [
         ("duration", ["duration: write key=value"]),
-        (f"a{'.a' * 2000}=5", [f"{'a.' * 29}a…: a path of more than 50 parts leads to nothing in a document"]),
+        (f"a{'.a' * 2000}=5", [f"{'a.' * 29}a…: a path can have at most 50 parts"]),
         ("=5", [f"=5: '' {PLACES}"]),
         ("[0]=5", [f"[0]=5: '[0]' {PLACES}"]),
         ("a..b=5", [f"a..b=5: 'a..b' {PLACES}"]),

@@ -51,7 +51,7 @@ def test_a_task_of_the_gallery_has_a_name() -> None:
     assert task_module.task_or_model("scene:car_drive") == read_task("scene:car_drive")
     assert task_module.task_or_model("scene:car") == "scene:car"
     assert ours.load().nq == read_task(file).load().nq
-    with pytest.raises(DocumentError, match="a task is made of a model"):
+    with pytest.raises(DocumentError, match="a task requires a model"):
         read(WHOLE.replace("scene:car", "scene:car_drive"))
 
 
@@ -225,7 +225,7 @@ def test_the_name_in_python_is_the_function() -> None:
         ),
         (
             "terminations: {timeout: {when: a > 1, as: success}}",
-            "6:25: terminations.timeout: timeout is a termination of every task; choose another name",
+            "6:25: terminations.timeout: timeout is a built-in termination; choose another name",
         ),
     ],
 )

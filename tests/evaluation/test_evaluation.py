@@ -93,7 +93,11 @@ def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("out", "match"),
-    [(".", "holds other files than an evaluation"), ("cart.xml", "is not a folder"), ("cart.xml/a", "is not a folder")],
+    [
+        (".", "contains other files, but no evaluation"),
+        ("cart.xml", "is not a folder"),
+        ("cart.xml/a", "is not a folder"),
+    ],
 )
 def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: str, match: str) -> None:
     some = evaluation(tmp_path, out)

@@ -49,7 +49,7 @@ def test_every_format_holds_codecs_that_exist_and_every_codec_has_a_format() -> 
         ({"output": "film.webm", "codec": "h264"}, "no codec 'h264' in webm\ncodecs: vp9, av1"),
         ({"output": "film.mp4", "crf": 52}, "crf: '52' is not from 0 (best) to 51, as h264 takes"),
         ({"output": "film.mp4", "crf": -1}, "crf: '-1' is not from 0 (best) to 51, as h264 takes"),
-        ({"output": "film.gif", "crf": 3}, "crf: gif has no constant rate factor"),
+        ({"output": "film.gif", "crf": 3}, "crf: gif does not support a constant rate factor"),
         (
             {"output": "film.mp4", "preset": "slowest"},
             "no preset 'slowest' in codec h264 (did you mean 'slower' or 'slow'?)",

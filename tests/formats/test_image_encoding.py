@@ -60,7 +60,9 @@ def test_ids_are_moved_up_by_one(ids: list[int]) -> None:
 
 
 def test_more_things_than_16_bits_are_refused() -> None:
-    with pytest.raises(UsageError, match="a segmentation of 65536 objects does not fit an image that can hold 65535"):
+    with pytest.raises(
+        UsageError, match="a segmentation of 65536 objects does not fit in an image that can hold at most 65535"
+    ):
         segment_numbers(np.zeros((1, 1), np.int32), 65536)
 
 

@@ -325,7 +325,8 @@ def test_too_many_things_are_refused_with_the_number_there_may_be(tmp_path: Path
             lambda: out.write(np.zeros((1, 1), np.int32), LEGEND[:1] * (most + 1)),
         ):
             with pytest.raises(
-                UsageError, match=f"segmentation of {most + 1} objects does not fit an image that can hold {most}"
+                UsageError,
+                match=f"segmentation of {most + 1} objects does not fit in an image that can hold at most {most}",
             ):
                 fails()
 

@@ -199,11 +199,15 @@ COLUMNAR: list[Broken] = [
     ("t.h5", hdf5(x="text"), "{}: column 'x' holds text, not numbers"),
     ("t.h5", hdf5(x=np.array([1j])), "{}: column 'x' holds complex values, not numbers"),
     ("t.h5", hdf5(time=np.zeros(2), x=np.zeros(3)), "{}: columns differ in rows: 'time' 2 and 'x' 3"),
-    ("t.mat", text(""), "{}: cannot be read as .mat: it is not of MATLAB 5 to 7.2; MATLAB saves one with -v7"),
+    (
+        "t.mat",
+        text(""),
+        "{}: cannot be read as .mat: it is not a MAT-file of version 5 to 7.2; save it with -v7 in MATLAB",
+    ),
     (
         "t.mat",
         text(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(600)),
-        "{}: cannot be read as .mat: it is not of*",
+        "{}: cannot be read as .mat: it is not a MAT-file*",
     ),
     ("t.mat", cut(mat(x=np.zeros((9, 1))), -8), "{}: cannot be read as .mat: it is cut off"),
     ("t.mat", cut(mat(x=np.zeros((9, 1))), 131), "{}: cannot be read as .mat: *"),

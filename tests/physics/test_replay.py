@@ -266,13 +266,14 @@ def test_a_recording_of_another_model_is_refused_with_what_differs() -> None:
     with pytest.raises(UsageError) as caught:
         ReplayStepper(sleepy(), tumbled())
     assert str(caught.value) == (
-        f"the recording is of another model: its states have {tumbled().size} numbers, "
+        f"the recording was made with another model: its states have {tumbled().size} numbers, "
         f"those of this model {state.size(sleepy())}\nthis model has nq 28, nv 24, nbody 5"
     )
     with pytest.raises(UsageError) as caught:
         ReplayStepper(sleepy(), tumbled(), state.sizes(TUMBLER))
     assert str(caught.value) == (
-        "the recording is of another model: it has nq 8, not 28; nv 7, not 24; na 1, not 0; nu 1, not 0; nbody 3, not 5"
+        "the recording was made with another model: it has nq 8, not 28; nv 7, not 24; na 1, not 0; nu 1, not 0; "
+        "nbody 3, not 5"
     )
 
 

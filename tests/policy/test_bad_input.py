@@ -49,7 +49,7 @@ def code(folder: Path) -> str:
         (wide, 2, "observations: the policy has 7 numbers; the task has 6: joint_pos (2), joint_vel (2), actions (2)"),
         (nan, 4, "p.onnx returned non-finite actions at step 0, time 0 s: hip = nan, knee = nan"),
         (permuted, 2, "order of joints in joint_pos: the policy has knee, hip; the task has hip, knee"),
-        (archive, 2, "set --trust if you know its origin"),
+        (archive, 2, "set --trust if you trust its origin"),
         (code, 2, "raised RuntimeError: no"),
         (lambda _: "nothing.onnx", 7, "nothing.onnx: no such file"),
         (lambda _: "walk", 2, "--policy walk: unknown policy format"),

@@ -58,7 +58,7 @@ WRONG = [
     ("isfinite(x) + 1 < 1", 1, "a comparison", "a number"),
     ("previous(x) < 1", 1, "previous, which only tasks have", "values of one instant"),
     ("max(rate(x)) < 1", 5, "rate, which only tasks have", "values of one instant"),
-    ("x < 1e999", 5, "a number beyond all floats (1e999)", "less, or inf"),
+    ("x < 1e999", 5, "a number too large for floating point (1e999)", "less, or inf"),
     ("max < 1", 5, "'<'", "'(' after max"),
     ("max() < 1", 5, "')'", f"{OPERAND}, '(' or 'not'"),
     ("max(x,) < 1", 7, "')'", f"{OPERAND}, '(' or 'not'"),

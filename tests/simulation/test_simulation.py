@@ -211,7 +211,7 @@ def test_recorded_controls_run_the_physics_again_bit_for_bit(path: Path, tmp_pat
     calm = Simulation(path, **replay).stepper(MODEL)
     calm.advance(200)
     assert noisy.instant().qpos[0] != calm.instant().qpos[0]
-    with pytest.raises(UsageError, match="the recording is of another model"):
+    with pytest.raises(UsageError, match="the recording was made with another model"):
         Simulation(path, **replay).stepper(mujoco.MjModel.from_xml_string("<mujoco/>"))
 
 

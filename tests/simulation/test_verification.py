@@ -170,7 +170,7 @@ def test_without_a_recording_of_this_model_there_is_nothing_to_verify(
         verify(Simulation(model, replay=model.rename(tmp_path / "m.npz")))
     other = tmp_path / "other.xml"
     other.write_text("<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>")
-    with pytest.raises(UsageError, match="the recording is of another model: it has nq 8, not 1") as caught:
+    with pytest.raises(UsageError, match="the recording was made with another model: it has nq 8, not 1") as caught:
         verify(Simulation(other, replay=recording))
     assert caught.value.path == ("replay",)
 

@@ -64,7 +64,7 @@ def test_periods_are_whole() -> None:
         ),
         (
             {"terminations": {"timeout": Termination(when="1 > 0", as_="failure")}},
-            "a termination of every task",
+            "a built-in termination",
             ("terminations", "timeout"),
         ),
     ],

@@ -106,12 +106,12 @@ class _Table:
         count = self.number("<I", vector.at)
         size = struct.calcsize(layout)
         if vector.at + 4 + count * size > len(self.content):
-            raise ValueError("its metadata end early")
+            raise ValueError("its metadata are truncated")
         yield from struct.iter_unpack(layout, self.content[vector.at + 4 :][: count * size])
 
     def number(self, layout: str, at: int) -> int:
         if not 0 <= at <= len(self.content) - struct.calcsize(layout):
-            raise ValueError("its metadata end early")
+            raise ValueError("its metadata are truncated")
         (value,) = struct.unpack_from(layout, self.content, at)
         return value
 
@@ -148,6 +148,6 @@ def _bytes(file: BinaryIO, at: int, count: int) -> bytes:
       ValueError: the file ends before.
     """
     if at < 0 or count < 0 or at + count > os.fstat(file.fileno()).st_size:
-        raise ValueError("its metadata lead outside of the file")
+        raise ValueError("its metadata point outside the file")
     file.seek(at)
     return file.read(count)

@@ -160,9 +160,9 @@ class _TextReader:
     def __init__(self, file: BinaryIO, dataset: h5py.Dataset) -> None:
         archive = dataset.file
         if archive.id.get_create_plist().get_sizes() != (8, 8) or math.prod(dataset.shape) != len(dataset):
-            raise ValueError("texts of variable length are stored in an unknown way")
+            raise ValueError("texts of variable length are stored in an unsupported way")
         if dataset.id.get_create_plist().get_nfilters():
-            raise ValueError("texts of variable length are compressed, and not read")
+            raise ValueError("compressed texts of variable length are not supported")
         self._file = file
         self._base = archive.userblock_size
         self.rows = len(dataset)

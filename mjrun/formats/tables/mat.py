@@ -168,7 +168,7 @@ class MatParser:
         file.seek(0)
         self._order = ORDERS.get(file.read(HEAD)[-4:], "")
         if not self._order:
-            raise ValueError("it is not of MATLAB 5 to 7.2; MATLAB saves one with -v7")
+            raise ValueError("it is not a MAT-file of version 5 to 7.2; save it with -v7 in MATLAB")
         self._places: list[tuple[int, int, int]] = []  # type, begin and size of each variable
         at = HEAD
         while at < end:

@@ -139,7 +139,7 @@ def test_policies_that_vary_are_a_learning_curve(mjrun_here: Command, cart: str)
         (["cart.yaml", "--policy", "zero", "--fail-below", "0.9"], 2, "success=90%"),
         (["cart.yaml", "--policy", "zero", "--fail-below", "speed=1"], 2, "success_low"),
         (["cart.yaml", "--policy", "zero", "--vary", "colour=1,2"], 2, "colour"),
-        (["cart.yaml", "--policy", "zero", "-o", "."], 7, "holds other files than an evaluation"),
+        (["cart.yaml", "--policy", "zero", "-o", "."], 7, "contains other files, but no evaluation"),
         (["cart.yaml", "--policy", "zero", "-o", "cart.xml"], 7, "is not a folder"),
     ],
 )
