@@ -2,7 +2,7 @@
 
 The filter of system calls cannot see the address of a `connect`; the kernel asks this process instead, which was forked
 earlier and is not confined. It connects to the single port, whatever address was requested, and replaces the caller's
-socket by its own: see seccomp_unotify(2) and linux/seccomp.h.
+socket with its own: see seccomp_unotify(2) and linux/seccomp.h.
 """
 
 import fcntl

@@ -54,7 +54,7 @@ def restrict(rules: Iterable[tuple[str, int]], *, network: bool = True, serves: 
       serves: whether ports may be opened nevertheless.
 
     Raises:
-      OSError: the kernel refuses.
+      OSError: the kernel refuses the rules.
     """
     known = version()
     handled = ALL | (REFER if known >= 2 else 0) | (TRUNCATE if known >= 3 else 0) | (IOCTL_DEVICE if known >= 5 else 0)

@@ -251,7 +251,7 @@ def restrict(*, serves: bool = False) -> int | None:
       The descriptor by which it asks; None if it does not.
 
     Raises:
-      OSError: the kernel refuses.
+      OSError: the kernel refuses the filter.
     """
     library = ctypes.CDLL(None, use_errno=True)
     machine = platform.machine()

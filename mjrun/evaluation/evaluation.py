@@ -49,7 +49,7 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
           FailedAssertionError: a requirement does not hold; all files are written nevertheless.
           PartlyDoneError: videos could not be made; the tables are written nevertheless.
           SimulationError: a policy returned an action that is not finite; nothing is written.
-          MjrunError: nothing could be played.
+          MjrunError: no episode could be played.
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
         prepared = PreparedEvaluation(self, self.task, self.rewritten)

@@ -1,6 +1,6 @@
 """Hidden files and folders in which outputs are written, each locked by the process that writes it.
 
-The system releases the lock when the process ends: files and folders without a lock were left behind.
+The system releases the lock when the process ends: files and folders without a lock are leftovers.
 """
 
 import contextlib

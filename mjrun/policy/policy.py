@@ -19,7 +19,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class ObservationFacts:
-    """The facts of a file about a part of the observation; None where unspecified.
+    """Properties that a policy file specifies for a part of the observation; None where unspecified.
 
     Attributes:
       name: of the part in the file.

@@ -249,7 +249,7 @@ class TaskWorlds:
         self._torques.apply(targets, self._ctrl, rows)
 
     def advance(self, steps: int, ids: Ids | None = None) -> None:
-        """Takes physics steps under the actions in force."""
+        """Takes physics steps under the current actions."""
         self._advance(steps, ids, NONE)
 
     def finish(self, ids: Ids | None = None) -> TaskStep:

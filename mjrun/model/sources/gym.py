@@ -138,7 +138,7 @@ class EnvironmentModel(NamedTuple):
 
 @cache
 def environment_model(name: str) -> EnvironmentModel:
-    """Returns the model of the environment `name`, which is made and closed again, but neither reset nor drawn.
+    """Returns the model of the environment `name`, which is created and closed without a reset or rendering.
 
     Raises:
       MissingExtraError: Gymnasium is not installed.
