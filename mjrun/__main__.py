@@ -4,6 +4,8 @@ import os
 import signal
 import sys
 
+from mjrun.platform import system
+
 
 def main() -> None:
     """Runs the command line and exits with its code."""
@@ -12,21 +14,22 @@ def main() -> None:
         os.environ["PYTHONUTF8"] = "1"  # for its own processes, too
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     # What comes before there is anybody to heed it waits.
-    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    system.hold_signals()
     from mjrun.cli.standard_streams import open_standard_streams
 
     open_standard_streams()
+    if not system.CAN_FORK:
+        sys.exit(_work())
     from mjrun.cli.crash_monitor import watched
 
     sys.exit(watched(_work))
 
 
 def _work() -> int:
-    from mjrun.cli.crash_monitor import SIGNALS
     from mjrun.cli.main import run
 
     code = run(sys.argv[1:])
-    for number in SIGNALS:  # it is over; only the interpreter is still to end
+    for number in system.SIGNALS:  # it is over; only the interpreter is still to end
         signal.signal(number, signal.SIG_IGN)
     return code
 

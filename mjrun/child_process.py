@@ -4,11 +4,9 @@ A child has no standard input unless it is fed, inherits only listed descriptors
 of the terminal, such as Ctrl-C, reach only its parent, and killing it kills its descendants.
 """
 
-import fcntl
 import math
+import mmap
 import os
-import resource
-import select
 import signal
 import subprocess
 import sys
@@ -23,16 +21,15 @@ from typing import IO, Literal
 
 from mjrun.errors import FileError
 from mjrun.interruption import uninterrupted
+from mjrun.platform import system
 from mjrun.shared_status import note_child, note_end_of_child
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line gives the reason
 POLL_INTERVAL = 0.05  # [s]
-LAST_SECONDS = 5  # CPU time between the signal of the soft limit and the hard limit
 PIPE_GRACE = 1.0  # [s] for a pipe to end after its process
 KILLED_GRACE = 0.1  # [s] for it to end after a process that was killed
 IDLE_INTERVAL = 1.0  # [s] between two checks for activity
-STATUS = Path("/proc/self/statm")
 BOOT = (
     "import sys; end = 2 + int(sys.argv[1]); sys.path[:] = sys.argv[2:end]; "
     "from {module} import {function}; {function}(*sys.argv[end:])"
@@ -79,7 +76,7 @@ class ExitStatus:
     @property
     def out_of_memory(self) -> bool:
         """True if memory is the likely reason: the system kills processes with SIGKILL when it runs out."""
-        return self.cause == "memory" or (self.cause is None and self.code == -signal.SIGKILL)
+        return self.cause == "memory" or (self.cause is None and self.signal == "SIGKILL")
 
     def __str__(self) -> str:
         if self.cause == "time":
@@ -127,7 +124,7 @@ class ChildProcess:
             copies: list[int] = []
             for descriptor in descriptors:
                 # Above 2, as the child uses 0 to 2; it may be lower if this process has no standard input.
-                copies.append(fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3))
+                copies.append(system.duplicate(descriptor))
                 stack.callback(os.close, copies[-1])
             try:
                 self._popen = subprocess.Popen(
@@ -137,8 +134,7 @@ class ChildProcess:
                     stdout=_target(stdout),
                     stderr=_target(stderr),
                     env={name: value for name, value in variables.items() if value is not None},
-                    pass_fds=[*copies, *inherited],
-                    start_new_session=True,
+                    **system.process_options([*copies, *inherited]),
                 )
             except PermissionError as error:
                 reason = "cannot be started; mjrun requires separate processes"
@@ -146,7 +142,7 @@ class ChildProcess:
             note_child(self._popen.pid)
             self._finalizer = weakref.finalize(self, _kill_and_reap, self._popen, os.getpid())
         if self._popen.stdin:
-            os.set_blocking(self._popen.stdin.fileno(), False)
+            system.make_nonblocking(self._popen.stdin.fileno())
         self._stdout = _Capture(self._popen.stdout, stdout_limit, keep="beginning")
         self._stderr = _Capture(self._popen.stderr, STDERR_LIMIT, keep="end")
 
@@ -188,15 +184,14 @@ class ChildProcess:
         assert self._popen.stdin
         if self._popen.stdin.closed:  # as after `wait`
             raise BrokenPipeError
-        stdin, poll = self._popen.stdin.fileno(), select.poll()
-        poll.register(stdin, select.POLLOUT)
+        stdin = self._popen.stdin.fileno()
         left, idleness = content.cast("B"), _Idleness(self.pid, idle)
         while left:
             try:
                 left = left[os.write(stdin, left) :]
                 idleness.end()
             except BlockingIOError:
-                if poll.poll(IDLE_INTERVAL * 1000):
+                if system.wait_until_writable(stdin, IDLE_INTERVAL):
                     continue
                 if is_held_up():
                     idleness.end()
@@ -278,8 +273,7 @@ class ChildProcess:
         grace = KILLED_GRACE if self._cause else PIPE_GRACE
         for capture in (self._stdout, self._stderr):
             if not capture.wait(grace):
-                with suppress(ProcessLookupError, PermissionError):
-                    os.killpg(self.pid, signal.SIGKILL)
+                system.kill_group(self.pid)
                 capture.wait(grace)
 
 
@@ -300,19 +294,7 @@ def limit_this_process(
       core: bytes of a core dump.
       hard: make the limits permanent for this process and its descendants.
     """
-    if memory is not None:
-        pages = int(STATUS.read_text().split()[0]) if STATUS.exists() else 0
-        memory += pages * resource.getpagesize()
-    kinds = (resource.RLIMIT_AS, resource.RLIMIT_CPU, resource.RLIMIT_FSIZE, resource.RLIMIT_CORE)
-    for kind, most in zip(kinds, (memory, cpu, file_size, core), strict=True):
-        if most is None:
-            continue
-        with suppress(OSError, ValueError):
-            highest = resource.getrlimit(kind)[1]
-            soft = highest if most == math.inf else most if highest == resource.RLIM_INFINITY else min(most, highest)
-            # At the hard limit the kernel kills the process without a reason.
-            lasting = soft + LAST_SECONDS if kind == resource.RLIMIT_CPU and most < math.inf else soft
-            resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
+    system.set_limits(memory=memory, cpu=cpu, file_size=file_size, core=core, hard=hard)
 
 
 class _Capture:
@@ -371,8 +353,7 @@ def _target(stream: Stream) -> int | IO[bytes] | None:
 
 def _kill(popen: subprocess.Popen[bytes]) -> None:
     """Kills a process that was not reaped, with its session."""
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(popen.pid, signal.SIGKILL)
+    system.kill_group(popen.pid)
     popen.kill()
 
 
@@ -386,7 +367,7 @@ def _kill_and_reap(popen: subprocess.Popen[bytes], parent: int) -> None:
 def _resident(pid: int) -> int:
     """Returns the resident memory of a process [bytes]; 0 if unknown."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * mmap.PAGESIZE
     except (OSError, ValueError, IndexError):
         return 0
 

@@ -34,6 +34,7 @@ from mjrun.model.sources import model_collections
 from mjrun.options import evaluation, fit, sweep, task
 from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
+from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import (
@@ -290,6 +291,9 @@ def _studio() -> Diagnostic:
 
 def _untrusted() -> list[Diagnostic]:
     """Returns the mechanisms that confine untrusted models from other files and the network."""
+    if not system.CAN_FORK:
+        remedy = f"this system refuses {option('untrusted')}; run mjrun on Linux, or in a container"
+        return [Diagnostic("untrusted", name, WARNING, "not confined", remedy) for name in ("files", "network")]
     files, network = means()
     kernel = f"{option('untrusted')} checks paths; Linux 5.13 or later, with Landlock, confines the process itself"
     confined = Diagnostic("untrusted", "files", WARNING if files == CHECKS else OK, files, kernel * (files == CHECKS))

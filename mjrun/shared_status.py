@@ -7,7 +7,6 @@ makes a promise, which its parent records at once: later contents of the memory 
 import json
 import mmap
 import os
-import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -16,11 +15,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
+from mjrun.platform.system import send_promise
+
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
 CURRENT, HEARD, COMPLETING, BELIEVED, ANSWERED = range(5)  # which copy is valid, and properties of the process
 MODEL_LENGTH, MOST_FOLDERS = 400, 1000  # of a notice that is read
-PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise
 PATIENCE = 60.0  # [s] to wait for that
 
 Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
@@ -175,7 +175,7 @@ def make_promise(promise: Promise) -> None:
         notice.promise = promise
     deadline = time.monotonic() + PATIENCE
     if os.getppid() == _board.reader:
-        os.kill(_board.reader, PROMISE)
+        send_promise(_board.reader)
     while not _board.believed:
         if os.getppid() != _board.reader or time.monotonic() > deadline:
             raise OSError("the monitoring process does not respond")

@@ -6,9 +6,9 @@ when its parent hangs up or dies, however busy it is.
 
 import contextlib
 import gc
+import json
 import math
 import os
-import select
 import sys
 import threading
 import time
@@ -17,17 +17,21 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from multiprocessing.connection import Connection, Pipe
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Client, Connection, Listener, Pipe
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
 from mjrun.closable import Closable
 from mjrun.errors import MjrunError, clean
+from mjrun.platform import system
 
 # Libraries read these when they are loaded: one thread each, as workers share the cores. MuJoCo reads MUJOCO_GL when it
 # is imported, and would otherwise import GLFW, which starts a process to find its library.
 ENVIRONMENT = {"MUJOCO_GL": "disable", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+ACCEPT_INTERVAL = 0.05  # [s] between two looks at whether a process that is to connect has ended
+STRANGER = (AuthenticationError, EOFError, OSError)  # what a connection of another process raises
 GRACE = 1.0  # [s] from when the parent hangs up until a busy worker ends
 DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
 
@@ -107,7 +111,9 @@ class Reply(NamedTuple):
 
 
 class Worker(Closable):
-    """A worker process, as its parent sees it. The constructor does not wait for it to start. To be closed.
+    """A worker process, as its parent sees it. To be closed.
+
+    The constructor does not wait for it to start, except on systems where it cannot pass it a connection.
 
     Args:
       server: its class, `package.module:name`, which the process calls with the numbers of `descriptors`.
@@ -134,6 +140,9 @@ class Worker(Closable):
         stderr: Stream = "capture",
     ) -> None:
         self.pending = deque[Request]()
+        if not system.PASSES_DESCRIPTORS:
+            self.process, self.connection = _called_back(server, environment, descriptors, stderr)
+            return
         self.connection, theirs = Pipe()
         with contextlib.ExitStack() as stack, theirs:
             stack.callback(self.connection.close)
@@ -190,18 +199,72 @@ class Worker(Closable):
         self.connection.close()
 
 
+def _called_back(
+    server: str, environment: Mapping[str, str], descriptors: Sequence[int], stderr: Stream
+) -> tuple[ChildProcess, Connection]:
+    """Starts a worker that connects to this process: to an address, with a key, that its standard input tells it."""
+    key = os.urandom(32)
+    with contextlib.ExitStack() as stack, Listener(authkey=key) as listener:
+        process = ChildProcess(
+            python_call("mjrun.worker:serve_by_address", server),
+            environment=environment,
+            descriptors=descriptors,
+            fed=True,
+            stderr=stderr,
+        )
+        stack.callback(process.end)
+        with contextlib.suppress(OSError):  # it has ended; `receive` says how
+            process.feed(memoryview(f"{json.dumps([listener.address, key.hex()])}\n".encode()))
+        connection = _accepted(listener, key, process)
+        stack.pop_all()
+        return process, connection
+
+
+def _accepted(listener: Listener, key: bytes, process: ChildProcess) -> Connection:
+    """Returns the connection that a process makes; one whose other end is closed if the process ends instead."""
+    has_accepted = threading.Event()
+
+    def connect_in_its_place() -> None:
+        while not has_accepted.wait(ACCEPT_INTERVAL):
+            if not process.running:
+                with contextlib.suppress(*STRANGER):
+                    Client(listener.address, authkey=key).close()
+                return
+
+    threading.Thread(target=connect_in_its_place, daemon=True).start()
+    try:
+        while True:
+            with contextlib.suppress(*STRANGER):
+                return listener.accept()
+    finally:
+        has_accepted.set()
+
+
 def serve(server: str, connection: str, *descriptors: str) -> None:
     """Runs a worker: answers what the other end of the descriptor `connection` requests, until it hangs up."""
+    parent = Connection(int(connection))
+    _serve(server, parent, parent.fileno(), [*map(int, descriptors)])
+
+
+def serve_by_address(server: str) -> None:
+    """Runs a worker that connects to the address on its standard input, which stays open while its parent lives."""
+    address, key = json.loads(sys.stdin.readline())
+    address = tuple(address) if isinstance(address, list) else address  # pyright: ignore[reportUnknown]
+    _serve(server, Client(address, authkey=bytes.fromhex(key)), sys.stdin.fileno(), ())
+
+
+def _serve(server: str, parent: Connection, lifeline: int, descriptors: Sequence[int]) -> None:
+    """Answers requests of the parent until it hangs up, which closes the other end of `lifeline` too."""
     with contextlib.suppress(OSError):  # without a stderr, what drivers and plugins print on stdout is lost
         os.dup2(2, 1)
     limit_this_process(core=0)
-    threading.Thread(target=_end_with_parent, args=(int(connection),), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(lifeline,), daemon=True).start()
     gc.disable()  # modules are no garbage
     module, _, name = server.partition(":")
-    methods = getattr(import_module(module), name)(*map(int, descriptors))
+    methods = getattr(import_module(module), name)(*descriptors)
     gc.freeze()
     gc.enable()
-    with contextlib.suppress(EOFError, ConnectionError), Connection(int(connection)) as parent:
+    with contextlib.suppress(EOFError, ConnectionError), parent:
         while True:
             _answer(parent, methods, *parent.recv())
     with contextlib.suppress(OSError):
@@ -209,11 +272,9 @@ def serve(server: str, connection: str, *descriptors: str) -> None:
     os._exit(0)  # nothing is left to do, and shutting down an interpreter takes time
 
 
-def _end_with_parent(connection: int) -> None:
+def _end_with_parent(lifeline: int) -> None:
     """Ends this process, however busy, soon after the parent has hung up."""
-    hung_up = select.poll()
-    hung_up.register(connection, 0)
-    hung_up.poll()
+    system.wait_for_hangup(lifeline)
     time.sleep(GRACE)
     os._exit(1)
 

@@ -31,7 +31,8 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code",),
     ("reporter", "confinement", "expansion", "packages"),
-    ("timeline", "errors", "palette", "closable", "interruption", "shared_status", "version", "platform", "suffixes"),
+    ("timeline", "errors", "palette", "closable", "interruption", "shared_status", "version", "suffixes"),
+    ("platform",),
 )
 
 # Modules in which each library may be imported; libraries that are not listed may not be imported.

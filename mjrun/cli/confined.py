@@ -20,6 +20,7 @@ from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownName
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
 from mjrun.options.kinds import AnyKind, File, Optional, Several
+from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.shared_status import Promise
 from mjrun.suffixes import REFERRING
@@ -45,11 +46,14 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
     """Confines this process permanently to the files on its command line; its parent removes its temporary files.
 
     Raises:
-      UsageError: no parent process monitors this one, or a limit is invalid.
+      UsageError: this system confines nothing, no parent process monitors this one, or a limit is invalid.
       FileError: an output folder cannot be created.
     """
     from mjrun.cli.simulation_command import import_mujoco
 
+    if not system.CAN_FORK:
+        reason = "cannot confine anything on this system; run mjrun on Linux, or in a container"
+        raise UsageError(f"{option('untrusted')} {reason}")
     if not shared_status.is_watched():
         raise UsageError(f"{option('untrusted')} works only for mjrun as a command, which runs in a separate process")
     command = _declaration(context)

@@ -21,13 +21,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.shared_status import PROMISE, ProcessStatus, Promise, SharedStatus, write_on
+from mjrun.platform.posix import PROMISE, SIGNALS
+from mjrun.shared_status import ProcessStatus, Promise, SharedStatus, write_on
 
 if TYPE_CHECKING:
     from mjrun.errors import Failure
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # forwarded to the child
-HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent
+HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent; `SIGNALS` are forwarded
 GRACE = 0.5  # [s] for the child to respond to a signal before it is killed
 LIMIT = 0.9  # [s] for it to end afterwards, unless it is completing an output
 STARVED = 10.0  # [s] added to both, at most, while the child waits for a core of a busy machine
@@ -65,7 +65,7 @@ SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clears the line, as a progress bar does
 def watched(work: Callable[[], int]) -> int:
     """Calls `work` in a child process and returns its result there; the parent exits with the same code.
 
-    Signals of `SIGNALS` are blocked in the child until `listen` is called, unless they are ignored.
+    Signals of `SIGNALS` are blocked in the child until `system.release_signals` is called, unless they are ignored.
     """
     passed_on = [number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
     board, (theirs, ours) = SharedStatus(), os.pipe()
@@ -84,11 +84,6 @@ def watched(work: Callable[[], int]) -> int:
     signal.pthread_sigmask(signal.SIG_SETMASK, [*before, *passed_on])
     write_on(board)
     return work()
-
-
-def listen() -> None:
-    """Unblocks the signals that `watched` blocks."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 
 def _end_with_parent(pipe: int) -> None:

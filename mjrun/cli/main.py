@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mjrun.cli.console import Console, asks_for_json
-from mjrun.cli.crash_monitor import BUG, SIGNALS, listen
 from mjrun.errors import (
     ClosedPipeError,
     EndedFromOutsideError,
@@ -27,6 +26,7 @@ from mjrun.errors import (
     quoted,
 )
 from mjrun.interruption import interrupt
+from mjrun.platform.system import SIGNALS, release_signals
 from mjrun.shared_status import note_heard
 from mjrun.suffixes import MODELS
 from mjrun.version import __version__
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from mjrun.cli.click_command import SectionedCommand
 
 NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
+BUG = 70  # the exit code
 COMPLETE = "_MJRUN_COMPLETE"  # the environment variable by which a shell asks for completions
 _ended_by: int | None = None  # the signal that ends this process
 
@@ -128,7 +129,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _invoke(console: Console, arguments: Sequence[str]) -> int:
-    listen()
+    release_signals()
     # Not `group.main`, which would turn Ctrl-C and a closed pipe into exit code 1.
     with group.make_context("mjrun", list(arguments), obj=console) as ctx:
         group.invoke(ctx)

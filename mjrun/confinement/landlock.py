@@ -40,7 +40,7 @@ def version() -> int:
     """Returns the version of Landlock's interface that the kernel offers; 0 for none."""
     try:
         return max(0, _call(CREATE_RULESET, None, ctypes.c_size_t(0), VERSION))
-    except (OSError, AttributeError):  # AttributeError: not Linux
+    except (OSError, AttributeError, TypeError):  # the last two: not Linux
         return 0
 
 

@@ -22,7 +22,6 @@ from typing import TypeVar
 
 from mjrun.confinement import landlock, seccomp
 from mjrun.confinement.confinement import CHECKS, VARIABLE, Confinement, confinement, is_within
-from mjrun.confinement.connector import Connector
 
 PREFIX = "mjrun-untrusted-"  # of temporary folders
 # The folders that interpreters, drivers and encoders read; missing ones are skipped.
@@ -82,6 +81,8 @@ def confine(wanted: Confinement, *, serves: bool = False) -> Confinement:
     if os.path.isdir(TASKS) and len(os.listdir(TASKS)) > 1:  # noqa: PTH112, PTH208
         raise RuntimeError("a process with several threads cannot be confined")
     _close_inherited()
+    from mjrun.confinement.connector import Connector
+
     connector = Connector() if serves and seccomp.is_known() else None
     if connector:
         made = replace(made, own_port=connector.bound.detach())

@@ -27,6 +27,7 @@ SET_SECCOMP, FILTER = 22, 2  # of prctl
 SECCOMP, SET_FILTER, NEW_LISTENER = (317, 277), 1, 1 << 3  # the call that makes a filter which asks
 WHOLE = 0xFFFFFFFF  # the lower half of an argument; the kernel ignores the upper half of those below
 SOCKET_TYPE = 0xF  # the bits of a socket's type without its flags
+AF_UNIX, O_ACCMODE = 1, 3  # not known to Python on every system
 
 # The kernel's identifier of each machine, and its index in the pairs of numbers below.
 MACHINES = {"x86_64": (0xC000003E, 0), "aarch64": (0xC00000B7, 1)}
@@ -199,7 +200,7 @@ CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[Check]]] = {
     "socketpair": (
         (53, 199),
         (
-            Check(0, WHOLE, (socket.AF_UNIX,), Verdict.REQUIRE),
+            Check(0, WHOLE, (AF_UNIX,), Verdict.REQUIRE),
             Check(1, SOCKET_TYPE, (socket.SOCK_STREAM, socket.SOCK_SEQPACKET), Verdict.REQUIRE),
         ),
     ),
@@ -216,8 +217,8 @@ CHECKED: Mapping[str, tuple[tuple[int | None, int | None], Sequence[Check]]] = {
     "sched_setparam": ((142, 118), (SELF,)),
     "sched_setscheduler": ((144, 119), (SELF,)),
     # A file opened for reading and truncated, which Landlock allows before version 3.
-    "open": ((2, None), (Check(1, os.O_TRUNC | os.O_ACCMODE, (os.O_TRUNC,), Verdict.REFUSE),)),
-    "openat": ((257, 56), (Check(2, os.O_TRUNC | os.O_ACCMODE, (os.O_TRUNC,), Verdict.REFUSE),)),
+    "open": ((2, None), (Check(1, os.O_TRUNC | O_ACCMODE, (os.O_TRUNC,), Verdict.REFUSE),)),
+    "openat": ((257, 56), (Check(2, os.O_TRUNC | O_ACCMODE, (os.O_TRUNC,), Verdict.REFUSE),)),
 }
 SOCKET = (41, 198)
 OF_TCP = (

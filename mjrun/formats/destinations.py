@@ -4,10 +4,8 @@ An output is written next to its final place under a temporary name, and renamed
 """
 
 import errno
-import fcntl
 import os
 import re
-import select
 import stat
 import sys
 from pathlib import Path
@@ -17,6 +15,7 @@ from mjrun.errors import FileError, option
 from mjrun.formats import replacement
 from mjrun.formats.parent_folders import TRIES, ParentFolders
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
+from mjrun.platform import system
 from mjrun.shared_status import note_folder
 
 FRAME_NAME = "%06d.png"
@@ -128,7 +127,7 @@ class StagedFile(_Staged):
 
     def take_back(self) -> None:
         if self._older:
-            self._older.rename(self._target)
+            self._older.replace(self._target)
         elif self._is_new:
             self._target.unlink()
         else:
@@ -243,21 +242,16 @@ class StandardOutput(Destination):
         sys.stdout.flush()
         self._descriptor = sys.stdout.fileno()
         self.stdout = self._descriptor
-        if fcntl.fcntl(self._descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+        if system.is_read_only(self._descriptor):
             raise FileError("-", "standard output is closed", "send it to a file or a pipe")
 
     def reader_is_gone(self) -> bool:
         """Returns whether the other end of the pipe is closed."""
-        return bool(self._events(0) & (select.POLLERR | select.POLLHUP))
+        return system.reader_is_gone(self._descriptor)
 
     def is_full(self) -> bool:
         """Returns whether the other end of the pipe must be read before more can be written."""
-        return not self._events(select.POLLOUT)
-
-    def _events(self, which: int) -> int:
-        poll = select.poll()
-        poll.register(self._descriptor, which)
-        return next((events for _, events in poll.poll(0)), 0)
+        return system.is_full(self._descriptor)
 
     def take_back(self) -> None:
         raise OSError(errno.ESPIPE, os.strerror(errno.ESPIPE))

@@ -12,6 +12,7 @@ from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.errors import FileError, MjrunError, clean, suggestion
+from mjrun.platform.system import READ_FLAGS
 
 SHOWN = 80  # longest text from a file that a message shows [characters]
 
@@ -62,7 +63,7 @@ def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> 
     """
     with _readable(path, suffixes, hint):
         # A pipe without a writer would block.
-        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        number = os.open(path, READ_FLAGS)
         try:
             _check(path, os.fstat(number).st_mode, what, hint)
             with os.fdopen(number, "rb", closefd=False) as file:

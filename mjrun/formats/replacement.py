@@ -6,7 +6,6 @@ the next process that sees it finishes. Older files are kept until all outputs o
 """
 
 import contextlib
-import ctypes
 import errno
 import os
 import stat
@@ -14,9 +13,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mjrun.formats.temporary_output import remove, unused_name
+from mjrun.platform.exchange import exchange
+from mjrun.platform.system import effective_user, hard_link
 
 NEW, OLD, MOVING = "new", "old", "moving"
-AT_FDCWD, RENAME_EXCHANGE = -100, 2  # constants of Linux: paths relative to the working folder; swap both names
 
 Place = Callable[[int], Path]  # returns the path of a frame, given its number
 
@@ -35,12 +35,12 @@ def replace_file(new: Path, target: Path) -> Path | None:
     _require_replaceable(target)
     older = unused_name(target)
     try:
-        os.link(target, older)
+        hard_link(target, older)
     except OSError:
-        new.rename(target)
+        new.replace(target)
         return None
     try:
-        new.rename(target)
+        new.replace(target)
     except BaseException:
         remove(older)
         raise
@@ -55,7 +55,7 @@ def _require_replaceable(target: Path) -> None:
     Raises:
       PermissionError: it may not be replaced.
     """
-    folder, user = target.parent.stat(), os.geteuid()
+    folder, user = target.parent.stat(), effective_user()
     is_sticky = bool(folder.st_mode & stat.S_ISVTX)
     if is_sticky and user not in (0, folder.st_uid, target.lstat().st_uid):
         raise PermissionError(errno.EPERM, "another user's file, in a folder where each replaces only their own")
@@ -99,15 +99,6 @@ def take_back_folder(temporary: Path, target: Path) -> None:
         restore_folder(temporary, target)
 
 
-def exchange(one: Path, other: Path) -> bool:
-    """Exchanges two names in one step, and returns whether that worked: only some file systems of Linux support it."""
-    try:
-        renameat2 = ctypes.CDLL(None).renameat2
-    except AttributeError:
-        return False
-    return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0
-
-
 def move_frames(temporary: Path, place: Place) -> None:
     """Moves every frame to its place.
 
@@ -139,10 +130,10 @@ def finish_frames(temporary: Path, place: Place) -> None:
             if target.is_dir() and not target.is_symlink():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
             try:
-                os.link(target, older, follow_symlinks=False)
+                hard_link(target, older)
             except OSError:  # a file system without links
                 target.rename(older)
-        frame.rename(target)
+        frame.replace(target)
     moving.rmdir()
 
 
@@ -160,7 +151,7 @@ def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> Non
         if not frame.exists():
             target.rename(frame)
         if os.path.lexists(older):
-            older.rename(target)
+            older.replace(target)
     moving.rename(temporary / NEW)
 
 

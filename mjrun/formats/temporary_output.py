@@ -5,7 +5,6 @@ The system releases the lock when the process ends: files and folders without a 
 
 import contextlib
 import errno
-import fcntl
 import os
 import re
 import shutil
@@ -18,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjrun.errors import FileError
+from mjrun.platform.system import locked, machine_name
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # a file system without locks
@@ -47,7 +47,7 @@ class TemporaryOutput:
             else:
                 os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             try:
-                self._lock = _locked(self.path)
+                self._lock = locked(self.path)
             except OSError as error:
                 if error.errno in NO_LOCKS:  # then nothing counts as left behind
                     return
@@ -148,7 +148,7 @@ def left_behind(folder: Path, target: Path | None = None) -> Iterator[list[Path]
             path = folder / match[0]
             with contextlib.suppress(OSError):
                 is_ours = target is not None or match[1] == _machine() or time.time() - path.stat().st_mtime > WEEK
-                if is_ours and match[0].startswith(prefix) and (lock := _locked(path, wait=False)) is not None:
+                if is_ours and match[0].startswith(prefix) and (lock := locked(path, wait=False)) is not None:
                     stack.callback(os.close, lock)
                     leftovers.append(path)
         yield leftovers
@@ -176,7 +176,7 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
         return
     lock: int | None = None
     with contextlib.suppress(OSError):
-        lock = _locked(folder)
+        lock = locked(folder)
     entered.add(place)
     try:
         yield
@@ -192,28 +192,4 @@ def _prefix(target: Path) -> str:
 
 
 def _machine() -> str:
-    return f"{zlib.crc32(os.uname().nodename.encode()):08x}"
-
-
-def _locked(path: Path, *, wait: bool = True) -> int | None:
-    """Returns a descriptor that holds the lock of a file or folder; None if another process has removed it.
-
-    Raises:
-      OSError: another process holds the lock and `wait` is False, or the file system has no locks.
-    """
-    is_folder = path.is_dir()
-    try:
-        descriptor = os.open(path, (os.O_RDONLY if is_folder else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except FileNotFoundError:
-        return None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        if os.path.samestat(os.fstat(descriptor), path.lstat()):
-            return descriptor
-    except FileNotFoundError:
-        pass
-    except BaseException:
-        os.close(descriptor)
-        raise
-    os.close(descriptor)
-    return None
+    return f"{zlib.crc32(machine_name().encode()):08x}"

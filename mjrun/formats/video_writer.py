@@ -207,7 +207,7 @@ class VideoWriter(OutputWriter):
             return FileError(self.destination.shown, "cannot be written: the disk is full")
         if status.signal == "SIGXFSZ":
             if confinement():  # the limit is that of the command, which ends as if it had written the file itself
-                signal.raise_signal(signal.SIGXFSZ)
+                signal.raise_signal(signal.Signals[status.signal])
             return FileError(self.destination.shown, "cannot be written: it exceeds the limit for files (ulimit -f)")
         is_known = status.cause == "idle" or (status.cause is None and status.signal)
         how = str(status) if is_known else "failed"

@@ -9,6 +9,7 @@ from mjrun.errors import BadValueError, clean, option
 from mjrun.options.number_kinds import AUTO
 from mjrun.outputs.output import SharedRendering
 from mjrun.physics.replay import StateBuffer
+from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
@@ -58,7 +59,8 @@ class FrameDrawer:
         """
         if self._workers is None:
             cost = cost or self._estimate
-            self.jobs = jobs_for(self._asked, self._backend.software, frames, cost, available_cores())
+            cores = available_cores() if system.PASSES_DESCRIPTORS else 1  # by which the processes share memory
+            self.jobs = jobs_for(self._asked, self._backend.software, frames, cost, cores)
             self._workers = self._rendering.workers(self.jobs) if self.jobs > 1 else None
 
     def draw(self, compositor: SceneCompositor, states: StateBuffer, reporter: Reporter) -> Iterator[np.ndarray]:

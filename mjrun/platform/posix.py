@@ -1,0 +1,164 @@
+"""The functions of `system` on Linux, macOS and other POSIX systems."""
+
+import fcntl
+import math
+import mmap
+import os
+import select
+import signal
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TypedDict
+
+CAN_FORK = True
+PASSES_DESCRIPTORS = True  # to the processes that it starts
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a process
+PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise
+READ_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC  # to open a file that may turn out to be a pipe
+LAST_SECONDS = 5  # of computing, from the signal of the soft limit to the hard one
+STATUS = Path("/proc/self/statm")
+
+
+class ProcessOptions(TypedDict):
+    """Arguments of `Popen`."""
+
+    pass_fds: Sequence[int]
+    start_new_session: bool
+
+
+def hold_signals() -> None:
+    """Holds back the signals that end this process."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+
+
+def release_signals() -> None:
+    """Lets the signals through that `hold_signals` holds back."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+def send_promise(pid: int) -> None:
+    """Calls for the process that reads the promise of this one."""
+    os.kill(pid, PROMISE)
+
+
+def end_after(seconds: int) -> None:
+    """Lets the system end this process after `seconds`, whatever it does then."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(seconds)
+
+
+def set_limits(
+    *, memory: float | None, cpu: float | None, file_size: float | None, core: float | None, hard: bool
+) -> None:
+    """Sets the limits of this process that are not None; see `child_process.limit_this_process`."""
+    import resource
+
+    if memory is not None:
+        pages = int(STATUS.read_text().split()[0]) if STATUS.exists() else 0
+        memory += pages * mmap.PAGESIZE
+    kinds = (resource.RLIMIT_AS, resource.RLIMIT_CPU, resource.RLIMIT_FSIZE, resource.RLIMIT_CORE)
+    for kind, most in zip(kinds, (memory, cpu, file_size, core), strict=True):
+        if most is None:
+            continue
+        with suppress(OSError, ValueError):
+            highest = resource.getrlimit(kind)[1]
+            soft = highest if most == math.inf else most if highest == resource.RLIM_INFINITY else min(most, highest)
+            # At the hard limit of computing the kernel kills, and nobody knows why.
+            lasting = soft + LAST_SECONDS if kind == resource.RLIMIT_CPU and most < math.inf else soft
+            resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
+
+
+def process_options(descriptors: Sequence[int]) -> ProcessOptions:
+    """Returns the arguments of `Popen` for a process with a session of its own, which gets `descriptors`."""
+    return {"pass_fds": descriptors, "start_new_session": True}
+
+
+def duplicate(descriptor: int) -> int:
+    """Returns a copy of a descriptor that is above those of the standard streams, and is not inherited."""
+    return fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, 3)
+
+
+def kill_group(pid: int) -> None:
+    """Kills a process that was started with `process_options`, and everything in its session."""
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(pid, signal.SIGKILL)
+
+
+def make_nonblocking(pipe: int) -> None:
+    """Makes writing to a pipe fail with BlockingIOError, instead of waiting, while it is full."""
+    os.set_blocking(pipe, False)
+
+
+def wait_until_writable(pipe: int, seconds: float) -> bool:
+    """Waits until a pipe takes more, for `seconds` at most, and returns whether it does."""
+    return bool(_events(pipe, select.POLLOUT, seconds))
+
+
+def wait_for_hangup(connection: int) -> None:
+    """Waits until the other end of a connection is closed."""
+    _events(connection, 0, math.inf)
+
+
+def reader_is_gone(descriptor: int) -> bool:
+    """Returns whether the other end of a pipe is closed."""
+    return bool(_events(descriptor, 0, 0) & (select.POLLERR | select.POLLHUP))
+
+
+def is_full(descriptor: int) -> bool:
+    """Returns whether the other end of a pipe must be read before more can be written."""
+    return not _events(descriptor, select.POLLOUT, 0)
+
+
+def is_read_only(descriptor: int) -> bool:
+    """Returns whether a descriptor is open for reading only."""
+    return fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY
+
+
+def locked(path: Path, *, wait: bool = True) -> int | None:
+    """Returns a descriptor that holds the lock of a file or folder; None if another process has removed it.
+
+    Raises:
+      OSError: another process holds the lock and `wait` is False, or the file system has no locks.
+    """
+    is_folder = path.is_dir()
+    try:
+        descriptor = os.open(path, (os.O_RDONLY if is_folder else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        if os.path.samestat(os.fstat(descriptor), path.lstat()):
+            return descriptor
+    except FileNotFoundError:
+        pass
+    except BaseException:
+        os.close(descriptor)
+        raise
+    os.close(descriptor)
+    return None
+
+
+def hard_link(existing: Path, new: Path) -> None:
+    """Gives a file a second name, without following a symbolic link.
+
+    Raises:
+      OSError: the file system has no links.
+    """
+    os.link(existing, new, follow_symlinks=False)
+
+
+def effective_user() -> int:
+    """Returns the user whose rights this process has; 0 may replace everyone's files."""
+    return os.geteuid()
+
+
+def machine_name() -> str:
+    """Returns the name of this machine in its network."""
+    return os.uname().nodename
+
+
+def _events(descriptor: int, which: int, seconds: float) -> int:
+    poll = select.poll()
+    poll.register(descriptor, which)
+    return next((events for _, events in poll.poll(None if seconds == math.inf else seconds * 1000)), 0)

@@ -1,0 +1,136 @@
+"""The functions of `system` on Windows, with nothing but what every Python has.
+
+A process works without a crash monitor and without limits, and nothing confines it. A file that is open cannot be
+renamed there, so outputs are written without locks: a killed process leaves its unfinished outputs behind.
+"""
+
+import errno
+import os
+import signal
+import subprocess
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn, TypedDict
+
+CAN_FORK = False
+PASSES_DESCRIPTORS = False
+SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
+)  # the last is Ctrl-Break, and the closing of a console
+READ_FLAGS = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
+
+
+class ProcessOptions(TypedDict):
+    """Arguments of `Popen`."""
+
+    creationflags: int
+
+
+def hold_signals() -> None:
+    """Does nothing: Windows cannot hold signals back."""
+
+
+def release_signals() -> None:
+    """Does nothing."""
+
+
+def send_promise(pid: int) -> NoReturn:
+    """Refuses: no process watches this one."""
+    raise _unsupported("no process watches another one")
+
+
+def end_after(seconds: int) -> None:
+    """Ends this process after `seconds`, unless native code keeps the interpreter's lock for good."""
+    timer = threading.Timer(seconds, os._exit, (1,))
+    timer.daemon = True
+    timer.start()
+
+
+def set_limits(
+    *, memory: float | None, cpu: float | None, file_size: float | None, core: float | None, hard: bool
+) -> None:
+    """Does nothing: a process cannot limit itself."""
+
+
+def process_options(descriptors: Sequence[int]) -> ProcessOptions:
+    """Returns the arguments of `Popen` for a process that Ctrl-C in this console does not reach.
+
+    Raises:
+      OSError: it is to get `descriptors`.
+    """
+    if descriptors:
+        raise _unsupported("a process inherits no descriptors")
+    return {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
+
+
+def duplicate(descriptor: int) -> NoReturn:
+    """Refuses: a copy could not be inherited."""
+    raise _unsupported("a process inherits no descriptors")
+
+
+def kill_group(pid: int) -> None:
+    """Does nothing: processes have no sessions. Workers and encoders end by themselves when their parent has ended."""
+
+
+def make_nonblocking(pipe: int) -> None:
+    """Does nothing: writing to a full pipe waits."""
+
+
+def wait_until_writable(pipe: int, seconds: float) -> bool:
+    """Returns True: writing waits by itself."""
+    return True
+
+
+def wait_for_hangup(connection: int) -> None:
+    """Waits until the other end of a pipe is closed."""
+    while os.read(connection, 2**12):
+        pass
+
+
+def reader_is_gone(descriptor: int) -> bool:
+    """Returns False: only writing shows it."""
+    return False
+
+
+def is_full(descriptor: int) -> bool:
+    """Returns False: only writing shows it."""
+    return False
+
+
+def is_read_only(descriptor: int) -> bool:
+    """Returns False: only writing shows it."""
+    return False
+
+
+def locked(path: Path, *, wait: bool = True) -> NoReturn:
+    """Refuses, as a file system without locks does: an open file could not be renamed."""
+    raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+
+def hard_link(existing: Path, new: Path) -> None:
+    """Gives a file a second name.
+
+    Raises:
+      OSError: it is a symbolic link, or the file system has no hard links.
+    """
+    link = getattr(os, "link", None)
+    if link is None or existing.is_symlink():
+        raise _unsupported("a file has no second name")
+    link(existing, new)
+
+
+def effective_user() -> int:
+    """Returns 0: no folder keeps users from replacing each other's files."""
+    return 0
+
+
+def machine_name() -> str:
+    """Returns the name of this machine in its network."""
+    import platform
+
+    return platform.node()
+
+
+def _unsupported(reason: str) -> OSError:
+    return OSError(errno.EOPNOTSUPP, f"{reason} on this system")

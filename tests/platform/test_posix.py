@@ -1,0 +1,78 @@
+"""The functions of a POSIX system that the rest of the house tests only through others."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from mjrun.platform import exchange, posix, system
+from tests.processes import command_line_of, wait_until
+
+
+def test_a_posix_system_is_recognized() -> None:
+    assert system.CAN_FORK
+    assert system.locked is posix.locked
+
+
+def test_names_are_exchanged_where_the_file_system_can(tmp_path: Path) -> None:
+    one, other = tmp_path / "one", tmp_path / "other"
+    one.write_text("1")
+    other.write_text("2")
+    if not exchange.exchange(one, other):
+        pytest.skip("this file system cannot exchange names")
+    assert (one.read_text(), other.read_text()) == ("2", "1")
+
+
+def test_a_pipe_shows_whether_it_is_full_and_read() -> None:
+    reading, writing = os.pipe()
+    posix.make_nonblocking(writing)
+    assert not posix.is_full(writing)
+    assert posix.wait_until_writable(writing, 0)
+    with pytest.raises(BlockingIOError):  # noqa: PT012
+        while True:
+            os.write(writing, bytes(2**16))
+    assert posix.is_full(writing)
+    assert not posix.wait_until_writable(writing, 0.01)
+    assert not posix.reader_is_gone(writing)
+    os.close(reading)
+    assert posix.reader_is_gone(writing)
+    os.close(writing)
+
+
+def test_a_descriptor_shows_whether_it_is_read_only() -> None:
+    reading, writing = os.pipe()
+    assert posix.is_read_only(reading)
+    assert not posix.is_read_only(writing)
+    copy = posix.duplicate(reading)
+    assert copy > 2
+    assert not os.get_inheritable(copy)
+    for descriptor in (reading, writing, copy):
+        os.close(descriptor)
+
+
+def test_a_hangup_ends_the_wait_for_it() -> None:
+    reading, writing = os.pipe()
+    waiting = threading.Thread(target=posix.wait_for_hangup, args=(reading,))
+    waiting.start()
+    assert waiting.is_alive()
+    os.close(writing)
+    waiting.join(10)
+    assert not waiting.is_alive()
+    os.close(reading)
+
+
+def test_a_process_and_what_it_started_are_killed_together() -> None:
+    script = "import subprocess; print(subprocess.Popen(['sleep', '60']).pid, flush=True); import time; time.sleep(60)"
+    with subprocess.Popen(
+        [sys.executable, "-S", "-c", script], stdout=subprocess.PIPE, **posix.process_options(())
+    ) as process:
+        assert process.stdout
+        grandchild = int(process.stdout.readline())
+        posix.kill_group(process.pid)
+        assert process.wait() == -signal.SIGKILL
+    wait_until(lambda: not command_line_of(grandchild))
+    posix.kill_group(process.pid)  # nothing is left, which is no error

@@ -1,0 +1,134 @@
+"""The command on a system without POSIX: its modules and functions are hidden from it and from what it starts."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+
+import mjrun
+from tests.platform.hidden_posix import MODULES
+from tests.processes import command_line_of, wait_until
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = Path(mjrun.__file__).parent
+TRACE = ("trace", "scene:pendulum", "--steps", "20", "-o", "trace.csv")
+SWEEP = ("sweep", "scene:pendulum", "--vary", "opt.timestep=0.001,0.002,0.004", "--duration", "0.02", "--jobs", "2")
+
+# Where POSIX may be used: in its own module, in the monitor that forks, and in what confines a process on Linux.
+HOMES = ("platform/posix.py", "cli/crash_monitor.py", "confinement/connector.py")
+
+
+@pytest.fixture(scope="module")
+def bootstrap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a `sitecustomize` that hides POSIX."""
+    folder = tmp_path_factory.mktemp("bootstrap")
+    (folder / "sitecustomize.py").write_text(
+        f"import sys\nsys.path.append({str(ROOT)!r})\nfrom tests.platform.hidden_posix import hide\nhide()\n"
+    )
+    return folder
+
+
+def run(folder: Path, *arguments: str, bootstrap: Path | None = None) -> "subprocess.CompletedProcess[str]":
+    """Runs the command in a folder, without POSIX if a `bootstrap` is given."""
+    environment = {**os.environ, **({"PYTHONPATH": str(bootstrap)} if bootstrap else {})}
+    command = [sys.executable, "-m", "mjrun", *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def results(folder: Path) -> list[dict[str, object]]:
+    """Returns the rows of a study, without the times that they took."""
+    rows = pyarrow.parquet.read_table(folder / "results.parquet").to_pylist()
+    return [{name: value for name, value in row.items() if not name.startswith("wall")} for row in rows]
+
+
+def test_the_bootstrap_hides_posix(bootstrap: Path) -> None:
+    code = "import os, signal; print(hasattr(os, 'fork'), hasattr(signal, 'SIGHUP')); import fcntl"
+    environment = {**os.environ, "PYTHONPATH": str(bootstrap)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout == "False False\n"
+    assert "ModuleNotFoundError" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [("--version",), ("info", "scene:pendulum"), ("check", "scene:pendulum")])
+def test_it_says_the_same(arguments: tuple[str, ...], bootstrap: Path, tmp_path: Path) -> None:
+    expected, done = run(tmp_path, *arguments), run(tmp_path, *arguments, bootstrap=bootstrap)
+    assert (done.returncode, done.stdout, done.stderr) == (0, expected.stdout, expected.stderr)
+
+
+def test_a_trace_is_the_same_bit_for_bit_and_is_plotted_and_compared(bootstrap: Path, tmp_path: Path) -> None:
+    normal, hidden = tmp_path / "normal", tmp_path / "hidden"
+    normal.mkdir()
+    hidden.mkdir()
+    assert run(normal, *TRACE).returncode == 0
+    for _ in range(2):  # the second replaces the first
+        done = run(hidden, *TRACE, bootstrap=bootstrap)
+        assert done.returncode == 0, done.stderr
+    assert (hidden / "trace.csv").read_bytes() == (normal / "trace.csv").read_bytes()
+
+    done = run(tmp_path, "plot", "hidden/trace.csv", "-o", "plot.png", bootstrap=bootstrap)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    done = run(tmp_path, "diff", "hidden/trace.csv", "normal/trace.csv", bootstrap=bootstrap)
+    assert (done.returncode, "bit for bit" in done.stdout + done.stderr) == (0, True)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == [
+        *("hidden", "normal", "plot.png", "trace.csv", "trace.csv"),
+    ]
+
+
+def test_a_study_on_two_processes_is_the_same_bit_for_bit(bootstrap: Path, tmp_path: Path) -> None:
+    assert run(tmp_path, *SWEEP, "-o", "normal").returncode == 0
+    done = run(tmp_path, *SWEEP, "-o", "hidden", bootstrap=bootstrap)
+    assert done.returncode == 0, done.stderr
+    rows = results(tmp_path / "hidden")
+    assert len(rows) == 3
+    assert rows == results(tmp_path / "normal")
+
+
+def test_a_worker_that_ends_before_it_connects_is_reported(bootstrap: Path, tmp_path: Path) -> None:
+    code = (
+        "from mjrun import worker\n"
+        "worker.serve_by_address = None\n"
+        "worker.python_call = lambda *_: [__import__('sys').executable, '-S', '-c', 'raise SystemExit(3)']\n"
+        "with worker.Worker('mjrun.study.point_server:PointServer') as one:\n"
+        "    try:\n        one.ask('anything')\n"
+        "    except worker.WorkerEndedError as error:\n        print(error)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(bootstrap)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.stdout == "ended with code 3\n", done.stderr
+
+
+def test_a_worker_ends_when_its_parent_is_killed(bootstrap: Path, tmp_path: Path) -> None:
+    code = (
+        "import os\nfrom mjrun import worker\n"
+        "one = worker.Worker('mjrun.study.point_server:PointServer')\n"
+        "print(one.process.pid, flush=True)\nos.kill(os.getpid(), 9)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(bootstrap)}
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    worker = int(done.stdout)
+    wait_until(lambda: not command_line_of(worker))
+
+
+def test_untrusted_files_are_refused_in_one_sentence(bootstrap: Path, tmp_path: Path) -> None:
+    done = run(tmp_path, *TRACE, "--untrusted", bootstrap=bootstrap)
+    assert done.returncode == 2
+    reason = "--untrusted cannot confine anything on this system; run mjrun on Linux, or in a container"
+    assert done.stderr.splitlines()[0] == f"mjrun: error: {reason}"
+    assert not list(tmp_path.iterdir())
+
+
+def test_posix_is_used_in_its_own_modules_only() -> None:
+    users = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Import) and any(alias.name in MODULES for alias in node.names)
+    }
+    assert users - {"platform/system.py"} == {*HOMES}
