@@ -64,13 +64,13 @@ def set_limits(
         with suppress(OSError, ValueError):
             highest = resource.getrlimit(kind)[1]
             soft = highest if most == math.inf else most if highest == resource.RLIM_INFINITY else min(most, highest)
-            # At the hard limit of computing the kernel kills, and nobody knows why.
+            # At the hard limit of computing the kernel kills the process without a signal that explains it.
             lasting = soft + LAST_SECONDS if kind == resource.RLIMIT_CPU and most < math.inf else soft
             resource.setrlimit(kind, (int(soft), int(lasting) if hard else highest))
 
 
 def process_options(descriptors: Sequence[int]) -> ProcessOptions:
-    """Returns the arguments of `Popen` for a process with a session of its own, which gets `descriptors`."""
+    """Returns the arguments of `Popen` for a process in a separate session that inherits `descriptors`."""
     return {"pass_fds": descriptors, "start_new_session": True}
 
 

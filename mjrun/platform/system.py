@@ -1,4 +1,4 @@
-"""What mjrun needs from the operating system, where each system provides it in its own way or not at all.
+"""Functions that operating systems provide in different ways, or do not provide.
 
 This module selects `posix` or `windows` by what exists. Only the crash monitor and the confinement use POSIX
 themselves; they are imported, or called, where `CAN_FORK` is true.

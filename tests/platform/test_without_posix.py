@@ -32,9 +32,15 @@ def bootstrap(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def without_posix(bootstrap: Path) -> dict[str, str]:
+    """Returns the environment of a process without POSIX."""
+    # Its temporary folder has no lock: other processes on this machine would take it for left behind.
+    return {**os.environ, "PYTHONPATH": str(bootstrap), "TMPDIR": str(bootstrap)}
+
+
 def run(folder: Path, *arguments: str, bootstrap: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Runs the command in a folder, without POSIX if a `bootstrap` is given."""
-    environment = {**os.environ, **({"PYTHONPATH": str(bootstrap)} if bootstrap else {})}
+    environment = without_posix(bootstrap) if bootstrap else {**os.environ}  # readline adds COLUMNS to that of None
     command = [sys.executable, "-m", "mjrun", *arguments]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
@@ -47,7 +53,7 @@ def results(folder: Path) -> list[dict[str, object]]:
 
 def test_the_bootstrap_hides_posix(bootstrap: Path) -> None:
     code = "import os, signal; print(hasattr(os, 'fork'), hasattr(signal, 'SIGHUP')); import fcntl"
-    environment = {**os.environ, "PYTHONPATH": str(bootstrap)}
+    environment = without_posix(bootstrap)
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert done.stdout == "False False\n"
     assert "ModuleNotFoundError" in done.stderr
@@ -97,7 +103,7 @@ def test_a_worker_that_ends_before_it_connects_is_reported(bootstrap: Path, tmp_
         "    try:\n        one.ask('anything')\n"
         "    except worker.WorkerEndedError as error:\n        print(error)\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(bootstrap)}
+    environment = without_posix(bootstrap)
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.stdout == "ended with code 3\n", done.stderr
@@ -109,7 +115,7 @@ def test_a_worker_ends_when_its_parent_is_killed(bootstrap: Path, tmp_path: Path
         "one = worker.Worker('mjrun.study.point_server:PointServer')\n"
         "print(one.process.pid, flush=True)\nos.kill(os.getpid(), 9)\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(bootstrap)}
+    environment = without_posix(bootstrap)
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     worker = int(done.stdout)
