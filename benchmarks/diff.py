@@ -22,7 +22,7 @@ import numpy as np
 from measured_process import run
 
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 COLUMNS = [Column("time", "s"), *(Column(f"qpos/{i}", "rad") for i in range(19))]
 BLOCK = 10_000  # rows

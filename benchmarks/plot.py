@@ -17,7 +17,7 @@ import numpy as np
 from measured_process import run
 
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 CURVES = 5  # in each of four panels
 PANDAS = """

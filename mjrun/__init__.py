@@ -45,7 +45,7 @@ _HOMES = {
     "RecordingResult": "mjrun.outputs.recording",
     "Reset": "mjrun.task.task",
     "Reward": "mjrun.task.task",
-    "Segmentation": "mjrun.rendering.segmentation",
+    "Segmentation": "mjrun.rendering.segment_ids",
     "Simulation": "mjrun.simulation.simulation",
     "Study": "mjrun.study.study",
     "StudyResult": "mjrun.study.study",
@@ -69,7 +69,7 @@ _HOMES = {
     "read_table": "mjrun.formats.table_reader",
     "read_task": "mjrun.document.task",
     "read_video": "mjrun.formats.video_reader",
-    "render": "mjrun.rendering.render",
+    "render": "mjrun.rendering.render_state",
     "verify": "mjrun.simulation.verification",
     "write_video": "mjrun.formats.video_writer",
 }

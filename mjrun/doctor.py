@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from mjrun.confinement.confinement import CHECKS
-from mjrun.confinement.sandbox import means
+from mjrun.confinement.self_confinement import means
 from mjrun.diff import pictures
 from mjrun.errors import (
     EncoderError,

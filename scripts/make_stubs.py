@@ -21,7 +21,7 @@ from mjrun.options.kinds import AnyKind, Camera, Choice, Kind, Optional, Several
 from mjrun.options.number_kinds import Instant, Processes
 from mjrun.options.option import Options, options_of
 from mjrun.options.policy import PolicyKind
-from mjrun.options.record import OneOf
+from mjrun.options.structured_kinds import OneOf
 
 STUB = Path(mjrun.__file__).with_name("__init__.pyi")
 HEADER = '''"""MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""

@@ -30,7 +30,7 @@ HOUSE = (
     ("model",),
     ("options", "child_process"),
     ("python_code",),
-    ("reporter", "confinement", "expansion", "packages"),
+    ("reporter", "confinement", "decompression_limits", "packages"),
     ("timeline", "errors", "palette", "closable", "interruption", "shared_status", "version", "suffixes"),
     ("platform",),
 )
@@ -53,7 +53,7 @@ LIBRARIES = {
     "h5py": ("formats.tables.hdf5",),
     "skimage": ("diff",),
     "orjson": ("formats.text_columns", "formats.tables"),
-    "pyarrow": ("formats.arrow_columns", "formats.tables", "formats.study_folder", "study.chunk_files"),
+    "pyarrow": ("formats.arrow_columns", "formats.tables", "formats.study_reader", "study.chunk_files"),
     "distributed": ("study.executors",),
     "submitit": ("study.executors",),
     "scipy": (
@@ -316,7 +316,13 @@ def test_a_trace_starts_without_what_it_does_not_use(tmp_path: Path) -> None:
     assert {"mujoco", "mjrun.outputs.trace"} <= loaded
     rooms = {module.split(".")[1] for module in loaded if module.startswith("mjrun.")}
     assert rooms.isdisjoint({"rendering", "camera", "document", "plotting", "diff", "check", "bench"})
-    unused = ("probe.parser", "probe.row_expression", "simulation.column_map", "physics.motion", "formats.codecs")
+    unused = (
+        "probe.parser",
+        "probe.row_expression",
+        "simulation.column_map",
+        "physics.kinematic_motion",
+        "formats.codecs",
+    )
     assert loaded.isdisjoint(f"mjrun.{module}" for module in unused)
 
 

@@ -8,10 +8,10 @@ from functools import partial
 import mujoco
 import numpy as np
 
+from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkload
-from mjrun.bench.rollout_timing import Clock
 from mjrun.bench.statistics import SampleStatistics, summarized
-from mjrun.confinement.sandbox import confined_load
+from mjrun.confinement.self_confinement import confined_load
 from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter

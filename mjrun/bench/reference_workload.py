@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from mjrun.bench.rollout_timing import BatchRoller, Clock, RolloutInputs
+from mjrun.bench.block_timing import BatchRoller, Clock, RolloutInputs
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 

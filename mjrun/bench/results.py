@@ -12,10 +12,10 @@ from pathlib import Path
 import mujoco
 
 from mjrun.bench.baseline import SCHEMA, BaselineComparison
+from mjrun.bench.block_timing import Phase
 from mjrun.bench.machine_info import MachineInfo
 from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
 from mjrun.bench.reference_workload import WorkloadInfo
-from mjrun.bench.rollout_timing import Phase
 from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_timing import ThreadScaling
 from mjrun.bench.warp_timing import WARP, C, WarpOptions

@@ -9,9 +9,9 @@ from functools import partial
 import mujoco
 import numpy as np
 
+from mjrun.bench.block_timing import Clock, RolloutInputs
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.results import Accuracy, GridPointResult, StepCounts
-from mjrun.bench.rollout_timing import Clock, RolloutInputs
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
 from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.bench import rollout_timing
+from mjrun.bench import block_timing
+from mjrun.bench.block_timing import BatchRoller, Clock, Roller, RolloutInputs, StepProfile
 from mjrun.bench.reference_workload import ReferenceWorkload
-from mjrun.bench.rollout_timing import BatchRoller, Clock, Roller, RolloutInputs, StepProfile
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.platform.cores import available_cores
@@ -150,7 +150,7 @@ class StepTimer:
         self._roller = BatchRoller(self.run)
         try:
             return self._longest(most)
-        except rollout_timing.WarnedRolloutError:
+        except block_timing.WarnedRolloutError:
             self.run.check(self.steps)  # raises if the simulation is unstable
             self._leave_batch()
             return self._longest(most)
@@ -185,16 +185,16 @@ class StepTimer:
 
     def _profiled(self) -> StepProfile:
         """Returns the least disturbed of several profiles."""
-        profiles, spent = [rollout_timing.profile(self.run, self.steps)], 0.0
+        profiles, spent = [block_timing.profile(self.run, self.steps)], 0.0
         while (phases := profiles[-1].phases) and len(profiles) < PROFILES:
             spent += phases.seconds * self.steps
             if spent > PROFILE * self.budget.seconds:
                 break
-            profiles.append(rollout_timing.profile(self.run, self.steps))
+            profiles.append(block_timing.profile(self.run, self.steps))
         return min(profiles, key=lambda one: one.phases.seconds if one.phases else 0.0)
 
     def _leave_batch(self) -> None:
-        self.in_batch, self._roller = False, rollout_timing.LoopRoller(self.run)
+        self.in_batch, self._roller = False, block_timing.WarnedRunRoller(self.run)
 
     def _longest(self, most: int) -> float:
         """Rolls out more and more steps, and returns the wall time of a step in the last and longest rollout [s]."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
+from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.step_timing import StepTimer, ThreadScaling, TimingBudget
 from mjrun.errors import BadValueError, SimulationError, UnknownNameError, UsageError, option
 from mjrun.physics.warp_device import WarpDevice

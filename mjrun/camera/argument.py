@@ -10,12 +10,12 @@ from typing import cast
 
 import mujoco
 
-from mjrun.camera.easing import EASINGS, Ramp
-from mjrun.camera.kinds import ObjectName, RampKind
+from mjrun.camera.easing import EASINGS, EasedNumber
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.script import CameraScript, Shot
+from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.camera.targets import Vector
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import identify, names
@@ -129,7 +129,7 @@ class _RigArgument:
         except ExpectedError as error:
             wrong = text if error.part is None else error.part
             raise BadValueError(f"{self._where}: {key}", wrong, error.expected) from None
-        return replace(value, ease=ease) if isinstance(value, Ramp) else value
+        return replace(value, ease=ease) if isinstance(value, EasedNumber) else value
 
 
 def parse_point(what: str, text: str, expected: str = "a point x/y/z [m]") -> Vector:

@@ -4,7 +4,7 @@ import numpy as np
 
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose
 from mjrun.errors import ModelError
-from mjrun.model.rendered_view import CameraCalibration
+from mjrun.model.rendered_image import CameraCalibration
 
 
 def lens(pose: Pose, size: tuple[int, int]) -> CameraCalibration:

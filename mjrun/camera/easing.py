@@ -30,7 +30,7 @@ SAME_TIME = 1e-9  # [s], difference of times caused by rounding
 
 
 @dataclass(frozen=True)
-class Ramp:
+class EasedNumber:
     """A number that changes from `start` to `end` over a shot, by one of `EASINGS`."""
 
     start: float
@@ -38,7 +38,7 @@ class Ramp:
     ease: str = "linear"
 
     @classmethod
-    def still(cls, value: float) -> "Ramp":
+    def still(cls, value: float) -> "EasedNumber":
         """Returns a ramp that does not change."""
         return cls(value, value)
 

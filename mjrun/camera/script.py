@@ -5,24 +5,24 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import cast
 
-from mjrun.camera.easing import BLENDS, Blend, Ramp
-from mjrun.camera.kinds import ObjectName, RampKind
+from mjrun.camera.easing import BLENDS, Blend, EasedNumber
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
+from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.camera.shake import Shake
 from mjrun.errors import UsageError, clean, concerning, near
-from mjrun.options.kinds import Choice, Kind, Optional, Reader, Text
+from mjrun.options.kinds import Choice, Kind, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real
 from mjrun.options.option import FrontEnd, Options, document_key, located, option, options, required
-from mjrun.options.record import ListOf, OneOf, Record, mappings_in, plain_values
 from mjrun.options.schema import Path, Schema
+from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping, mappings_in, plain_values
 from mjrun.timeline import rational
 
 END = "end"  # of the simulation
 
 
 @options
-class Fit(Options):
+class FramedObject(Options):
     """An object to keep whole in the image, with everything attached to it, by adjusting the distance."""
 
     target: str = required(converter=ObjectName(), kw_only=False, help="A body, geom or site.")
@@ -76,7 +76,7 @@ class Event(Options):
     )
 
 
-LEVEL = Ramp.still(0.0)
+LEVEL = EasedNumber.still(0.0)
 
 
 class RigKind(Kind[Rig, Rig]):
@@ -98,7 +98,7 @@ class InstantOrEvent(OneOf["float | str | Fraction | Event", "Fraction | Event"]
     def __init__(self, zero: bool = False) -> None:
         time = ExactNumber(zero=zero)
         forms = "a time [s] or {when, nth, offset, else}"
-        super().__init__(forms, number=time, string=time, object=Record(Event, Event))
+        super().__init__(forms, number=time, string=time, object=OptionsMapping(Event, Event))
 
     def __call__(self, value: "float | str | Fraction | Event") -> "Fraction | Event":
         return value if isinstance(value, Event) else ExactNumber(zero=True)(value)
@@ -113,7 +113,7 @@ class BlendKind(OneOf["Blend | str | float", Blend]):
     def __init__(self) -> None:
         forms = "a shape, a width [s] or {shape, width}"
         shape, width = Choice((*BLENDS,)), Real(above=0)
-        super().__init__(forms, string=shape, number=width, object=Record(Blend, Blend))
+        super().__init__(forms, string=shape, number=width, object=OptionsMapping(Blend, Blend))
 
     def __call__(self, value: "Blend | str | float") -> Blend:
         match value:
@@ -128,17 +128,21 @@ class BlendKind(OneOf["Blend | str | float", Blend]):
         return plain_values(value)
 
 
-class FitKind(OneOf["Fit | str", Fit]):
+class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
     """A fit, or the name of its object."""
 
     def __init__(self) -> None:
-        super().__init__("an object's name or {target, margin}", string=ObjectName(), object=Record(Fit, Fit))
+        super().__init__(
+            "an object's name or {target, margin}",
+            string=ObjectName(),
+            object=OptionsMapping(FramedObject, FramedObject),
+        )
 
-    def __call__(self, value: "Fit | str") -> Fit:
-        return Fit(value) if isinstance(value, str) else value
+    def __call__(self, value: "FramedObject | str") -> FramedObject:
+        return FramedObject(value) if isinstance(value, str) else value
 
-    def plain(self, value: Fit) -> object:
-        return value.target if value == Fit(value.target) else plain_values(value)
+    def plain(self, value: FramedObject) -> object:
+        return value.target if value == FramedObject(value.target) else plain_values(value)
 
 
 @options
@@ -171,30 +175,30 @@ class Shot(Options):
         kw_only=False,
         help="Transition from the previous shot: a shape, a width [s], or both; a cut if left out.",
     )
-    roll: Ramp = option(
+    roll: EasedNumber = option(
         converter=RampKind(), default=LEVEL, kw_only=False, help="Clockwise turn around the axis of view [deg]."
     )
-    fovy: Ramp | None = option(
+    fovy: EasedNumber | None = option(
         converter=Optional(RampKind("degrees")),
         default=None,
         kw_only=False,
         help="Vertical field of view [deg], or its height [m] if orthographic; the model's if left out.",
     )
     shake: Shake | None = option(
-        converter=Optional(Record(Shake, Shake, blank=True)),
+        converter=Optional(OptionsMapping(Shake, Shake, blank=True)),
         default=None,
         kw_only=False,
         help="Shake of a hand-held camera.",
     )
-    fit: Fit | None = option(
-        converter=Optional(FitKind()),
+    fit: FramedObject | None = option(
+        converter=Optional(FramedObjectKind()),
         default=None,
         kw_only=False,
         help="Object to keep whole in the image by adjusting the distance.",
     )
 
 
-class ShotForm(Record[Shot]):
+class ShotForm(OptionsMapping[Shot]):
     """A shot in a document, whose rig is one of its keys."""
 
     def __init__(self) -> None:
@@ -207,7 +211,7 @@ class ShotForm(Record[Shot]):
             yield (), f"expected one of {', '.join(RIGS)}, got none"
         yield from (((rig,), f"a shot has only one rig; this one already has {rigs[0]}") for rig in rigs[1:])
 
-    def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
+    def mapping_schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> dict[str, object]:
         schema = super().mapping_schema(reader, definitions)
         return {**schema, "oneOf": [{"required": [rig]} for rig in RIGS]}
 

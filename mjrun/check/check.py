@@ -12,7 +12,7 @@ from typing import ClassVar
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
-from mjrun.check.worker_pool import MEMORY_REMEDY, WorkerOutput, WorkerPool, WorkerTask
+from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.errors import Spelling, UnknownNameError, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource
@@ -131,7 +131,7 @@ class Check(PolicyOptions, CheckOptions):
     def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
         """Yields the results for `paths` in their order; several are checked at once."""
         jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(paths)))
-        workers = WorkerPool()
+        workers = CheckProcesses()
         with ThreadPoolExecutor(jobs) as threads:
             try:
                 yield from threads.map(lambda path: self._check(path, workers, spelling), paths)
@@ -139,7 +139,7 @@ class Check(PolicyOptions, CheckOptions):
                 workers.end()
                 threads.shutdown(cancel_futures=True)
 
-    def _check(self, path: str, workers: WorkerPool, spelling: Spelling) -> ModelResult:
+    def _check(self, path: str, workers: CheckProcesses, spelling: Spelling) -> ModelResult:
         output = workers.run(self._task(path))
         findings = [Finding(**message["finding"]) for message in output.messages if "finding" in message]
         loads = any(message.get("loaded") for message in output.messages)

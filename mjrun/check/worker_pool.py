@@ -66,7 +66,7 @@ class WorkerOutput:
     stderr: str
 
 
-class WorkerPool:
+class CheckProcesses:
     """A starter of processes, from any thread, which can end all of them at once."""
 
     def __init__(self) -> None:

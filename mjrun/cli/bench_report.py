@@ -7,14 +7,14 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING
 
-from mjrun.cli.report import Report
+from mjrun.cli.command_report import Report
 from mjrun.errors import clean
 
 if TYPE_CHECKING:
     from mjrun.bench.baseline import BaselineComparison
+    from mjrun.bench.block_timing import Phase
     from mjrun.bench.output_timing import FrameTiming, LoadTiming, OutputTiming
     from mjrun.bench.results import Accuracy, BenchResult, GridPointResult
-    from mjrun.bench.rollout_timing import Phase
     from mjrun.bench.statistics import SampleStatistics
 
 BYTES = ((10**9, "GB"), (10**6, "MB"), (10**3, "kB"))

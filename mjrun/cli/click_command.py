@@ -288,7 +288,7 @@ def _confined_if_asked(console: Console, command_line: CommandLine) -> Generator
                 raise UsageError(f"{mention(name)} requires {mention('untrusted')}")
         yield
         return
-    from mjrun.cli.confined import confined, description
+    from mjrun.cli.command_confinement import confined, description
 
     with confined(click.get_current_context(), options) as limits:
         console.note(description(limits))

@@ -13,7 +13,7 @@ from mjrun.diff.tolerances import Tolerances
 from mjrun.errors import UsageError, clean, listing
 from mjrun.formats.manifest import read_sidecar
 from mjrun.formats.table_reader import open_table
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 TIME = "time"
 QUEUED_BLOCKS = 4  # that may wait for their comparison

@@ -21,7 +21,7 @@ from mjrun.diff.tolerances import Tolerance, Tolerances, as_numbers, cell_text, 
 from mjrun.errors import FileError
 
 
-class ColumnComparison:
+class ColumnDifferences:
     """The differences of columns, b − a, accumulated block by block.
 
     Args:
@@ -148,7 +148,7 @@ def compare_rows(
         stream_a, stream_b = KeyedRows(a, columns, key), KeyedRows(b, columns, key)
         all_pairs = pairs_by_columns(stream_a, stream_b)
         key = ", ".join(key)
-    comparison = ColumnComparison(columns, [tolerances.of(name) for name in columns])
+    comparison = ColumnDifferences(columns, [tolerances.of(name) for name in columns])
     rows = 0
     for pairs in all_pairs:
         if isinstance(pairs, EqualRows):

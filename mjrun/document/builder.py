@@ -13,8 +13,8 @@ from mjrun.document.tree import DeclaredAt, Fault, MappingNode, Place, document_
 from mjrun.errors import DocumentError, UsageError
 from mjrun.options.kinds import Text
 from mjrun.options.option import Options, document_key, document_options
-from mjrun.options.record import Record
 from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.simulation.simulation import Simulation
 from mjrun.suffixes import MODELS
 
@@ -133,7 +133,7 @@ class SimulationDocument(Generic[Made]):
 
     def __init__(self, name: str, declared: type[Options], every: type[Options], make: Callable[..., Made]) -> None:
         self._declared, self._every, self._make = declared, every, make
-        self.record = Record[Values](every, dict, name=name, more=[MODEL], optional=["output"])
+        self.record = OptionsMapping[Values](every, dict, name=name, more=[MODEL], optional=["output"])
 
     def declared_at(self, place: Place) -> type[Options]:
         """Returns the options at a place of such a document."""

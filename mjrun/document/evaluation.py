@@ -32,8 +32,8 @@ from mjrun.model.sources import names_task, parse_source
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.options.kinds import Text
 from mjrun.options.option import Options, document_key
-from mjrun.options.record import Record
 from mjrun.options.setting_kinds import Settings
+from mjrun.options.structured_kinds import OptionsMapping
 
 TASK = (
     "Task: a document, relative to the folder of this one; a task of the gallery, such as scene:car_drive; or an "
@@ -47,7 +47,7 @@ class _EvaluationOptions(EvaluationOptions):
     """A task, its policies, and criteria for the episodes."""
 
 
-EVALUATION = Record[Values](
+EVALUATION = OptionsMapping[Values](
     _EvaluationOptions,
     dict,
     name="Evaluation",

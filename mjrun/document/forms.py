@@ -22,15 +22,15 @@ from mjrun.document.reader import read
 from mjrun.document.yaml_writer import number
 from mjrun.errors import DocumentError, UsageError, quoted
 from mjrun.options import kinds, number_kinds
-from mjrun.options.kinds import AnyKind, Key, Optional, Reader, Text
+from mjrun.options.kinds import AnyKind, Key, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import Integer, Point, Real, Vector
 from mjrun.options.option import Options, option, options
-from mjrun.options.record import OneOf, Record
 from mjrun.options.schema import TEXT, Path, Schema, check
+from mjrun.options.structured_kinds import OneOf, OptionsMapping
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP
 from mjrun.suffixes import is_yaml
 
-CAMERA = Record(CameraDocument, CameraDocument)
+CAMERA = OptionsMapping(CameraDocument, CameraDocument)
 
 
 def read_camera(path: pathlib.Path | str) -> CameraScript:
@@ -52,14 +52,14 @@ class KnownName(Text):
 
     @property
     def form(self) -> Schema:
-        from mjrun.rendering.segmentation import groupings
+        from mjrun.rendering.segment_ids import groupings
         from mjrun.rendering.visual import flags, frames, labels
 
         names = {"visual flag": flags, "segmentation": lambda: [*groupings()], "frame": frames, "label": labels}
         return {"type": "string", "enum": names[self._of]()}
 
-    def read(self, value: object, reader: Reader) -> object:
-        from mjrun.rendering.segmentation import check_segmentation_name
+    def read(self, value: object, reader: ReadingContext) -> object:
+        from mjrun.rendering.segment_ids import check_segmentation_name
         from mjrun.rendering.visual import Visual
 
         check(value, TEXT)
@@ -84,9 +84,9 @@ class CameraForm(OneOf[object, object]):
 
     def __init__(self) -> None:
         forms = "a camera as text, by index, or as {name, speed, shots}"
-        super().__init__(forms, string=Text(), number=Integer(), object=Record(InlineCamera, _inline_script))
+        super().__init__(forms, string=Text(), number=Integer(), object=OptionsMapping(InlineCamera, _inline_script))
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         camera = super().read(value, reader)
         if not isinstance(camera, str) or not is_yaml(camera):
             return camera
@@ -162,9 +162,9 @@ class GhostForm(OneOf[object, object]):
             return cast("Callable[..., InlineGhost]", InlineGhost)(**values).text()
 
         forms = "text as in offset=0/1/0,opacity=0.3 or {offset, opacity, key, trace, map, recording}"
-        super().__init__(forms, string=GhostText(), object=Record(InlineGhost, text))
+        super().__init__(forms, string=GhostText(), object=OptionsMapping(InlineGhost, text))
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         return ghost_text(str(super().read(value, reader)), reader.input)
 
 

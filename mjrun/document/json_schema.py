@@ -21,8 +21,8 @@ from mjrun.errors import Failure, UnknownNameError
 from mjrun.formats.format_lists import with_formats
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
 from mjrun.model.info import InfoResult
-from mjrun.options.record import Record
 from mjrun.options.schema import ANNOTATIONS, Schema
+from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.outputs.run_result import RESULTS, RunResult
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -34,7 +34,7 @@ _FIELDS = re.compile(r"^  (\w+(?:, \w+)*): (.*(?:\n    .*)*)", re.MULTILINE)
 JsonSchema = dict[str, Any]
 
 # Kind of document → its contents, its title, and whether it supports variables and defaults.
-DOCUMENTS: dict[str, tuple[Record[Any], str, bool]] = {
+DOCUMENTS: dict[str, tuple[OptionsMapping[Any], str, bool]] = {
     "camera": (CAMERA, "mjrun camera document", False),
     "run": (RUN, "mjrun run document", True),
     "study": (STUDY.record, "mjrun study document", True),

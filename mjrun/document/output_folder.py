@@ -6,7 +6,7 @@ from pathlib import Path, PurePosixPath
 
 from mjrun.errors import Problem, UsageError, clean, quoted
 from mjrun.model.sources import is_file
-from mjrun.options.kinds import Reader
+from mjrun.options.kinds import ReadingContext
 from mjrun.outputs.output_files import ReservedFiles
 
 
@@ -60,7 +60,7 @@ class OutputFolder:
 
 
 @dataclass(frozen=True)
-class Folders(Reader):
+class Folders(ReadingContext):
     """The folders that resolve relative paths.
 
     Attributes:

@@ -11,9 +11,9 @@ from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.yaml_parser import DEPTH, LineIndex, compose
 from mjrun.errors import FileError, quoted, suggestion
 from mjrun.formats.input_file import opened
-from mjrun.options.kinds import Reader
-from mjrun.options.record import Record
+from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema import Misfits
+from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.suffixes import YAML, is_yaml
 
 LARGEST = 2**20  # bytes per document
@@ -187,8 +187,8 @@ def _set_item(
 
 def read(
     path: Path | str,
-    record: Record[T],
-    context: Reader | None = None,
+    record: OptionsMapping[T],
+    context: ReadingContext | None = None,
     assignments: Sequence[str] = (),
     *,
     variables: bool = False,
@@ -278,11 +278,11 @@ class _Reader:
         return both if below and isinstance(both, tree.MappingNode) else None
 
     def validated(
-        self, root: tree.MappingNode | None, record: Record[T], context: Reader | None
+        self, root: tree.MappingNode | None, record: OptionsMapping[T], context: ReadingContext | None
     ) -> tuple[T, tree.MappingNode]:
         """Returns the value and the tree if there were no faults."""
         values: list[T] = []
-        context = context or Reader()
+        context = context or ReadingContext()
         if root:
             top = Misfits()
             with top.at():

@@ -42,14 +42,14 @@ from mjrun.document.tree import (
 )
 from mjrun.errors import InvalidJobsError, UsageError
 from mjrun.options.image import ImageOptions
-from mjrun.options.kinds import File, Reader
+from mjrun.options.kinds import File, ReadingContext
 from mjrun.options.option import Options, document_key, options
 from mjrun.options.output import KeyframeOptions, OutputOptions
 from mjrun.options.plot import PageOptions, PlotOptions
-from mjrun.options.record import ListOf, OneOf, Record
 from mjrun.options.run import RunOptions
 from mjrun.options.schema import Schema
 from mjrun.options.simulation import SimulationOptions
+from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
 from mjrun.outputs.output import Job, OutputResult
@@ -73,11 +73,11 @@ class _TopLevel(SimulationOptions, PageOptions):
 
 def _entry(output: type[OutputOptions]) -> OneOf[object, object]:
     """Returns the form of an output: a mapping of its options, or its file alone."""
-    mapping = Record[Values](output, dict, name=output.__name__.removesuffix("Options"))
+    mapping = OptionsMapping[Values](output, dict, name=output.__name__.removesuffix("Options"))
     return OneOf("a file, or a mapping with an output", string=File(written=True), object=mapping)
 
 
-class _Run(Record[Values]):
+class _Run(OptionsMapping[Values]):
     """A simulation and its outputs."""
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class _Run(Record[Values]):
         if not renamed and not any(values.get(key, []) != [] for key in OUTPUTS):
             yield (), f"the document has no outputs; add one of {', '.join(OUTPUTS)}"
 
-    def mapping_schema(self, reader: Reader, definitions: dict[str, Schema]) -> dict[str, object]:
+    def mapping_schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> dict[str, object]:
         schema = super().mapping_schema(reader, definitions)
         return {**schema, "anyOf": [{"required": [key]} for key in OUTPUTS]}
 

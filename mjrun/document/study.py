@@ -26,15 +26,15 @@ from mjrun.document.tree import Fault, Mapped, MappingNode, Mark, Node, document
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
-from mjrun.options.kinds import Choice, Kind, Reader, Text
+from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
 from mjrun.options.option import Options, document_options, options, required
-from mjrun.options.record import Record
 from mjrun.options.schema import TEXT, ExpectedError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions, SimulationOptions
+from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.options.sweep import MANIFEST, PLANS
-from mjrun.study.plan import SCHEMA, StudyPlan
 from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
+from mjrun.study.task_plan import SCHEMA, StudyPlan
 
 LARGEST = 2**26  # bytes per line
 
@@ -163,7 +163,7 @@ class PlanLine(Options):
         return {name: getattr(self, name) for name in ABOUT}
 
 
-LINE = Record(PlanLine, PlanLine)
+LINE = OptionsMapping(PlanLine, PlanLine)
 
 
 def write_plan(path: str, plan: StudyPlan) -> None:
@@ -259,7 +259,7 @@ def _line(path: str, number: int, text: bytes) -> PlanLine:
         tree = node_of(value, mark)
     except (ValueError, RecursionError) as error:
         raise document_error([Fault(mark, "", f"not JSON: {clean(str(error))}")]) from None
-    line = _read(LINE, value, tree, Reader())
+    line = _read(LINE, value, tree, ReadingContext())
     if len(line.points) != len(line.values) or any(len(values) != len(line.names) for values in line.values):
         raise document_error([Fault(mark, "values", "expected a list for each point, with a value for each name")])
     return line
@@ -274,7 +274,7 @@ def _study(path: str, value: object, folder: Path, given: Mapping[str, object]) 
     return STUDY.made(tree, folders, document, {}, given, CodeOptions())
 
 
-def _read(record: Record[V], value: object, tree: Node, reader: Reader) -> V:
+def _read(record: OptionsMapping[V], value: object, tree: Node, reader: ReadingContext) -> V:
     """Reads plain values by `record`.
 
     Raises:

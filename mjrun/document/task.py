@@ -40,7 +40,7 @@ from mjrun.options.kinds import Text
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import Real
 from mjrun.options.option import Options, document_key, options, options_of
-from mjrun.options.record import ListOf, MappingOf, OneOf, Record
+from mjrun.options.structured_kinds import ListOf, MappingOf, OneOf, OptionsMapping
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.suffixes import YAML
 from mjrun.task.task import Action, Command, Observation, Reset, Reward, Task, Termination
@@ -57,9 +57,9 @@ class _TaskOptions(TaskOptions):
     """A model, and the observations, actions and rewards of a policy."""
 
 
-def _part(key: str) -> Record[Values]:
+def _part(key: str) -> OptionsMapping[Values]:
     declared = PARTS[key][1]
-    return Record[Values](declared, dict, name=declared.section)
+    return OptionsMapping[Values](declared, dict, name=declared.section)
 
 
 _REWARD = OneOf[object, object](
@@ -68,7 +68,7 @@ _REWARD = OneOf[object, object](
     number=Real(least=None),
     object=_part("rewards"),
 )
-TASK = Record[Values](
+TASK = OptionsMapping[Values](
     _TaskOptions,
     dict,
     name="Task",

@@ -10,8 +10,8 @@ from pathlib import Path
 import mujoco
 
 from mjrun.errors import FileError, MjrunError, PartlyDoneError, clean, counted, listing, option
+from mjrun.evaluation.execution import play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten
-from mjrun.evaluation.schedule import play_all
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison, summaries
 from mjrun.evaluation.table import FILES, episode_table, point_table
 from mjrun.evaluation.videos import EpisodeVideo, VideoMaker, remove_old_videos

@@ -10,7 +10,7 @@ from mjrun.evaluation.statistics import Interval
 from mjrun.evaluation.summaries import EpisodeSummary, PointSummary, PolicyComparison
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.options.evaluation import EvaluationOptions
 from mjrun.probe.verdict import Verdict
 

@@ -14,14 +14,14 @@ from mjrun.experiment.design import Design, is_whole, numbers
 from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.probe.assertion import parse
-from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME
 from mjrun.probe.verdict import Verdict
+from mjrun.probe.vocabularies import AvailableProbes
 
 FILES = ("results.parquet", "results.csv")
 BLOCK = 2**12  # rows written at once

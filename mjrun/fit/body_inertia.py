@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, listing, option
-from mjrun.fit.signals import Floats
+from mjrun.fit.signal_properties import Floats
 from mjrun.model.override import Override, indices_at
 
 INERTIA = "inertia:"  # begins the name of a parameter: `inertia:payload.mass`

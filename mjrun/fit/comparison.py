@@ -10,7 +10,7 @@ from mjrun.fit.shooting import SHORTEST
 from mjrun.fit.solution import Solution
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 HORIZON = 8 * SHORTEST  # held-out rows predicted from one initial state
 TIME = Column("time", "s", "time in the log")

@@ -23,7 +23,7 @@ from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
 from mjrun.fit.shooting import EXPLAINED, SHORTEST, Search, Shooting
-from mjrun.fit.signals import first_noise, set_noise, shared, spread_of
+from mjrun.fit.signal_properties import first_noise, set_noise, shared, spread_of
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.verdict import Misfit, all_at_bounds, improvement, misfit

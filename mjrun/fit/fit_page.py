@@ -10,7 +10,7 @@ import numpy as np
 from mjrun.errors import clean
 from mjrun.fit.comparison import HORIZON, write_comparison
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.html_page import Page, PageFacts, PageFigure
 from mjrun.plotting.page_writer import MAKER, PageWriter

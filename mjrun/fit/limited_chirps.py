@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, option
-from mjrun.fit.signals import Floats
-from mjrun.model.column import Column
+from mjrun.fit.signal_properties import Floats
 from mjrun.model.names import control_names
+from mjrun.model.table_column import Column
 from mjrun.probe.fields import field_probe
 
 FREQUENCIES = (0.1, 10.0)  # [Hz]

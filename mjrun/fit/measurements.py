@@ -8,14 +8,14 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, listing, option
-from mjrun.fit.signals import normalize, rotations
+from mjrun.fit.signal_properties import normalize, rotations
 from mjrun.model.names import control_names
 from mjrun.physics.control import SLACK, require_times
-from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import select
+from mjrun.probe.vocabularies import AvailableProbes
 from mjrun.simulation.column_map import map_entries
 from mjrun.simulation.mapped_table import column_names, evaluated
 

@@ -10,14 +10,14 @@ import numpy as np
 from mjrun.errors import ModelError, counted, listing
 from mjrun.fit.free_parameter import FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
-from mjrun.fit.signals import align, rotations
+from mjrun.fit.signal_properties import align, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import ModelVariants
 from mjrun.physics.c_engine import AUTORESET, CEngine
-from mjrun.probe.available import AvailableProbes
 from mjrun.probe.fields import FieldProbe, Fields
 from mjrun.probe.select import select
+from mjrun.probe.vocabularies import AvailableProbes
 from mjrun.simulation.simulation import Simulation
 
 CONSTRAINTS = "nefc"  # MuJoCo's number of constraint rows, which contacts and limits change

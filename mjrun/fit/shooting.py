@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjrun.fit.ensemble import Ensemble
+from mjrun.fit.ensemble_search import Ensemble
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Chunk, Predictor, States, chunks
 from mjrun.fit.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
-from mjrun.fit.signals import LEAST_NOISE, shared
+from mjrun.fit.signal_properties import LEAST_NOISE, shared
 from mjrun.fit.solution import Floats, Solution
 from mjrun.fit.starting_states import StartingStates, simulated_starts
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjrun.fit.prediction import Chunk
-from mjrun.fit.signals import NORMAL_MEDIAN, Floats
+from mjrun.fit.signal_properties import NORMAL_MEDIAN, Floats
 
 # The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
 LOSSES: dict[str, Callable[[Floats], Floats]] = {

@@ -7,9 +7,9 @@ import numpy as np
 
 from mjrun.errors import clean, listing, option
 from mjrun.fit.information import bound_reached
-from mjrun.fit.signals import shared, spread_of
+from mjrun.fit.signal_properties import shared, spread_of
 from mjrun.fit.solution import LOSSES, Floats, Solution
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 MISFIT = 2.0  # reduced χ² above which the user is warned
 HOPELESS, HOPELESS_SHARE = 10.0, 0.1  # residual over noise, and over the spread of a signal, above which a fit fails

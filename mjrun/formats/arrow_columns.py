@@ -13,13 +13,13 @@ import pyarrow
 import pyarrow.parquet
 from pyarrow import types
 
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, clean
-from mjrun.expansion import require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import cut
 from mjrun.formats.table_contents import Cells
 from mjrun.formats.text_columns import exact_cells
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 MANIFEST = "mjrun"  # the key of the manifest
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError
-from mjrun.expansion import require_expandable
-from mjrun.formats import ffmpeg, npy_header
+from mjrun.formats import ffmpeg, npy_reader
 from mjrun.formats.input_file import decoding, require_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tiff", ".tif", ".npy", ".exr")
@@ -88,9 +88,9 @@ def _picture(path: Path, indices: bool) -> np.ndarray:
 
 def _npy(path: Path) -> np.ndarray:
     with path.open("rb") as file:
-        shape, by_column, dtype = npy_header.read_header(file)
-        if dtype.kind not in npy_header.NUMERIC:
-            raise ValueError(f"it holds {npy_header.content_name(dtype)}, not numbers")
+        shape, by_column, dtype = npy_reader.read_header(file)
+        if dtype.kind not in npy_reader.NUMERIC:
+            raise ValueError(f"it holds {npy_reader.content_name(dtype)}, not numbers")
         if len(shape) != 2 and not (len(shape) == 3 and shape[2] in (3, 4) and dtype == np.uint8):
             raise ValueError(f"it has the shape {shape}, not (height, width)")
         values = np.frombuffer(file.read(), dtype)

@@ -11,8 +11,8 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.formats.image_encoding import ImageData, check_segment_count, clipped_share
 from mjrun.formats.image_format import FORMATS
-from mjrun.formats.segmentation import CocoDocument, LabelsWriter
-from mjrun.model.rendered_view import Segment
+from mjrun.formats.segmentation_labels import CocoDocument, LabelsWriter
+from mjrun.model.rendered_image import SegmentedObject
 
 # Pixels of each view: their shape after height and width, and their type.
 PIXELS = {"rgb": ((3,), np.uint8), "depth": ((), np.float32), "seg": ((), np.int32)}
@@ -73,7 +73,7 @@ class ImageWriter(OutputWriter):
     def write(
         self,
         pixels: np.ndarray,
-        legend: Sequence[Segment] = (),
+        legend: Sequence[SegmentedObject] = (),
         colours: np.ndarray | None = None,
         image: Mapping[str, Any] | None = None,
     ) -> None:
@@ -115,7 +115,7 @@ class ImageWriter(OutputWriter):
         """This writer, and the writer of the labels."""
         return [self, *([self._labels] if self._labels else [])]
 
-    def _check(self, pixels: np.ndarray, legend: Sequence[Segment], colours: np.ndarray | None) -> None:
+    def _check(self, pixels: np.ndarray, legend: Sequence[SegmentedObject], colours: np.ndarray | None) -> None:
         """Raises ValueError if these are not pixels of the view and size, or do not fit together."""
         inner, kind = PIXELS[self._view]
         shape = (self._size[1], self._size[0], *inner)

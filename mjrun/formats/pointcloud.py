@@ -8,7 +8,7 @@ import numpy as np
 from mjrun.errors import UsageError, clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
-from mjrun.model.rendered_view import RenderedView, Segment
+from mjrun.model.rendered_image import RenderedView, SegmentedObject
 
 SUFFIX = ".ply"
 TYPES = {"<f4": "float", "u1": "uchar", "<i4": "int"}
@@ -32,7 +32,7 @@ class PointCloudWriter(OutputWriter):
       FileError: the output cannot be written.
     """
 
-    def __init__(self, output: str, legend: Sequence[Segment] | None = None) -> None:
+    def __init__(self, output: str, legend: Sequence[SegmentedObject] | None = None) -> None:
         if Path(output).suffix.lower() != SUFFIX:
             raise UsageError(f"{clean(output)}: a point cloud is a PLY file; its name must end in {SUFFIX}")
         self.count = 0

@@ -24,7 +24,7 @@ import numpy as np
 from mjrun.closable import Closable
 from mjrun.confinement.confinement import is_readable
 from mjrun.errors import FileError, UsageError, clean, option, quoted
-from mjrun.formats import npy_header
+from mjrun.formats import npy_reader
 from mjrun.formats.atomic_output import OutputWriter, closing_quietly
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import decoding, require_file
@@ -151,7 +151,7 @@ def _array(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
     if begin + info.file_size > os.fstat(file.fileno()).st_size:  # otherwise reading it would allocate much memory
         raise ValueError(f"{name!r} ends early")
     with archive.open(info) as member:
-        shape, by_column, dtype = npy_header.read_header(member)
+        shape, by_column, dtype = npy_reader.read_header(member)
         head = member.tell()
     _require_kind(name, shape, dtype)
     if by_column and len(shape) > 1:
@@ -164,7 +164,7 @@ def _array(archive: zipfile.ZipFile, file: BinaryIO, name: str) -> _Array:
 def _require_kind(name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:
     kind, axes = ARRAYS[name]
     if dtype.kind != "U" if kind == TEXT else dtype != np.dtype(kind):
-        raise ValueError(f"{name!r} holds {npy_header.content_name(dtype)}, not {kind}")
+        raise ValueError(f"{name!r} holds {npy_reader.content_name(dtype)}, not {kind}")
     if len(shape) != len(axes) or any(length < 1 for length in shape):
         raise ValueError(f"{name!r} has the shape {shape}, not ({', '.join(axes)}{',' * (len(axes) == 1)})")
     if kind == TEXT and not 0 < dtype.itemsize <= 4 * FACTS:

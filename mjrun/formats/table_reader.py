@@ -16,8 +16,8 @@ from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError
-from mjrun.expansion import require_expandable
 from mjrun.formats.input_file import require_file
 from mjrun.formats.table_contents import Cells, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes

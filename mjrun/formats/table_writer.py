@@ -17,7 +17,7 @@ import numpy as np
 from mjrun.formats import tables
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 GROUP = 2**21  # values in a group: 16 MiB
 FIRST_ROWS = 2**9  # rows that fit at first: a short table needs little memory

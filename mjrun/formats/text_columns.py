@@ -12,7 +12,7 @@ import orjson
 
 from mjrun.errors import CellError, FileError
 from mjrun.formats.table_contents import EXACT, shown, side_by_side
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 PIECE = 2**16  # values turned into text at a time
 ROWS = 2**9  # rows turned into numbers at a time, which fit in the processor's cache

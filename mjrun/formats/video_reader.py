@@ -13,8 +13,8 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import ImageSequence
 
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UsageError, clean
-from mjrun.expansion import require_expandable
 from mjrun.formats import codecs, ffmpeg
 from mjrun.formats.image_reader import open_image
 from mjrun.formats.input_file import decoding, require_file

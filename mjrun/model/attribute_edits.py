@@ -13,7 +13,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.confinement.sandbox import confined_load
+from mjrun.confinement.self_confinement import confined_load
 from mjrun.errors import UsageError, clean
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.xml_source import START_TAG, Element, XmlSource, read_xml

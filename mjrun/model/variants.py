@@ -43,7 +43,7 @@ class ModelVariant:
     """
 
     model: mujoco.MjModel
-    compilation: "Compilation"
+    compilation: "SharedCompilation"
     copied: frozenset[str] = frozenset()
 
     @property
@@ -63,7 +63,7 @@ class ModelVariants:
 
     def __init__(self, prepare: Callable[[mujoco.MjModel], None] | None = None) -> None:
         self._prepare = prepare
-        self._compilations = OrderedDict[Source, Compilation]()
+        self._compilations = OrderedDict[Source, SharedCompilation]()
 
     def load(self, source: Source) -> ModelVariant:
         """Returns the model of `source`; it must not be changed, because others may share it.
@@ -94,7 +94,7 @@ class ModelVariants:
     def _bytes(self) -> int:
         return sum(compilation.bytes for compilation in self._compilations.values())
 
-    def _compilation(self, source: Source) -> "Compilation":
+    def _compilation(self, source: Source) -> "SharedCompilation":
         compilation = self._compilations.pop(source, None) or self._compile(source)
         self._compilations[source] = compilation
         while len(self._compilations) > 1 and (len(self._compilations) > REMEMBERED or self._bytes > BYTES):
@@ -102,12 +102,12 @@ class ModelVariants:
             oldest.forget_source()  # its model may still be in use
         return compilation
 
-    def _compile(self, source: Source) -> "Compilation":
+    def _compile(self, source: Source) -> "SharedCompilation":
         spec, model = source.compile()
         if self._prepare:
             model = copy.copy(model) if spec is None else model  # it may belong to the user
             self._prepare(model)
-        return Compilation(spec, model)
+        return SharedCompilation(spec, model)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class _Place:
     rows: list[int]
 
 
-class Compilation:
+class SharedCompilation:
     """A specification and the model compiled from it; without a specification, only the compiled model is shared.
 
     It is part of no reference cycle: Python's garbage collector, which counts objects, would let hundreds of models

@@ -21,7 +21,7 @@ T = TypeVar("T")
 W = TypeVar("W")
 
 
-class Reader:
+class ReadingContext:
     """Context in which a document's values are read: the folders of its paths, and kinds of higher rooms.
 
     This base class changes neither.
@@ -94,11 +94,11 @@ class Kind(Generic[V, T]):
         """
         raise NotImplementedError
 
-    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+    def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
         """Returns the rule with the rules of all parts; those that have names are added to `definitions`."""
         return self.form
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         """Converts a plain value from a document to a value that `__call__` accepts.
 
         Raises:
@@ -221,7 +221,7 @@ class File(Kind[str | PathLike[str], str]):
             raise ExpectedError("the name of a file")
         return path
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         check(value, self.form)
         return reader.output(str(value)) if self.written else reader.input(str(value))
 
@@ -302,13 +302,13 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
         parts = cast("Sequence[object]", value)
         return self.each.is_sequence and len(parts) == 2 and not isinstance(parts[0], Sequence)
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         each = reader.form(self.each)
         if not isinstance(value, list):
             return (each.read(value, reader),)
         return read_list(each, cast("list[object]", value), reader)
 
-    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+    def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
         each = reader.form(self.each).schema(reader, definitions)
         return {"anyOf": [each, {"type": "array", "items": each}]}
 
@@ -330,14 +330,14 @@ class Optional(Kind["W | None", "T | None"], Generic[W, T]):
     def plain(self, value: "T | None") -> object:
         return None if value is None else self.each.plain(value)
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         return reader.form(self.each).read(value, reader)
 
-    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+    def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
         return reader.form(self.each).schema(reader, definitions)
 
 
-def read_list(each: AnyKind, items: Sequence[object], reader: Reader) -> tuple[object, ...]:
+def read_list(each: AnyKind, items: Sequence[object], reader: ReadingContext) -> tuple[object, ...]:
     """Reads the items of a list in a document.
 
     Raises:

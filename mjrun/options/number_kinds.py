@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import cast
 
-from mjrun.options.kinds import Kind, Reader
+from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.schema import NUMBER, ExpectedError, Schema, check, type_name
 from mjrun.timeline import rational
 
@@ -142,7 +142,7 @@ class ExactNumber(Kind[Number, Fraction]):
     def parse(self, text: str) -> Fraction:
         return self(text)
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         if type_name(value) not in ("integer", "number", "string"):
             raise ExpectedError(self.expected)
         return self(cast("Number", value))
@@ -191,7 +191,7 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
     def plain(self, value: tuple[int, int]) -> str:
         return f"{value[0]}x{value[1]}"
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         check(value, self.form)
         return self.parse(value) if isinstance(value, str) else value
 

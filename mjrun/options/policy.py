@@ -4,7 +4,7 @@ import re
 from os import PathLike, fspath
 from typing import ClassVar, cast
 
-from mjrun.options.kinds import Flag, Kind, Optional, Reader
+from mjrun.options.kinds import Flag, Kind, Optional, ReadingContext
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema import TEXT, ExpectedError, Misfit, MisfitError, Schema, check
 
@@ -22,7 +22,7 @@ class PolicyKind(Kind[object, object]):
     def form(self) -> Schema:
         return TEXT
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         check(value, self.form)
         text = str(value)
         if is_code(text):
@@ -44,7 +44,7 @@ class NormalizationKind(Kind[str | PathLike[str], str]):
     def form(self) -> Schema:
         return TEXT
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         check(value, self.form)
         return value if value == NONE else reader.input(str(value))
 

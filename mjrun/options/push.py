@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import cast
 
-from mjrun.options.kinds import Optional, Reader, Text
+from mjrun.options.kinds import Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Point
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.record import OneOf, Record
 from mjrun.options.schema import ExpectedError, Path, check
+from mjrun.options.structured_kinds import OneOf, OptionsMapping
 from mjrun.timeline import rational
 
 Force = tuple[float, float, float]
@@ -72,7 +72,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
             return _from_mapping(values)
 
         forms = "text as in torso=0/100/0@1+0.2 or {body or site, force, at, duration}"
-        super().__init__(forms, string=PushText(), object=Record(PushMapping, push))
+        super().__init__(forms, string=PushText(), object=OptionsMapping(PushMapping, push))
 
     def __call__(self, value: "Push | str | Mapping[str, object]") -> Push:
         match value:
@@ -98,7 +98,7 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
 class PushText(Text):
     """A push as text."""
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         check(value, self.form)
         return PushKind().parse(str(value))
 

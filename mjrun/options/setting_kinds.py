@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike, fspath
 from typing import cast
 
-from mjrun.options.kinds import Kind, Reader
+from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.number_kinds import NUMBERS, Numbers, to_float
 from mjrun.options.schema import NUMBER, TEXT, ExpectedError, Misfits, Schema, check
 
@@ -127,7 +127,7 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
             return expressions
         return value[0] if len(value) == 1 else [*value]
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         check(value, self.form)
         texts = self(cast("str | Mapping[str, object] | Sequence[str]", value))
         return tuple(f"@{reader.input(text[1:])}" if text.startswith("@") else text for text in texts)
@@ -233,7 +233,7 @@ class Variations(ScanValues):
         values = [*plain, {"type": "array", "items": listed}, SPAN_FORM, DISTRIBUTION]
         return {"type": "object", "additionalProperties": {"anyOf": values}}
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         if not isinstance(value, dict):
             raise ExpectedError("a mapping")
         ways = {"model": reader.model, "ctrl_from": reader.input}

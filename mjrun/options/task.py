@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import ClassVar, cast
 
-from mjrun.options.kinds import Choice, File, Key, Kind, Optional, Reader, Several, Text
+from mjrun.options.kinds import Choice, File, Key, Kind, Optional, ReadingContext, Several, Text
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
@@ -42,7 +42,7 @@ class RandomValue(Kind["str | float | Mapping[str, object]", str]):
     def __call__(self, value: "str | float | Mapping[str, object]") -> str:
         return distribution_text(value)
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         return distribution_text(value)
 
 

@@ -98,7 +98,7 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
 def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
     from mjrun.diff.pictures import compare_images, compare_videos, require_library
     from mjrun.diff.sentences import picture_sentences
-    from mjrun.outputs.worst_frame import write_worst_frame
+    from mjrun.outputs.worst_frame_image import write_worst_frame
 
     for path in (a, b):
         if not is_folder(Path(path)):

@@ -12,9 +12,9 @@ from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.replay import ReplayStepper, StateBuffer
 from mjrun.physics.stepper import Stepper
-from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EpisodeColumns
 from mjrun.probe.row_expression import RisingEdgeDetector, parse_condition
+from mjrun.probe.vocabularies import AvailableProbes
 from mjrun.task.episode import ControlInstants
 from mjrun.timeline import Timeline
 

@@ -34,7 +34,7 @@ from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
-from mjrun.rendering.segmentation import Segmentation, check_segmentation_name
+from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
 
 RENDERERS = {"classic": ClassicRenderer, "filament": FilamentRenderer}

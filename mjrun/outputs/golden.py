@@ -13,7 +13,7 @@ from mjrun.formats.input_file import exists
 from mjrun.formats.manifest import SidecarWriter, sidecar_path
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import input_format, output_format
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.options.option import is_given
 from mjrun.options.trace import GoldenOptions
 

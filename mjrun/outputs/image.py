@@ -15,7 +15,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.image_format import image_format
 from mjrun.formats.image_writer import ImageWriter
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
@@ -25,7 +25,7 @@ from mjrun.outputs.frames import FrameJob, FrameOutput, FramePlan, plan_frames
 from mjrun.outputs.output_files import named_files
 from mjrun.outputs.panel_files import PanelFile, camera_names, output_files, panel_files
 from mjrun.rendering.compositor import SceneCompositor
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.simulation.simulation import require_countable
 from mjrun.timeline import Timeline, nearest
 

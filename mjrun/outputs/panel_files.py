@@ -12,7 +12,7 @@ from mjrun.camera.script import CameraScript
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.formats.destinations import FRAME_NAME
-from mjrun.formats.segmentation import labels_beside
+from mjrun.formats.segmentation_labels import labels_beside
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.output_files import named_files
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay

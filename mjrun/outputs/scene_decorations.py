@@ -16,7 +16,7 @@ from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions
-from mjrun.physics.motion import Motion
+from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.replay import require_model, require_timestep, states_at
 from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
 from mjrun.rendering.visual import Visual, visual_of
@@ -43,7 +43,7 @@ class GhostPlan:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     opacity: float = OPACITY
     key: int | None = None
-    trace: Motion | None = None
+    trace: KinematicMotion | None = None
     recording: RecordingReader | None = None
 
     def states(self, model: mujoco.MjModel, times: Sequence[float]) -> list[np.ndarray] | None:
@@ -154,7 +154,7 @@ def _opacity(text: str) -> float:
     return opacity
 
 
-def _trace(path: Path, map_file: str | None, model: mujoco.MjModel, simulation: Simulation) -> Motion:
+def _trace(path: Path, map_file: str | None, model: mujoco.MjModel, simulation: Simulation) -> KinematicMotion:
     """Reads the motion in a table, with its separate map or else that of the simulation."""
     if is_recording(path) and path.exists():
         raise UsageError(f"{clean(str(path))} is a recording, not a table: write recording= instead of trace=")

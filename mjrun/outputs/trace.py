@@ -14,8 +14,8 @@ from mjrun.errors import concerning
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
 from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.table_column import Column
 from mjrun.options.option import options
 from mjrun.options.trace import TraceOptions
 from mjrun.outputs import output
@@ -250,9 +250,11 @@ def _assertions(texts: Sequence[str], table: ProbeSampler, episode: EpisodeColum
     if not texts:
         return []
     from mjrun.probe.assertion import parse
-    from mjrun.probe.available import SelectedProbes
+    from mjrun.probe.vocabularies import TraceVocabulary
 
-    available = SelectedProbes([column.name for column in table.columns], table.model, episode.names if episode else ())
+    available = TraceVocabulary(
+        [column.name for column in table.columns], table.model, episode.names if episode else ()
+    )
     assertions: list[Assertion] = []
     for index, text in enumerate(texts):
         with concerning("assert", index):

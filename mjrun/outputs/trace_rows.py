@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import SimulationError, option
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import SLEEP, RecordingBatch
 from mjrun.physics.engine import BLOCK_STEPS
 from mjrun.physics.observe import Tap, observe

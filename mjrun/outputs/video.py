@@ -16,16 +16,16 @@ from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding
 from mjrun.formats.image_encoding import UINT16_MAX
-from mjrun.formats.segmentation import LabelsWriter
+from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.video_writer import VideoWriter
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
-from mjrun.outputs.frame_drawer import FrameDrawer
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.frames import FrameJob, FrameOutput, FramePlan, plan_frames
 from mjrun.outputs.panel_files import PanelFile, camera_names, output_files, panel_files, panels_of
+from mjrun.outputs.video_rendering import FrameDrawer
 from mjrun.rendering.compositor import SceneCompositor
 
 

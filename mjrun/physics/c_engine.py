@@ -16,7 +16,7 @@ from mujoco.batch import SimulationError as BatchError  # pyright: ignore[report
 
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
-from mjrun.physics.control import ControlArray, ControlSignal
+from mjrun.physics.control import ControlArray, ControlSources
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
@@ -247,7 +247,7 @@ class _Run:
         control = None
         if self._controls is not None and self._controls.shape[1]:
             table = ControlArray(self._controls[index])
-            control = ControlSignal(rational(model.opt.timestep), np.zeros(int(model.nu)), table)
+            control = ControlSources(rational(model.opt.timestep), np.zeros(int(model.nu)), table)
         stepper = PhysicsStepper(model, data, control)
         stepper.jump(step, self._states[index])
         return stepper

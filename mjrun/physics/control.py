@@ -278,7 +278,7 @@ class ControlArray:
 
 
 @dataclass
-class ControlSignal:
+class ControlSources:
     """All inputs of a simulation: a table of controls, noise on them, a controller, and constants for the rest.
 
     Attributes:

@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
-from mjrun.physics.control import NEVER, ControlSignal, PeriodicController
+from mjrun.physics.control import NEVER, ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
 
@@ -100,7 +100,7 @@ class PhysicsStepper:
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        control: ControlSignal | None = None,
+        control: ControlSources | None = None,
         pushes: PushForces | None = None,
     ) -> None:
         self.model = copy.copy(model)
@@ -111,7 +111,7 @@ class PhysicsStepper:
         self._instant = mujoco.MjData(self.model)
         self._instant_step = -1
         state.restore(self.model, self._data, state.save(model, data))
-        self.control = control or ControlSignal(rational(model.opt.timestep), data.ctrl.copy())
+        self.control = control or ControlSources(rational(model.opt.timestep), data.ctrl.copy())
         self._pushes = pushes
         self._unpushed = data.xfrc_applied.copy()
         if self.control.controller:

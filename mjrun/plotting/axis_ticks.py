@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.ticker import Formatter, Locator, NullLocator
 
-from mjrun.plotting.canvas import DPI, SMALL, Canvas
 from mjrun.plotting.figure_data import Scale
+from mjrun.plotting.matplotlib_figure import DPI, SMALL, Canvas
 from mjrun.plotting.ticks import labels_of, linear_ticks, log_ticks
 
 ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks

@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_transform_factory
 
 from mjrun.plotting.axis_ticks import set_scale
-from mjrun.plotting.canvas import DPI, POINT, Canvas, rgb
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, Scale
+from mjrun.plotting.matplotlib_figure import DPI, POINT, Canvas, rgb
 from mjrun.plotting.panel_grid import PanelGrid
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
@@ -34,7 +34,7 @@ TITLE_ROOM, ABOVE, BELOW = 2.6, 2.5, 3.4
 
 
 def paint(drawing: Drawing, grid: PanelGrid, canvas: Canvas) -> None:
-    """Draws a figure on a canvas; to be called within `mjrun.plotting.canvas.settings`."""
+    """Draws a figure on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
     spec = canvas.figure.add_gridspec(grid.rows, grid.columns)
     count = len(drawing.panels)
     panels: list[Axes] = []

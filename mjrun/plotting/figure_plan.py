@@ -20,8 +20,8 @@ from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
-from mjrun.probe.available import TableVocabulary
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition
+from mjrun.probe.vocabularies import TableVocabulary
 
 PANELS = 48  # maximum number of panels that the user did not choose
 PAGE_PANELS = 12  # maximum number of panels in one column of a page

@@ -70,8 +70,8 @@ def encoded(
     tags: Mapping[str, str],
 ) -> bytes:
     """Draws a figure and returns it as the content of a file."""
-    from mjrun.plotting.canvas import Canvas, settings
     from mjrun.plotting.figure_painter import paint
+    from mjrun.plotting.matplotlib_figure import Canvas, settings
     from mjrun.plotting.study.figure_painter import paint_study
 
     theme = THEMES[style]

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjrun.errors import CellError, FileError, UsageError, listing, option
-from mjrun.formats.study_folder import point_values, values_in_words
+from mjrun.formats.study_reader import point_values, values_in_words
 from mjrun.formats.table_reader import STDIN, TableReader, open_table
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.figure_data import Drawing

@@ -8,7 +8,7 @@ from pathlib import Path
 from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option, quoted
 from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.image_format import figure_format
-from mjrun.formats.study_folder import read_study
+from mjrun.formats.study_reader import read_study
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions

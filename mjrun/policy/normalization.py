@@ -16,7 +16,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import decoding, opened
-from mjrun.formats.npy_header import read_arrays
+from mjrun.formats.npy_reader import read_arrays
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 
 PICKLES = (".pkl", ".pickle")

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
-from mjrun.model.column import Column
 from mjrun.model.names import PLURALS, identify, names
+from mjrun.model.table_column import Column
 from mjrun.probe.fields import InstantProbe
 
 FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")

@@ -10,8 +10,8 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from mjrun.model.column import Column
 from mjrun.model.names import enum_members, names
+from mjrun.model.table_column import Column
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjrun.errors import UsageError, option, quoted
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 OBSERVATION, ACTION, REWARD, RETURN = EPISODE_GROUPS = ("obs", "action", "reward", "return")
 TOTAL = f"{REWARD}/total"

@@ -15,8 +15,8 @@ from mujoco.batch import DATA_FIELDS
 from mujoco.introspect import structs
 
 from mjrun.model import state
-from mjrun.model.column import Column
 from mjrun.model.names import KIND_OF_COUNT, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS, VECTOR, actuator_parts, names
+from mjrun.model.table_column import Column
 from mjrun.model.units import field_unit, sensor_unit
 
 # Counts of parts of actuators, and the number of parts per actuator in the model.

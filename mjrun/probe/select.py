@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, option, quoted
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.options.trace import PROBES
 from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED

@@ -17,12 +17,12 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError
-from mjrun.probe.available import AvailableProbes
 from mjrun.probe.episode import EPISODE_GROUPS, within_task
 from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.expression import CONSTANTS, BooleanExpression, Expression, NumericExpression, PreviousValue, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import SourceText
+from mjrun.probe.vocabularies import AvailableProbes
 
 Ids = Sequence[int] | np.ndarray | None  # ids of worlds; None for all
 

@@ -14,11 +14,11 @@ from mjrun.camera.pose import Pose
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.backend import Backend, OpenGLContext
 from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
 GEOMS = 10_000  # initial capacity of the scene; it grows

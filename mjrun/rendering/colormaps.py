@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mjrun.model.rendered_view import Segment
+from mjrun.model.rendered_image import SegmentedObject
 from mjrun.rendering import text
 
 UNSEEN = (34, 35, 38)  # the background
@@ -120,7 +120,7 @@ def _palette() -> np.ndarray:
     return grid[chosen].astype(np.uint8)
 
 
-def colors_of(legend: Sequence[Segment]) -> np.ndarray:
+def colors_of(legend: Sequence[SegmentedObject]) -> np.ndarray:
     """Returns a colour for each segment, `(n, 3)` uint8: distinct up to 1,024, and farther apart if there are fewer.
 
     The hash of its type and name ranks the palette's first colours for each segment. Segments choose in legend order,
@@ -211,7 +211,7 @@ def colour_bar(image: np.ndarray, near: float, far: float) -> None:
             text.write(image, unit, (x + right, text.baseline(top, hair, size)), size)
 
 
-def legend(image: np.ndarray, segments: Sequence[Segment], colors: np.ndarray) -> None:
+def legend(image: np.ndarray, segments: Sequence[SegmentedObject], colors: np.ndarray) -> None:
     """Lists `segments` at the lower left of `image` `(h, w, 3)`, each beside its colour, a row of `colors` `(n, 3)`.
 
     The list takes at most 60 % of the height and 40 % of the width; a last line gives the number of omitted segments.

@@ -12,14 +12,14 @@ import numpy as np
 
 from mjrun.camera.pose import Pose
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.graph import Graph
 from mjrun.rendering.layout import compose, layout_size
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
 

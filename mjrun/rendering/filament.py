@@ -16,11 +16,11 @@ from mjrun.camera.pose import Pose
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import check_size
 from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
 from mjrun.worker import Worker, WorkerEndedError
 

@@ -11,12 +11,12 @@ from mjrun.camera.calibration import lens
 from mjrun.camera.pose import Frustum, Pose, pose_of
 from mjrun.errors import DrawError
 from mjrun.model.names import COUNTS, KINDS
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import restore
 from mjrun.rendering.decorations import Decoration
 from mjrun.rendering.filament import MIRRORS, MODES, flags
 from mjrun.rendering.filament_scene import NUMBERED, FilamentScene, PixelFormat
-from mjrun.rendering.segmentation import NOTHING, Segmentation
+from mjrun.rendering.segment_ids import NOTHING, Segmentation
 from mjrun.rendering.visual import Visual, downsampled, updated_scene
 
 GEOMS = 2_000  # initial capacity of the scene; it grows

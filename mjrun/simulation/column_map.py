@@ -18,7 +18,7 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listing, near, option, quoted
 from mjrun.formats.input_file import opened
-from mjrun.physics.motion_samples import FIELDS, quaternions
+from mjrun.physics.kinematic_samples import FIELDS, quaternions
 from mjrun.probe.fields import field_probe, offered
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import Vocabulary, spelled

@@ -10,8 +10,8 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, option
 from mjrun.formats.table_reader import open_table
-from mjrun.physics.motion import Motion
-from mjrun.physics.motion_samples import Interpolation, MotionSamples
+from mjrun.physics.kinematic_motion import KinematicMotion
+from mjrun.physics.kinematic_samples import Interpolation, KinematicSamples
 from mjrun.probe.row_expression import RowExpression
 from mjrun.simulation.column_map import TIME, column_map, time_hint
 from mjrun.timeline import seconds
@@ -62,7 +62,7 @@ def read_motion(
     quat: str = "wxyz",
     rate: Fraction | None = None,
     interpolation: Interpolation | None = None,
-) -> Motion:
+) -> KinematicMotion:
     """Reads the motion of `model` from a table.
 
     Args:
@@ -94,4 +94,4 @@ def read_motion(
     by_field = dict[str, dict[int, np.ndarray]]()
     for (field, index), numbers in values.items():
         by_field.setdefault(field, {})[index] = numbers
-    return Motion(model, start, MotionSamples(str(path), times, mapped.columns, by_field), interpolation)
+    return KinematicMotion(model, start, KinematicSamples(str(path), times, mapped.columns, by_field), interpolation)

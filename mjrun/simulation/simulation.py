@@ -23,7 +23,7 @@ from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.option import Exclusion, is_given, options
 from mjrun.options.policy import is_code
 from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
-from mjrun.physics.control import PREFIX, ControlNoise, ControlSignal, ControlTable, PeriodicController
+from mjrun.physics.control import PREFIX, ControlNoise, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.replay import RecordedInputs, ReplayStepper, require_model, require_timestep
@@ -33,7 +33,7 @@ from mjrun.task.task import Task
 from mjrun.timeline import EXACT, Timeline, rational
 
 if TYPE_CHECKING:
-    from mjrun.physics.motion import Motion
+    from mjrun.physics.kinematic_motion import KinematicMotion
     from mjrun.simulation.episode import Episode
 
 DURATION = Fraction(5)  # [s] without an option for it
@@ -229,7 +229,7 @@ class Simulation(SimulationOptions):
         if self.controller is not None:
             period = self.control_dt or timestep
             controller = PeriodicController(self.controller, period, timestep)
-        control = ControlSignal(timestep, data.ctrl.copy(), table, self._noise(model), controller)
+        control = ControlSources(timestep, data.ctrl.copy(), table, self._noise(model), controller)
         return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
@@ -239,7 +239,7 @@ class Simulation(SimulationOptions):
         episode = self.episode.remarks(self._requested_timeline(model)) if self.episode else []
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay, *episode]
 
-    def replayed(self, model: mujoco.MjModel) -> "RecordingReader | Motion":
+    def replayed(self, model: mujoco.MjModel) -> "RecordingReader | KinematicMotion":
         """Returns the recording, or the table as a motion of `model`. It is opened once, and checked completely.
 
         Raises:
@@ -264,7 +264,7 @@ class Simulation(SimulationOptions):
                 raise UsageError(Exclusion(("replay", name), "a recording holds all of the state").message(), (name,))
         return self._recording
 
-    def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> "Motion":
+    def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> "KinematicMotion":
         """Reads the motion of `model` from a table, once; fields that it lacks keep their initial values.
 
         Args:
@@ -274,7 +274,7 @@ class Simulation(SimulationOptions):
           UsageError: the table is not a motion of `model`.
           FileError: the table cannot be read.
         """
-        from mjrun.physics.motion_samples import Interpolation
+        from mjrun.physics.kinematic_samples import Interpolation
         from mjrun.simulation.column_map import with_files
         from mjrun.simulation.mapped_table import read_motion
 
@@ -292,7 +292,7 @@ class Simulation(SimulationOptions):
         return RecordingReader(str(self._stored(str(self.replay))))
 
     @cached_property
-    def _motions(self) -> "dict[tuple[object, ...], Motion]":
+    def _motions(self) -> "dict[tuple[object, ...], KinematicMotion]":
         """Motions that have been read."""
         return {}
 
@@ -322,7 +322,7 @@ class Simulation(SimulationOptions):
         state.restore(model, data, states.state(0))
         timestep = rational(model.opt.timestep)
         inputs = RecordedInputs(model, states)
-        control = ControlSignal(timestep, data.ctrl.copy(), inputs, self._noise(model), inputs=inputs)
+        control = ControlSources(timestep, data.ctrl.copy(), inputs, self._noise(model), inputs=inputs)
         return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
 
     def replay_remarks(self, model: mujoco.MjModel) -> list[str]:

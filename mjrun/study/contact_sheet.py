@@ -23,7 +23,7 @@ DIMMED = 0.35  # brightness of a cell whose simulation became unstable
 
 
 @dataclass(frozen=True)
-class SheetCell:
+class VideoCell:
     """A cell: a video, its caption, and a note that appears when the video ends; empty for none."""
 
     video: Path
@@ -83,7 +83,7 @@ def sheet_layout(cells: int, size: tuple[int, int]) -> SheetLayout:
     return next(each for each in map(layout, count(1)) if max(each.size) <= LARGEST)
 
 
-def write_contact_sheet(output: str, cells: Sequence[SheetCell], fps: Fraction, speed: Fraction) -> list[Path]:
+def write_contact_sheet(output: str, cells: Sequence[VideoCell], fps: Fraction, speed: Fraction) -> list[Path]:
     """Writes the videos of `cells`, which have one size and frame rate, into one video.
 
     Frame k of the sheet shows frame k of every video, which are of the same simulated time. A video that has ended
@@ -108,7 +108,7 @@ def write_contact_sheet(output: str, cells: Sequence[SheetCell], fps: Fraction, 
 
 
 def _frames(
-    cells: Sequence[SheetCell], videos: Sequence[Iterator[np.ndarray]], layout: SheetLayout
+    cells: Sequence[VideoCell], videos: Sequence[Iterator[np.ndarray]], layout: SheetLayout
 ) -> Iterator[np.ndarray]:
     """Yields the frames of the sheet, until all videos have ended."""
     width, height = layout.size

@@ -99,7 +99,7 @@ def open_executor(engine: str, jobs: int | str, folder: Path, stack: ExitStack) 
         import submitit
 
         submitter = submitit.AutoExecutor(folder=folder / "slurm")  # starts local processes where Slurm is missing
-        return stack.enter_context(SubmittedJobs(submitter.submit)), count * QUEUED
+        return stack.enter_context(PollingExecutor(submitter.submit)), count * QUEUED
     return stack.enter_context(_made_by(engine)), count * QUEUED
 
 
@@ -200,7 +200,7 @@ def _dask(address: str, count: int, stack: ExitStack) -> tuple[Executor, int]:
     return client.get_executor(pure=False), workers * QUEUED
 
 
-class SubmittedJobs(Executor):
+class PollingExecutor(Executor):
     """An executor on jobs that have to be polled.
 
     Args:

@@ -19,7 +19,7 @@ from mjrun.errors import BadValueError, MjrunError, UnknownNameError, UsageError
 from mjrun.experiment.design import parameter_names
 from mjrun.experiment.results_table import TableNames
 from mjrun.formats.atomic_output import written_file
-from mjrun.formats.study_folder import NAME, read_point, values_in_words
+from mjrun.formats.study_reader import NAME, read_point, values_in_words
 from mjrun.options.option import options_of
 from mjrun.options.sweep import KeepOptions
 from mjrun.outputs.output import Job, OutputResult
@@ -120,7 +120,7 @@ class PointKeeper:
         reporter: Reporter,
     ) -> list[str]:
         """Makes the contact sheet if it is requested, and returns its path."""
-        from mjrun.study.contact_sheet import MOST, SheetCell, write_contact_sheet
+        from mjrun.study.contact_sheet import MOST, VideoCell, write_contact_sheet
 
         path, options = self._options.contact_sheet, self._options
         if path is None:
@@ -133,7 +133,7 @@ class PointKeeper:
             points = [points[i] for i in np.linspace(0, len(points) - 1, MOST).round().astype(int)]
         reporter.note(f"{clean(path)}: points {', '.join(map(str, points))}")
         cells = [
-            SheetCell(
+            VideoCell(
                 outputs[index].folder / NAMES["video"],
                 "\n".join(values_in_words(self._prepared.points.values(index))),
                 f"unstable at step {results[index].steps}" if results[index].status == "unstable" else "",

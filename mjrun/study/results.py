@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mjrun.errors import clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, ResultsTable
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.reporter import Reporter
 from mjrun.study.spec import PointResult
 

@@ -16,7 +16,7 @@ from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError,
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.model.variants import BYTES, Compilation, ModelVariant, ModelVariants
+from mjrun.model.variants import BYTES, ModelVariant, ModelVariants, SharedCompilation
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
 from mjrun.physics.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
 from mjrun.physics.engine import Engine, joined
@@ -49,7 +49,7 @@ class PointSimulator:
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec
         self._variants = ModelVariants(self._prepare)
-        self._compiled = WeakKeyDictionary[Compilation, _CompiledModel]()
+        self._compiled = WeakKeyDictionary[SharedCompilation, _CompiledModel]()
         self._metrics = dict[tuple[object, ...], list[Metric]]()  # by the structure of the model
         self._engine: Engine
         self._world_fields: WarpFields | None = None
@@ -100,7 +100,10 @@ class PointSimulator:
             if self._spec.engine == "warp":
                 raise UsageError(NOT_IN_WARP)
             model = episode.model()
-            variant, compiled = ModelVariant(model, Compilation(None, model)), self._measured(model, episode.columns)
+            variant, compiled = (
+                ModelVariant(model, SharedCompilation(None, model)),
+                self._measured(model, episode.columns),
+            )
 
         ready = _ReadyPoint(point, simulation, variant, compiled)
         if self._world_fields:

@@ -10,7 +10,7 @@ from mjrun.errors import BadValueError, UsageError, concerning, counted, option,
 from mjrun.model.names import control_names, control_slices, identify, matching, names
 from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
-from mjrun.task.measurement import as_slice
+from mjrun.task.batch_columns import as_slice
 from mjrun.task.task import Action
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option, quoted
-from mjrun.model.column import Column
 from mjrun.model.names import matching
+from mjrun.model.table_column import Column
 from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import WORLD
 from mjrun.probe.episode import EPISODE_GROUPS, within_task

@@ -12,8 +12,8 @@ import numpy as np
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.mujoco_globals import without_timers
+from mjrun.task.batch_columns import ALL
 from mjrun.task.expressions import RUNNING, Inputs
-from mjrun.task.measurement import ALL
 from mjrun.task.task import Task
 from mjrun.task.worlds import SQUARE, TaskStep, TaskWorlds
 

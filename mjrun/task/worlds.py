@@ -24,21 +24,21 @@ from mjrun.physics.c_engine import AUTORESET, ENERGY, RK4, SLEEP
 from mjrun.physics.stepper import BAD
 from mjrun.probe.task_expression import TaskColumns
 from mjrun.task.action_map import ActionMap, TargetTorques
-from mjrun.task.command_signals import CommandSignals
-from mjrun.task.episode import Ending, Endings
-from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
-from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
-from mjrun.task.measurement import (
+from mjrun.task.batch_columns import (
     ACCELERATION,
     ALL,
     NONE,
     POSITION,
-    Measurement,
+    BatchColumns,
     MeasurementPlan,
     Rows,
-    SensingSource,
+    SourceWithSensors,
     can_sense,
 )
+from mjrun.task.command_signals import CommandSignals
+from mjrun.task.episode import Ending, Endings
+from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
+from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
 from mjrun.task.observation_vector import ObservationPlan, ObservationVector, ObservedNumber
 from mjrun.task.task import Task
 
@@ -321,7 +321,7 @@ class TaskWorlds:
         measured = MeasurementPlan(model, [*plan.measured, *self._expressions.measured], sensible)
         self._batch = self._open(model, measured, threads)
         each = self._each  # a bound method would be a reference cycle, which only Python's collector frees
-        self._measurement = Measurement(self._batch, measured, lambda world: each[world].model)
+        self._measurement = BatchColumns(self._batch, measured, lambda world: each[world].model)
         self._state = self._batch.state
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._counters = self._batch.warning
@@ -343,7 +343,7 @@ class TaskWorlds:
             model.opt.enableflags |= ENERGY if plan.needs_energy else 0
 
         task, source = self.task, self.task.model_source
-        sensing: Source = SensingSource(source, plan.sensed) if plan.sensed else source
+        sensing: Source = SourceWithSensors(source, plan.sensed) if plan.sensed else source
         self._models = EpisodeModels(sensing, task.reset.vary, ModelVariants(prepare))
         self._own = EpisodeModels(source, task.reset.vary, ModelVariants(prepare)) if plan.sensed else self._models
         first = self._models.variant(0)

@@ -12,7 +12,7 @@ import pytest
 from mujoco.batch import Batch
 
 from mjrun.bench.baseline import BaselineComparison
-from mjrun.bench.rollout_timing import BatchRoller, Clock
+from mjrun.bench.block_timing import BatchRoller, Clock
 from mjrun.bench.step_timing import StepTimer
 from mjrun.errors import BadValueError, FileError, ModelNotFoundError, UsageError
 from mjrun.model.override import Override

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mjrun.bench.bench import Bench
-from mjrun.bench.rollout_timing import RolloutInputs
+from mjrun.bench.block_timing import RolloutInputs
 from mjrun.bench.settings_grid import distance_from_finer, position_distance, simulate_to
 from mjrun.bench.step_timing import StepTimer
 from mjrun.bench.testspeed_noise import controls

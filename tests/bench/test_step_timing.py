@@ -7,7 +7,7 @@ import mujoco
 import pytest
 from mujoco.batch import Batch
 
-from mjrun.bench.rollout_timing import RolloutInputs
+from mjrun.bench.block_timing import RolloutInputs
 from mjrun.bench.step_timing import StepTimer, TimingBudget, rounded_down
 from tests.bench.bench_clocks import MODEL, FakeClock, bench
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.bench.bench import Bench
-from mjrun.bench.rollout_timing import Clock, RolloutInputs, StepProfile, blocks_of
+from mjrun.bench.block_timing import Clock, RolloutInputs, StepProfile, blocks_of
 from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpRoller
 from mjrun.cli import bench_report

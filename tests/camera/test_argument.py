@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.easing import Ramp
+from mjrun.camera.easing import EasedNumber
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, pose_of
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
@@ -132,7 +132,7 @@ def test_settings_that_are_not_given_stay_the_free_camera_s() -> None:
 
 def test_a_heading_turns_with_the_object() -> None:
     assert track("track:box,heading").heading
-    assert track("track:box,heading,distance=2").distance == Ramp(2, 2)
+    assert track("track:box,heading,distance=2").distance == EasedNumber(2, 2)
     assert not track("track:box").heading
 
 

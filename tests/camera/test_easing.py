@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp, blend_weight
+from mjrun.camera.easing import BLENDS, EASINGS, Blend, EasedNumber, blend_weight
 from mjrun.camera.shake import Shake, ShakeNoise
 
 ROUNDING = 1e-15
@@ -49,10 +49,10 @@ def test_the_smoother_of_two_has_no_jolt_either() -> None:
 
 @given(st.floats(-5, 5), st.floats(-5, 5), shares)
 def test_a_ramp_goes_from_start_to_end(start: float, end: float, u: float) -> None:
-    assert Ramp(start, end).at(u) == pytest.approx(start + (end - start) * u)
+    assert EasedNumber(start, end).at(u) == pytest.approx(start + (end - start) * u)
     cosine = start + (end - start) * (1 - math.cos(math.pi * u)) / 2
-    assert Ramp(start, end, "cosine").at(u) == pytest.approx(cosine, abs=1e-12)
-    assert Ramp.still(start).at(u) == start
+    assert EasedNumber(start, end, "cosine").at(u) == pytest.approx(cosine, abs=1e-12)
+    assert EasedNumber.still(start).at(u) == start
 
 
 @given(st.sampled_from(sorted(BLENDS)), st.floats(-2, 2), st.floats(0.1, 3))

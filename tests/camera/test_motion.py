@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import BLENDS, Blend, Ramp
+from mjrun.camera.easing import BLENDS, Blend, EasedNumber
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, pose_of, rotation
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.script import CameraScript, Fit, Shot
+from mjrun.camera.script import CameraScript, FramedObject, Shot
 from mjrun.camera.shake import Shake
 from mjrun.errors import MjrunError, ModelError
 from mjrun.model.state import save
@@ -71,13 +71,13 @@ def poses_of(shots: Sequence[Shot], times: Sequence[float], ends: Sequence[float
 def around(
     distance: float, azimuth: float, elevation: float = 0.0, target: tuple[float, float, float] = (0, 0, 0)
 ) -> FreeRig:
-    return FreeRig(target, Ramp.still(distance), Ramp.still(azimuth), Ramp.still(elevation))
+    return FreeRig(target, EasedNumber.still(distance), EasedNumber.still(azimuth), EasedNumber.still(elevation))
 
 
 def test_the_last_video_of_mujoco_s_tutorial() -> None:
     throw = 0.9
-    orbit = OrbitRig("geom:floor", Ramp.still(0.9), Ramp(140, 240, "cosine"), Ramp.still(-30))
-    track = TrackRig("geom:box", Ramp.still(0.08), Ramp.still(280), Ramp.still(-10))
+    orbit = OrbitRig("geom:floor", EasedNumber.still(0.9), EasedNumber(140, 240, "cosine"), EasedNumber.still(-30))
+    track = TrackRig("geom:box", EasedNumber.still(0.08), EasedNumber.still(280), EasedNumber.still(-10))
     times = np.arange(0, 2, 1 / 60)
     found = poses_of([Shot(orbit), Shot(track, blend=Blend("sigmoid", 0.3))], list(times), (throw, 2))
     data, camera, scene = mujoco.MjData(MODEL), mujoco.MjvCamera(), mujoco.MjvScene(MODEL, 1)
@@ -120,7 +120,7 @@ def test_a_cut_is_at_the_first_frame_of_the_new_shot() -> None:
 
 
 def test_a_ramp_lasts_as_long_as_its_shot_and_holds_outside_of_it() -> None:
-    moving = FreeRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
+    moving = FreeRig((0, 0, 0), EasedNumber(1, 3), EasedNumber.still(0), EasedNumber.still(0))
     shots = [Shot(around(5, 0)), Shot(moving, blend=Blend("linear", 2)), Shot(around(9, 0), blend=Blend("linear", 2))]
     found = poses_of(shots, [1.5, 2, 2.5, 3, 5, 6, 6.5, 7.5], (2, 7, 10))
     weight = 0.25  # of the second shot at 1.5 s, which has not moved then
@@ -165,7 +165,9 @@ def apart(one: Pose, other: Pose) -> float:
 
 rigs = st.one_of(
     st.builds(
-        lambda d, a, da, e, heading: TrackRig("box", Ramp.still(d), Ramp(a, a + da), Ramp(e, e / 2, "smooth"), heading),
+        lambda d, a, da, e, heading: TrackRig(
+            "box", EasedNumber.still(d), EasedNumber(a, a + da), EasedNumber(e, e / 2, "smooth"), heading
+        ),
         st.floats(0.1, 3),
         st.floats(-400, 400),
         st.floats(-90, 90),
@@ -181,7 +183,7 @@ rigs = st.one_of(
 @given(rigs, rigs, st.sampled_from(sorted(BLENDS)), st.floats(0.1, 1), st.floats(-700, 700))
 @pytest.mark.slow
 def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, width: float, spin: float) -> None:
-    shots = [Shot(one), Shot(other, blend=Blend(shape, width), roll=Ramp(-20, 50))]
+    shots = [Shot(one), Shot(other, blend=Blend(shape, width), roll=EasedNumber(-20, 50))]
 
     def steps(times: Sequence[float]) -> np.ndarray:
         return np.array(list(itertools.starmap(apart, itertools.pairwise(poses_of(shots, times, (1, 2), spin)))))
@@ -197,7 +199,7 @@ def test_nothing_jumps_where_two_shots_join(one: Rig, other: Rig, shape: str, wi
 
 
 def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
-    chase = TrackRig("box", Ramp.still(1), Ramp.still(0), Ramp.still(0), heading=True)
+    chase = TrackRig("box", EasedNumber.still(1), EasedNumber.still(0), EasedNumber.still(0), heading=True)
     times = [float(t) for t in np.arange(0.5, 1.5, 1e-3)]
     spin = 170.0  # at 1 s the two are 170 degrees apart, soon after 180 and more
     found = poses_of([Shot(around(1, 0)), Shot(chase, blend=Blend("cosine", 1))], times, (1, 2), spin)
@@ -208,7 +210,7 @@ def test_a_blend_does_not_change_its_mind_when_the_short_way_does() -> None:
 
 
 def test_an_orbit_is_not_unwound_by_a_blend_that_began_long_ago() -> None:
-    orbit = OrbitRig((0, 0, 0), Ramp.still(1), Ramp(0, 1080), Ramp.still(0))
+    orbit = OrbitRig((0, 0, 0), EasedNumber.still(1), EasedNumber(0, 1080), EasedNumber.still(0))
     times = [float(t) for t in np.arange(0, 4, 0.01)]
     shots = [Shot(orbit), Shot(around(1, 30), blend=Blend("sigmoid", 0.5))]
     found = poses_of(shots, times, (3, 4))
@@ -246,7 +248,7 @@ def test_a_blend_follows_a_camera_that_nods_over_the_pole_where_its_azimuth_turn
 
 
 def test_fields_of_view_are_blended_by_their_tangents() -> None:
-    shots = [Shot(around(1, 0), fovy=Ramp.still(90)), Shot(ModelRig("top"), blend=Blend("linear", 2))]
+    shots = [Shot(around(1, 0), fovy=EasedNumber.still(90)), Shot(ModelRig("top"), blend=Blend("linear", 2))]
     found = poses_of(shots, [0, 0.5, 1, 2], (1, 2))
     tangents = [math.tan(math.radians(pose.frustum.fovy / 2)) for pose in found]
     one, other = 1, math.tan(math.radians(30))
@@ -271,7 +273,7 @@ def test_perspective_is_that_of_all_shots() -> None:
 
 
 def test_roll_and_field_of_view_are_ramps_of_their_shot() -> None:
-    shot = Shot(around(1, 20, -10), roll=Ramp(0, 90, "in"), fovy=Ramp(20, 60))
+    shot = Shot(around(1, 20, -10), roll=EasedNumber(0, 90, "in"), fovy=EasedNumber(20, 60))
     poses = poses_of([shot], [0, 1, 2], (2,))
     assert [pose.angles[2] for pose in poses] == pytest.approx([0, 22.5, 90])
     assert [pose.frustum.fovy for pose in poses] == pytest.approx([20, 40, 60])
@@ -309,14 +311,18 @@ def corners(data: mujoco.MjData) -> np.ndarray:
     return np.array(found)
 
 
-FITTED = [Shot(around(5, 30, -20)), Shot(LookRig((0, -1, 2), "box"), roll=Ramp.still(20)), Shot(ModelRig("flat"))]
+FITTED = [
+    Shot(around(5, 30, -20)),
+    Shot(LookRig((0, -1, 2), "box"), roll=EasedNumber.still(20)),
+    Shot(ModelRig("flat")),
+]
 
 
 @pytest.mark.parametrize("size", [(160, 90), (90, 160)])
 @pytest.mark.parametrize("shot", FITTED)
 def test_what_is_fitted_stays_whole_in_the_picture(shot: Shot, size: tuple[int, int]) -> None:
     times = [k / 10 for k in range(20)]
-    fitted = CameraMotion(CameraScript("a", [replace(shot, fit=Fit("box", 1.3))]), MODEL, size)
+    fitted = CameraMotion(CameraScript("a", [replace(shot, fit=FramedObject("box", 1.3))]), MODEL, size)
     data = mujoco.MjData(MODEL)
     for pose, state in zip(fitted.poses(states(times), times, times, [(0, 2)]), states(times), strict=True):
         mujoco.mj_setState(MODEL, data, state, mujoco.mjtState.mjSTATE_INTEGRATION.value)
@@ -349,7 +355,7 @@ def test_frames_are_read_once_and_no_earlier_than_needed() -> None:
 
 
 def test_a_shot_without_length_and_a_video_of_one_frame_have_a_pose() -> None:
-    moving = FreeRig((0, 0, 0), Ramp(1, 3), Ramp.still(0), Ramp.still(0))
+    moving = FreeRig((0, 0, 0), EasedNumber(1, 3), EasedNumber.still(0), EasedNumber.still(0))
     assert poses_of([Shot(moving)], [0], (0,))[0].distance == 1
     shots = [Shot(around(5, 0)), Shot(moving), Shot(around(7, 0))]
     assert [pose.distance for pose in poses_of(shots, [0, 1, 2], (1, 1, 2))] == [5, 7, 7]
@@ -367,15 +373,15 @@ def test_a_shot_without_length_and_a_video_of_one_frame_have_a_pose() -> None:
         (lambda: [Shot(around(1, 0)), Shot(around(1, 0), blend=0)], "width: '0' is not a positive number"),
         (lambda: [Shot(around(1, 0)), Shot(ModelRig("flat"), blend=Blend())], "shot 2: a camera with perspective and"),
         (
-            lambda: [Shot(around(1, 0), fovy=Ramp(20, 180))],
+            lambda: [Shot(around(1, 0), fovy=EasedNumber(20, 180))],
             "camera a: fovy: '180' is not an angle between 0 and 180 degrees",
         ),
-        (lambda: [Shot(ModelRig("flat"), fovy=Ramp(0, 1))], "fovy: '0' is not a positive number of degrees"),
-        (lambda: [Shot(around(1, 0), roll=Ramp(0, math.inf))], "roll: 'inf' is not finite"),
+        (lambda: [Shot(ModelRig("flat"), fovy=EasedNumber(0, 1))], "fovy: '0' is not a positive number of degrees"),
+        (lambda: [Shot(around(1, 0), roll=EasedNumber(0, math.inf))], "roll: 'inf' is not finite"),
         (lambda: [Shot(around(1, 0), shake=Shake(angle=-1))], "angle: '-1' is not a number from 0 on"),
         (lambda: [Shot(around(1, 0), shake=Shake(frequency=0))], "frequency: '0' is not a positive number"),
         (lambda: [Shot(around(1, 0), shake=Shake(seed=-1))], "seed: '-1' is not a whole number from 0 on"),
-        (lambda: [Shot(around(1, 0), fit=Fit("box", 0.9))], "margin: '0.9' is not a number from 1 on"),
+        (lambda: [Shot(around(1, 0), fit=FramedObject("box", 0.9))], "margin: '0.9' is not a number from 1 on"),
         (lambda: [Shot(around(1, 0), fit="bxo")], "no object 'bxo' (did you mean 'box'?)"),
     ],
 )
@@ -392,6 +398,6 @@ def test_a_camera_that_sees_nothing_is_told_unless_the_shot_opens_it() -> None:
         model = mujoco.MjModel.from_xml_string(text.format(fovy))
         with pytest.raises(ModelError, match=r"^camera video has an empty view: its field of view or near plane is 0"):
             CameraMotion(CameraScript("video", (Shot(FreeRig()),)), model, SIZE)
-        opened = Shot(FreeRig(), fovy=Ramp.still(45.0))
+        opened = Shot(FreeRig(), fovy=EasedNumber.still(45.0))
         motion = CameraMotion(CameraScript("video", (opened,)), model, SIZE)
         assert motion.pose(save(model, mujoco.MjData(model))).frustum.fovy == pytest.approx(45)

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.easing import Blend, Ramp
+from mjrun.camera.easing import Blend, EasedNumber
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
-from mjrun.camera.script import LEVEL, CameraScript, Event, Fit, Shot, shot_conflicts
+from mjrun.camera.script import LEVEL, CameraScript, Event, FramedObject, Shot, shot_conflicts
 from mjrun.camera.shake import Shake
 from mjrun.errors import UsageError
 from mjrun.model.state import save
@@ -43,13 +43,15 @@ def test_an_event_is_the_first_of_its_kind_as_it_happens_and_must_happen() -> No
 
 
 def test_a_script_is_the_same_in_another_process() -> None:
-    free = FreeRig((0, 0, 0), Ramp.still(2.0), Ramp(0.0, 90.0, "cosine"), Ramp.still(-20.0))
+    free = FreeRig((0, 0, 0), EasedNumber.still(2.0), EasedNumber(0.0, 90.0, "cosine"), EasedNumber.still(-20.0))
     script = CameraScript(
         "around",
         [
             Shot(ModelRig("side"), until=Event("speed(box) > 1", 2, Fraction(1, 3), "end"), speed=Fraction(1, 2)),
-            Shot(free, lasting=Fraction(2), blend=Blend("sigmoid", 0.5), fovy=Ramp.still(30.0), shake=Shake(0.5)),
-            Shot(free, roll=Ramp(0.0, 10.0, "linear"), fit=Fit("box")),
+            Shot(
+                free, lasting=Fraction(2), blend=Blend("sigmoid", 0.5), fovy=EasedNumber.still(30.0), shake=Shake(0.5)
+            ),
+            Shot(free, roll=EasedNumber(0.0, 10.0, "linear"), fit=FramedObject("box")),
         ],
     )
     again = pickle.loads(pickle.dumps(script))

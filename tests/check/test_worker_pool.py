@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mjrun.check.worker_pool import WorkerPool, WorkerTask
+from mjrun.check.worker_pool import CheckProcesses, WorkerTask
 from tests.check.models import PASSIVE, checked, write
 
 
@@ -24,6 +24,6 @@ def test_a_folder_of_models_is_no_place_for_modules() -> None:
 
 
 def test_workers_that_were_ended_start_no_more() -> None:
-    workers = WorkerPool()
+    workers = CheckProcesses()
     workers.end()
     assert workers.run(WorkerTask("a.xml", (), 0, 1, 1)).messages == ()

@@ -10,8 +10,8 @@ import pytest
 
 from mjrun.bench.baseline import BaselineComparison, FigureRatio, MissingFigure
 from mjrun.bench.bench import Bench
+from mjrun.bench.block_timing import Phase
 from mjrun.bench.results import BenchResult
-from mjrun.bench.rollout_timing import Phase
 from mjrun.cli.bench_report import csv_table, digits, duration, markdown, sections, text
 
 MODEL = """

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="capabilities ar
 
 TRY = """
 import re, subprocess
-from mjrun.confinement.sandbox import drop_capabilities
+from mjrun.confinement.self_confinement import drop_capabilities
 def sets(status):
     return [int(re.search(f"Cap{name}:\\\\s*(\\\\w+)", status)[1], 16) for name in ("Inh", "Prm", "Eff", "Bnd", "Amb")]
 print(*sets(open("/proc/self/status").read()))

@@ -24,7 +24,7 @@ from mjrun.experiment.design import Design
 from mjrun.formats import text_columns
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import csv as csv_format
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.options.diff import TableDiffOptions
 from mjrun.study.results import study_table
 from mjrun.study.spec import PointResult

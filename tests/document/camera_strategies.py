@@ -6,12 +6,12 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp
+from mjrun.camera.easing import BLENDS, EASINGS, Blend, EasedNumber
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
-from mjrun.camera.script import CameraScript, Event, Fit, Shot
+from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
 from mjrun.camera.shake import Shake
 from mjrun.timeline import rational
 
@@ -56,9 +56,9 @@ vectors = st.tuples(numbers, numbers, numbers)
 
 places = names | vectors
 
-ramps = st.builds(Ramp, numbers, numbers, st.sampled_from([*EASINGS])) | numbers.map(Ramp.still)
+ramps = st.builds(EasedNumber, numbers, numbers, st.sampled_from([*EASINGS])) | numbers.map(EasedNumber.still)
 
-distances = st.builds(Ramp, positives, positives) | positives.map(Ramp.still)
+distances = st.builds(EasedNumber, positives, positives) | positives.map(EasedNumber.still)
 
 
 def maybe(strategy: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
@@ -114,7 +114,7 @@ def scripts(draw: st.DrawFn) -> CameraScript:
                 roll=draw(ramps),
                 fovy=draw(maybe(distances)),
                 shake=draw(maybe(st.builds(Shake, positives, positives, st.integers(0, 2**70)))),
-                fit=draw(maybe(st.builds(Fit, names, st.floats(1, 9)))),
+                fit=draw(maybe(st.builds(FramedObject, names, st.floats(1, 9)))),
             )
         )
     if len(shots) == 1 and draw(st.booleans()):

@@ -8,11 +8,11 @@ import pytest
 
 from mjrun.document import reader
 from mjrun.errors import DocumentError, FileError
-from mjrun.options.kinds import Kind, Optional, Reader, Text
+from mjrun.options.kinds import Kind, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.record import ListOf, Record
 from mjrun.options.setting_kinds import Values
+from mjrun.options.structured_kinds import ListOf, OptionsMapping
 
 ANCHOR = "anchors (&) and aliases (*) are not supported; put such text in quotes"
 
@@ -23,7 +23,7 @@ class AnyKind(Kind[Any, Any]):
     def __call__(self, value: Any) -> Any:
         return value
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         return value
 
 
@@ -54,13 +54,13 @@ class Run(Options):
     duration: float = option(converter=Real(above=0), default=1.0, help="How long [s].")
     steps: int | None = option(converter=Optional(Integer(None)), default=None, help="How many.")
     model: str = option(converter=Text(), default="m.xml", help="A file.")
-    films: tuple[Film, ...] = option(converter=ListOf[Film](Record(Film, Film)), default=(), help="Films.")
+    films: tuple[Film, ...] = option(converter=ListOf[Film](OptionsMapping(Film, Film)), default=(), help="Films.")
     start: Any = option(converter=Values(), default={}, help="Numbers by name.")
 
 
 def read(path: Path | str, declared: type[Options], assignments: Sequence[str] = (), *, variables: bool = False) -> Any:
     """The document at `path` as the options that it holds."""
-    return reader.read(path, Record(declared, declared), None, assignments, variables=variables)[0]
+    return reader.read(path, OptionsMapping(declared, declared), None, assignments, variables=variables)[0]
 
 
 def put(text: str | bytes, name: str = "d.yaml") -> Path:

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import BLENDS, EASINGS, Blend, Ramp
+from mjrun.camera.easing import BLENDS, EASINGS, Blend, EasedNumber
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.path import CURVES, PathRig, Waypoint
 from mjrun.camera.rigs.rig import Rig
-from mjrun.camera.script import CameraScript, Event, Fit, Shot
+from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
 from mjrun.camera.shake import Shake
 from mjrun.document.forms import read_camera
 from mjrun.errors import DocumentError
@@ -50,12 +50,12 @@ def test_shots_are_what_the_document_says() -> None:
         duration: 0.1
       - camera: top
     """
-    still = Ramp.still
+    still = EasedNumber.still
     assert script(text) == CameraScript(
         "c",
         [
             Shot(
-                OrbitRig("floor", still(0.9), Ramp(140, 240, "cosine"), still(-30)),
+                OrbitRig("floor", still(0.9), EasedNumber(140, 240, "cosine"), still(-30)),
                 until=Event("speed(box) > 0.02"),
                 speed=Fraction(1, 4),
             ),
@@ -79,13 +79,13 @@ def test_shots_are_what_the_document_says() -> None:
         ("free:", FreeRig()),
         ("free: {}", FreeRig()),
         ("free: {lookat: [1, -.5, 2e-1]}", FreeRig((1.0, -0.5, 0.2))),
-        ("free: {azimuth: 90}", FreeRig(azimuth=Ramp(90, 90))),
+        ("free: {azimuth: 90}", FreeRig(azimuth=EasedNumber(90, 90))),
         ("orbit:", OrbitRig()),
         ("orbit: {ease: out}", OrbitRig(ease="out")),
-        ("orbit: {elevation: -90}", OrbitRig(elevation=Ramp(-90, -90))),
-        ("orbit: {lookat: geom:edge, azimuth: 0}", OrbitRig("geom:edge", azimuth=Ramp(0, 0))),
-        ("orbit: {azimuth: {from: 0, to: 90}}", OrbitRig(azimuth=Ramp(0, 90, "linear"))),
-        ("free: {distance: {from: 1, to: 2, ease: out}}", FreeRig(distance=Ramp(1, 2, "out"))),
+        ("orbit: {elevation: -90}", OrbitRig(elevation=EasedNumber(-90, -90))),
+        ("orbit: {lookat: geom:edge, azimuth: 0}", OrbitRig("geom:edge", azimuth=EasedNumber(0, 0))),
+        ("orbit: {azimuth: {from: 0, to: 90}}", OrbitRig(azimuth=EasedNumber(0, 90, "linear"))),
+        ("free: {distance: {from: 1, to: 2, ease: out}}", FreeRig(distance=EasedNumber(1, 2, "out"))),
         ("track: {target: box}", TrackRig("box")),
         (
             "track: {target: box, heading: true, offset: [0, 0, 1]}",
@@ -136,14 +136,14 @@ def test_a_rig_is_what_the_document_says(text: str, rig: Rig) -> None:
         ),
         ("until: {when: x < 1, else: end}", Shot(ModelRig("a"), until=Event("x < 1", otherwise="end"))),
         ("until: {when: x < 1, else: 0}", Shot(ModelRig("a"), until=Event("x < 1", otherwise=Fraction(0)))),
-        ("roll: -5", Shot(ModelRig("a"), roll=Ramp(-5, -5))),
-        ("roll: {from: 0, to: 360, ease: smoother}", Shot(ModelRig("a"), roll=Ramp(0, 360, "smoother"))),
-        ("fovy: 45", Shot(ModelRig("a"), fovy=Ramp(45, 45))),
-        ("fovy: {from: 45, to: 20}", Shot(ModelRig("a"), fovy=Ramp(45, 20))),
+        ("roll: -5", Shot(ModelRig("a"), roll=EasedNumber(-5, -5))),
+        ("roll: {from: 0, to: 360, ease: smoother}", Shot(ModelRig("a"), roll=EasedNumber(0, 360, "smoother"))),
+        ("fovy: 45", Shot(ModelRig("a"), fovy=EasedNumber(45, 45))),
+        ("fovy: {from: 45, to: 20}", Shot(ModelRig("a"), fovy=EasedNumber(45, 20))),
         ("shake:", Shot(ModelRig("a"), shake=Shake())),
         ("shake: {angle: 1, frequency: 3, seed: 7}", Shot(ModelRig("a"), shake=Shake(1, 3, 7))),
-        ("fit: box", Shot(ModelRig("a"), fit=Fit("box"))),
-        ("fit: {target: box, margin: 1.5}", Shot(ModelRig("a"), fit=Fit("box", 1.5))),
+        ("fit: box", Shot(ModelRig("a"), fit=FramedObject("box"))),
+        ("fit: {target: box, margin: 1.5}", Shot(ModelRig("a"), fit=FramedObject("box", 1.5))),
     ],
 )
 def test_a_shot_is_what_the_document_says(text: str, shot: Shot) -> None:

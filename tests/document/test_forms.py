@@ -9,7 +9,7 @@ from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.document.forms import CameraForm, InlineGhost, ghost_text
 from mjrun.errors import DocumentError
-from mjrun.options.kinds import Reader
+from mjrun.options.kinds import ReadingContext
 from mjrun.simulation.simulation import Simulation
 from tests.document.run_documents import jobs, problems
 
@@ -43,9 +43,9 @@ def test_the_files_of_a_ghost_in_a_text_are_resolved_too() -> None:
 
 def test_an_inline_camera_has_a_name_of_its_own() -> None:
     shots = [{"camera": "top"}]
-    camera = CameraForm().read({"name": "fly", "shots": shots}, Reader())
+    camera = CameraForm().read({"name": "fly", "shots": shots}, ReadingContext())
     assert camera == CameraScript("fly", [Shot(ModelRig("top"))])
-    assert CameraForm().read({"shots": shots}, Reader()) == CameraScript("script", [Shot(ModelRig("top"))])
+    assert CameraForm().read({"shots": shots}, ReadingContext()) == CameraScript("script", [Shot(ModelRig("top"))])
 
 
 @pytest.mark.parametrize(

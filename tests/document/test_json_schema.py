@@ -12,7 +12,7 @@ from mjrun.document import forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
-from mjrun.options.kinds import Reader
+from mjrun.options.kinds import ReadingContext
 from mjrun.options.schema import ExpectedError, MisfitError
 from tests.document.schema_oracle import fits, rules
 
@@ -30,7 +30,7 @@ from tests.document.schema_oracle import fits, rules
 )
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    forms.CAMERA.read(value, Reader())
+    forms.CAMERA.read(value, ReadingContext())
     assert fits(value, json_schema("camera"), json_schema("camera"))
 
 
@@ -49,7 +49,7 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     with pytest.raises((MisfitError, ExpectedError)):
-        forms.CAMERA.read(value, Reader())
+        forms.CAMERA.read(value, ReadingContext())
     assert not fits(value, json_schema("camera"), json_schema("camera"))
 
 

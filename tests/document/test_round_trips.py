@@ -26,7 +26,7 @@ from mjrun.options.setting_kinds import Variations
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, Limits, RandomValue, Schedule, TaskOptions, VectorOrKey
-from mjrun.rendering.segmentation import groupings
+from mjrun.rendering.segment_ids import groupings
 from mjrun.rendering.visual import flags, frames, labels
 from tests.document.camera_strategies import decimals, events, names, numbers, positives, texts
 from tests.document.schema_oracle import fits

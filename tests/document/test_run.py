@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.easing import Ramp
+from mjrun.camera.easing import EasedNumber
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Event, Shot
@@ -106,7 +106,7 @@ def test_the_simulation_is_what_the_document_says(text: str, said: dict[str, Any
         ("camera: {shots: [{camera: a}]}", {"camera": (CameraScript("script", [Shot(ModelRig("a"))]),)}),
         (
             "camera: [top, {name: b, speed: 0.5, shots: [{free: {azimuth: 3}}]}]",
-            {"camera": ("top", CameraScript("b", [Shot(FreeRig(azimuth=Ramp(3, 3)), speed=Fraction(1, 2))]))},
+            {"camera": ("top", CameraScript("b", [Shot(FreeRig(azimuth=EasedNumber(3, 3)), speed=Fraction(1, 2))]))},
         ),
         (
             "view: [rgb, seg]\n  layout: grid\n  captions: true",

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import Blend, Ramp
+from mjrun.camera.easing import Blend, EasedNumber
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
-from mjrun.camera.script import CameraScript, Event, Fit, Shot
+from mjrun.camera.script import CameraScript, Event, FramedObject, Shot
 from mjrun.camera.shake import Shake
 from mjrun.document.run import read_run
 from mjrun.document.run_writer import document_text
@@ -27,7 +27,7 @@ from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
-from mjrun.rendering.segmentation import groupings
+from mjrun.rendering.segment_ids import groupings
 from mjrun.rendering.text import CORNERS
 from mjrun.rendering.visual import flags
 from mjrun.simulation.simulation import Simulation
@@ -279,15 +279,15 @@ def test_the_document_reads_as_a_person_would_write_it() -> None:
         "fly",
         [
             Shot(
-                OrbitRig("floor", Ramp(0.9, 0.9), Ramp(140, 240, "cosine"), Ramp(-30, -30)),
+                OrbitRig("floor", EasedNumber(0.9, 0.9), EasedNumber(140, 240, "cosine"), EasedNumber(-30, -30)),
                 until=Event("speed(box) > 0.02", otherwise="end"),
                 speed=Fraction(1, 4),
             ),
             Shot(
-                TrackRig("box", Ramp(0.08, 0.08), heading=True),
+                TrackRig("box", EasedNumber(0.08, 0.08), heading=True),
                 lasting=Fraction(1, 3),
                 blend=Blend("sigmoid", 0.3),
-                fit=Fit("box"),
+                fit=FramedObject("box"),
             ),
             Shot(PathRig([Waypoint((0, 0, 1)), Waypoint((1, 0, 1))], "box"), shake=Shake()),
         ],

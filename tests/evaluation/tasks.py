@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.evaluation import schedule
+from mjrun.evaluation import execution
 from mjrun.evaluation.episode import EpisodeRecord
+from mjrun.evaluation.execution import EpisodeChunk
 from mjrun.evaluation.player import player_of
-from mjrun.evaluation.schedule import EpisodeChunk
 from mjrun.task.task import Action, Observation, Reset, Task, Termination
 
 XML = """
@@ -120,4 +120,4 @@ def play_here(monkeypatch: pytest.MonkeyPatch) -> None:
         for chunk in chunks:
             yield chunk, player_of(chunk.spec).play(chunk.seeds)
 
-    monkeypatch.setattr(schedule, "played", played)
+    monkeypatch.setattr(execution, "played", played)

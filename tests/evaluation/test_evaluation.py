@@ -14,7 +14,7 @@ import mjrun
 from mjrun.document.json_schema import report_schema
 from mjrun.errors import FailedAssertionError, FileError, InvalidActionError, MjrunWarning
 from mjrun.evaluation.evaluation import SCHEMA, Evaluation, EvaluationResult
-from mjrun.evaluation.schedule import play_all
+from mjrun.evaluation.execution import play_all
 from mjrun.evaluation.table import FILES
 from mjrun.task.task import Reward
 from tests.document.schema_oracle import fits

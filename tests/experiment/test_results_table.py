@@ -10,7 +10,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, Requirements, ResultsTable, check_metric_names, manifest_writer
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 DESIGN = Design(("seed", "geom/a.size", "model"), [("3", "0.1", "a.xml"), ("4", "0.2", "b.xml")])
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mjrun.fit.comparison import comparison_rows, write_comparison
 from mjrun.formats.table_reader import read_table
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.fit.logs import NOISE
 from tests.fit.problems import THREE, segments, shooting
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.fit.fit_page import write_fit_page
 from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedQuantity, FittedSignal
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 LOGS = ("one.csv", "<two>.csv")
 RESULT = FitResult(

@@ -10,8 +10,8 @@ from mjrun.errors import MjrunError, UsageError
 from mjrun.fit.measurements import Measurements, Segment, commands, read_measurements
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
 from mjrun.model.sources import parse_source
+from mjrun.model.table_column import Column
 from tests.fit.logs import write_log, write_model
 
 TIMES = np.arange(40) * 0.01

@@ -7,7 +7,7 @@ import pytest
 
 from mjrun.fit.solution import Solution
 from mjrun.fit.verdict import all_at_bounds, improvement, misfit
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.fit.problems import solved
 
 SIGNAL = Column("qpos/hinge", "rad")

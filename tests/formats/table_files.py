@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, settings
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.formats.outputs import names as names
 
 COLUMNS = [

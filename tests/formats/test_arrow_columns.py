@@ -77,6 +77,6 @@ def test_a_whole_table_is_what_pyarrow_reads_unless_it_would_fill_the_memory(
         texts = read_whole_parquet(path, file, ["text"])["text"]
         assert pa.types.is_dictionary(texts.type)
         assert texts.to_pylist() == table["text"].to_pylist()
-    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with path.open("rb") as file, pytest.raises(FileError, match=r"a\.parquet: would expand to [\d.]+ GB in memory"):
         read_whole_parquet(path, file)

@@ -111,6 +111,6 @@ def test_no_image_is_opened_by_its_content() -> None:
 def test_an_image_of_a_few_bytes_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Image.fromarray(np.zeros((2000, 2000), np.uint8)).save(tmp_path / "a.png")
     assert read_image(tmp_path / "a.png").shape == (2000, 2000, 3)
-    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with pytest.raises(FileError, match=r"a\.png: would expand to 0\.016 GB in memory, [\d,]+ times its size"):
         read_image(tmp_path / "a.png")

@@ -20,11 +20,15 @@ from PIL import Image, JpegImagePlugin
 from mjrun.errors import BadValueError, FileError, UsageError
 from mjrun.formats.image_format import FORMATS, image_format
 from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_view import Segment
+from mjrun.model.rendered_image import SegmentedObject
 from tests.formats.outputs import names
 
 ROOT = Path(__file__).parents[2]
-LEGEND = [Segment("geom", 7, "box", "torso"), Segment("geom", 8, "geom:8", "torso"), Segment("site", 0, "tip", "hand")]
+LEGEND = [
+    SegmentedObject("geom", 7, "box", "torso"),
+    SegmentedObject("geom", 8, "geom:8", "torso"),
+    SegmentedObject("site", 0, "tip", "hand"),
+]
 COLOURS = np.array([[255, 0, 0], [0, 0, 0], [9, 8, 7]], np.uint8)
 TAGS = {"title": "still", "comment": "grün\x1b", "description": '{"mjrun": "0.1.0"}'}
 HEIGHT, WIDTH = 24, 37
@@ -226,7 +230,7 @@ def test_a_palette_of_any_size_reads_back(tmp_path: Path, count: int) -> None:
     ids = random.integers(-1, count, (7, 11)).astype(np.int32)
     colours = random.integers(0, 256, (count, 3)).astype(np.uint8)
     with ImageWriter(str(tmp_path / "a.png"), "seg", "palette", (11, 7)) as out:
-        out.write(ids, [Segment("geom", k, f"g{k}") for k in range(count)], colours)
+        out.write(ids, [SegmentedObject("geom", k, f"g{k}") for k in range(count)], colours)
         out.publish()
     png = read_png(tmp_path / "a.png")
     assert (png.bits, png.colour) == (8, 3)
@@ -369,7 +373,7 @@ import sys
 import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
 from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_view import Segment
+from mjrun.model.rendered_image import Segment
 view, form, side = sys.argv[1], sys.argv[2], int(sys.argv[3])
 noise = np.random.default_rng(1).integers(0, 3, (side, side, 3))
 flat = noise[..., 0]

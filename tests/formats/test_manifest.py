@@ -13,7 +13,7 @@ from mjrun.formats.manifest import ManifestWriter, SidecarWriter, fingerprint, r
 from mjrun.formats.table_reader import open_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 
 def test_a_manifest_holds_facts_and_the_hash_of_every_file(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from mjrun.camera.calibration import lens
 from mjrun.camera.pose import pose_of
 from mjrun.errors import UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
-from mjrun.model.rendered_view import CameraCalibration, RenderedView, Segment
+from mjrun.model.rendered_image import CameraCalibration, RenderedView, SegmentedObject
 
 KINDS = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 
@@ -46,7 +46,7 @@ SCENE = """
   </worldbody>
 </mujoco>
 """
-LEGEND = [Segment("geom", 0, "table", "world"), Segment("geom", 1, "cube", "world")]
+LEGEND = [SegmentedObject("geom", 0, "table", "world"), SegmentedObject("geom", 1, "cube", "world")]
 
 
 def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[RenderedView]:
@@ -68,7 +68,7 @@ def pictures(*cameras: str, size: tuple[int, int] = (80, 61)) -> list[RenderedVi
     return found
 
 
-def cloud(folder: Path, *seen: RenderedView, legend: list[Segment] | None = None) -> np.ndarray:
+def cloud(folder: Path, *seen: RenderedView, legend: list[SegmentedObject] | None = None) -> np.ndarray:
     with PointCloudWriter(str(folder / "cloud.ply"), legend) as writer:
         for picture in seen:
             writer.write(picture)
@@ -114,7 +114,7 @@ def a_picture(width: int, height: int) -> RenderedView:
 
 
 def test_what_labels_mean_stands_in_the_header_in_plain_ascii(tmp_path: Path) -> None:
-    legend = [Segment("geom", 0, "floor"), Segment("site", 3, "ö\x1b[31m\nend_header")]
+    legend = [SegmentedObject("geom", 0, "floor"), SegmentedObject("site", 3, "ö\x1b[31m\nend_header")]
     cloud(tmp_path, a_picture(3, 2), legend=legend)
     lines, _ = read(tmp_path / "cloud.ply")
     assert "comment label 0: geom 'floor'" in lines

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mjrun.formats import table_writer
 from mjrun.formats.table_writer import ColumnWriter, RowGroups, TableWriter
 from mjrun.formats.tables import FORMATS
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 
 @given(columns=st.integers(1, 5), cuts=st.lists(st.integers(0, 40), max_size=6).map(sorted), size=st.integers(1, 60))

@@ -470,7 +470,7 @@ def test_a_small_file_does_not_fill_the_memory(tmp_path: Path, monkeypatch: pyte
     assert packed.stat().st_size < zeros.nbytes / 100
     assert np.array_equal(read_table(packed)["a"], zeros)  # below 1 GiB
 
-    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with pytest.raises(FileError, match=r"would expand to [\d.]+ GB in memory"):
         read_table(packed)
     assert np.array_equal(read_table(compressed(tmp_path / f"noise{suffix}", noise))["a"], noise)

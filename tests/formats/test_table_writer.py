@@ -62,7 +62,7 @@ import sys
 import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 try:
     with TableWriter(None, sys.argv[1], [Column("time"), Column("qpos/a")]) as out:
@@ -137,7 +137,7 @@ import gc, sys, tracemalloc
 import numpy as np
 from mjrun.formats import table_writer
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 table_writer.GROUP = 2**14
 path, form, *labels = sys.argv[1:]

@@ -19,10 +19,10 @@ from mjrun.formats.image_writer import PIXELS, ImageWriter
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.formats.recording import RecordingWriter
-from mjrun.formats.segmentation import LabelsWriter
+from mjrun.formats.segmentation_labels import LabelsWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
-from mjrun.model.rendered_view import CameraCalibration, RenderedView, Segment
+from mjrun.model.rendered_image import CameraCalibration, RenderedView, SegmentedObject
 from tests.formats.table_files import COLUMNS, names
 
 DISK = 2**16  # bytes that a file may have
@@ -49,8 +49,8 @@ class Case:
     beside: Sequence[str] = ()
 
 
-def segments(count: int) -> list[Segment]:
-    return [Segment("geom", index, f"geom_{index}", "torso") for index in range(count)]
+def segments(count: int) -> list[SegmentedObject]:
+    return [SegmentedObject("geom", index, f"geom_{index}", "torso") for index in range(count)]
 
 
 def table(form: str) -> Case:

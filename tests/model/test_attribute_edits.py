@@ -7,9 +7,9 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.model.attribute_edits import changes, with_changes
+from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.override import Override
-from mjrun.model.scene_folder import scene_folder
 from mjrun.model.sources.file import FileSource
 
 MODEL = """<mujoco>

@@ -10,11 +10,11 @@ import pytest
 
 from mjrun.document.json_schema import report_schema
 from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
-from mjrun.model.column import Column
 from mjrun.model.description.model_description import SECTIONS
 from mjrun.model.info import Info, InfoResult
 from mjrun.model.override import Override
 from mjrun.model.sources.file import FileSource
+from mjrun.model.table_column import Column
 from mjrun.outputs.trace import columns
 from mjrun.simulation.simulation import Simulation
 from tests.document.schema_oracle import fits

@@ -14,7 +14,7 @@ from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.model import variants
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import Compilation, ModelVariant, ModelVariants
+from mjrun.model.variants import ModelVariant, ModelVariants, SharedCompilation
 from tests.model.model_files import content
 
 MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .001"/></default>
@@ -85,12 +85,12 @@ def test_a_variant_is_the_compiled_model(
 def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compilations = []
 
-    class Counted(Compilation):
+    class Counted(SharedCompilation):
         def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
             compilations.append(1)
             super().__init__(spec, model)
 
-    monkeypatch.setattr(variants, "Compilation", Counted)
+    monkeypatch.setattr(variants, "SharedCompilation", Counted)
     shared, path = ModelVariants(), source(tmp_path)
     for value in ("0.1", "0.2", "0.3"):
         for name in PATHS:
@@ -103,7 +103,7 @@ def test_what_the_compiler_copies_is_compiled_once(tmp_path: Path, monkeypatch: 
 def test_forgotten_compilations_are_freed_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, budget: int) -> None:
     monkeypatch.setattr(variants, "BYTES", budget)
     shared, path = ModelVariants(), source(tmp_path)
-    compilations: list[ReferenceType[Compilation]] = []
+    compilations: list[ReferenceType[SharedCompilation]] = []
     gc.disable()  # it would run now and then, after many objects that take little memory
     try:
         for index in range(20):

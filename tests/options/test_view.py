@@ -26,7 +26,7 @@ from mjrun.options.view import (
 from mjrun.outputs.frames import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering import backend, text
 from mjrun.rendering.layout import columns
-from mjrun.rendering.segmentation import groupings
+from mjrun.rendering.segment_ids import groupings
 from mjrun.rendering.visual import GROUPS, Visual, flags, frames, labels
 
 OPTIONS = {each.name: each for each in options_of(ViewOptions)}

@@ -13,7 +13,7 @@ from mjrun.diff.result import FrameDifference
 from mjrun.errors import ModelNotFoundError, UnknownNameError, UsageError
 from mjrun.model.sources import parse_source
 from mjrun.outputs.diff import APPLICABLE, COMPARISONS
-from mjrun.outputs.worst_frame import BACKGROUND, GAP, worst_frame, write_worst_frame
+from mjrun.outputs.worst_frame_image import BACKGROUND, GAP, worst_frame, write_worst_frame
 from tests.diff.models import CRATE, spec, xml
 from tests.formats.table_files import columns, write
 

@@ -18,7 +18,7 @@ from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.graph import graph_size
-from mjrun.rendering.segmentation import check_segmentation_name, groupings
+from mjrun.rendering.segment_ids import check_segmentation_name, groupings
 from mjrun.rendering.visual import visual_of
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation

@@ -15,7 +15,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.outputs import frame_drawer, output
+from mjrun.outputs import output, video_rendering
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
@@ -150,7 +150,7 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
 def test_drawing_in_software_is_said_once_with_its_cost(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_drawer, "LONG", 0.0)
+    monkeypatch.setattr(video_rendering, "LONG", 0.0)
     heard: list[str] = []
 
     class Listener:

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.outputs.trace_rows import blocks
-from mjrun.physics.control import Controller, ControlSignal, ControlTable, PeriodicController
+from mjrun.physics.control import Controller, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
 
@@ -34,7 +34,7 @@ def arm(integrator: str = "Euler") -> mujoco.MjModel:
 
 
 def stepper(model: mujoco.MjModel, **drives: object) -> PhysicsStepper:
-    control = ControlSignal(rational(model.opt.timestep), np.zeros(model.nu), **drives)  # type: ignore[arg-type]
+    control = ControlSources(rational(model.opt.timestep), np.zeros(model.nu), **drives)  # type: ignore[arg-type]
     return PhysicsStepper(model, mujoco.MjData(model), control)
 
 

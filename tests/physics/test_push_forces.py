@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.options.push import PushKind
-from mjrun.physics.control import ControlSignal, PeriodicController
+from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
@@ -37,7 +37,7 @@ def box(integrator: str = "Euler", flags: str = "") -> mujoco.MjModel:
 
 
 def stepper(
-    model: mujoco.MjModel, texts: Sequence[str], own: np.ndarray | None = None, control: ControlSignal | None = None
+    model: mujoco.MjModel, texts: Sequence[str], own: np.ndarray | None = None, control: ControlSources | None = None
 ) -> PhysicsStepper:
     data = mujoco.MjData(model)
     if own is not None:
@@ -114,7 +114,7 @@ def test_a_controller_reads_and_writes_applied_forces_without_the_pushes(run) ->
             own[1, 0] += 0.5
 
     controller = PeriodicController(act, Fraction(2, 100), step_of(model))
-    control = ControlSignal(step_of(model), np.zeros(model.nu), controller=controller)
+    control = ControlSources(step_of(model), np.zeros(model.nu), controller=controller)
     found, expected = run(stepper(model, TWO, control=control), STEPS, FIELDS), bare(model, own, by_hand)
     for field in FIELDS:
         assert found[field].astype(float).tobytes() == expected[field].tobytes(), field
@@ -129,7 +129,7 @@ def test_a_controller_feels_the_push_of_its_instant() -> None:
     def act(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         felt[round(data.time / model.opt.timestep)] = data.qacc[:3].copy()
 
-    control = ControlSignal(
+    control = ControlSources(
         step_of(model), np.zeros(1), controller=PeriodicController(act, step_of(model), step_of(model))
     )
     stepper(model, ["box=0/0/900@0.02+0.01"], control=control).advance(30)

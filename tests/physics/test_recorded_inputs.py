@@ -9,7 +9,7 @@ import pytest
 from mjrun.model import state
 from mjrun.options.push import PushKind
 from mjrun.outputs.trace_rows import blocks
-from mjrun.physics.control import ControlSignal, PeriodicController
+from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.replay import AHEAD, RecordedInputs
 from mjrun.physics.stepper import PhysicsStepper
@@ -32,7 +32,7 @@ def recorded() -> Kept:
     data = mujoco.MjData(model())
     data.qvel[:] = 1
     pushes = PushForces(model(), [PushKind()("pelvis=20/0/5@0+0.1"), PushKind()("head=0/9/0@0.2+0.05")], STEP)
-    stepper = PhysicsStepper(model(), data, ControlSignal(STEP, data.ctrl.copy(), controller=controller), pushes)
+    stepper = PhysicsStepper(model(), data, ControlSources(STEP, data.ctrl.copy(), controller=controller), pushes)
     rows = [stepper.state()]
     for step in range(1, LAST + 1):
         stepper.advance(step)
@@ -43,7 +43,7 @@ def recorded() -> Kept:
 def again(kept: Kept) -> PhysicsStepper:
     data, inputs = mujoco.MjData(model()), RecordedInputs(model(), kept)
     state.restore(model(), data, kept.state(0))
-    return PhysicsStepper(model(), data, ControlSignal(STEP, data.ctrl.copy(), inputs, inputs=inputs))
+    return PhysicsStepper(model(), data, ControlSources(STEP, data.ctrl.copy(), inputs, inputs=inputs))
 
 
 @pytest.mark.parametrize("stride", [1, 7, LAST])

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mjrun.errors import FailedStepError, UsageError
 from mjrun.formats.recording import RecordingReader, RecordingWriter
 from mjrun.model import state
-from mjrun.physics.control import Controller, ControlSignal, PeriodicController
+from mjrun.physics.control import Controller, ControlSources, PeriodicController
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.replay import ReplayStepper, require_model, states_at
 from mjrun.physics.stepper import PhysicsStepper, Stepper
@@ -90,7 +90,7 @@ def live(model: mujoco.MjModel, key: int | None = None, controller: Controller |
         mujoco.mj_resetDataKeyframe(model, data, key)
     timestep = rational(model.opt.timestep)
     periodic = None if controller is None else PeriodicController(controller, Fraction(1, 100), timestep)
-    return PhysicsStepper(model, data, ControlSignal(timestep, data.ctrl.copy(), controller=periodic))
+    return PhysicsStepper(model, data, ControlSources(timestep, data.ctrl.copy(), controller=periodic))
 
 
 def require_alike(model: mujoco.MjModel, run: PhysicsStepper, steps: Sequence[int]) -> None:

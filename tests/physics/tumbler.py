@@ -6,7 +6,7 @@ from functools import cache
 import mujoco
 import numpy as np
 
-from mjrun.physics.motion_samples import FIELDS, MotionSamples
+from mjrun.physics.kinematic_samples import FIELDS, KinematicSamples
 from mjrun.probe.fields import field_probe, offered
 
 XML = """<mujoco><option timestep="0.002"/><worldbody>
@@ -53,10 +53,10 @@ class Run:
     mocap_pos: np.ndarray
     mocap_quat: np.ndarray
 
-    def sampled(self, rows: slice | np.ndarray, *names: str, source: str = "t.csv") -> MotionSamples:
+    def sampled(self, rows: slice | np.ndarray, *names: str, source: str = "t.csv") -> KinematicSamples:
         """Some rows of some fields."""
         values = {name: dict(enumerate(np.array(getattr(self, name)[rows]).T)) for name in names or FIELDS}
-        return MotionSamples(source, self.time[rows].copy(), column_names(), values)
+        return KinematicSamples(source, self.time[rows].copy(), column_names(), values)
 
 
 def column_names() -> dict[str, list[str]]:

@@ -11,11 +11,11 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from mjrun.options.plot import STYLES
-from mjrun.plotting.canvas import Canvas, settings
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
+from mjrun.plotting.matplotlib_figure import Canvas, settings
 from mjrun.plotting.panel_grid import PanelCount, panel_grid
 from mjrun.plotting.theme import THEMES
 

@@ -12,7 +12,7 @@ from PIL import Image
 
 from mjrun.errors import FailedAssertionError, FileError, MjrunError, UnknownNameError, UsageError
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.table_figure import TableFigure, table_names
 from mjrun.plotting.table_plot import StudyPlot, TablePlot

@@ -119,7 +119,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path, monkeypatch: pytest.Mo
 def test_only_the_statistics_of_an_archive_are_read_and_only_if_they_are_in_proportion(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     large = np.zeros(2**20)
     np.savez_compressed(tmp_path / "a.npz", mean=MEAN, var=VAR, other=large)
     statistics = read_statistics(tmp_path / "a.npz")

@@ -6,10 +6,10 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.assertion import parse
-from mjrun.probe.available import AvailableProbes, SelectedProbes
 from mjrun.probe.episode import EpisodeColumns, EpisodeProbe, EpisodeValues
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.select import available_columns, select
+from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary
 
 MODEL = mujoco.MjModel.from_xml_string(
     '<mujoco><worldbody><body><joint name="hip"/><geom size=".1"/></body></worldbody></mujoco>'
@@ -72,4 +72,4 @@ def test_expressions_read_them() -> None:
     with pytest.raises(UnknownNameError, match=r"no column .reward/alife. .*did you mean .reward/alive."):
         parse("last(reward/alife) > 1", AvailableProbes(MODEL, EPISODE.names))
     with pytest.raises(UsageError, match="the model offers it: add probe return"):
-        parse("last(return) > 1", SelectedProbes(["time"], MODEL, EPISODE.names))
+        parse("last(return) > 1", TraceVocabulary(["time"], MODEL, EPISODE.names))

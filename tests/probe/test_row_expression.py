@@ -17,11 +17,11 @@ from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.probe.assertion import parse
-from mjrun.probe.available import AvailableProbes, TableVocabulary
 from mjrun.probe.parser import LONGEST
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition, parse_row_expression
 from mjrun.probe.scanner import spelled
 from mjrun.probe.select import aliases, available_columns
+from mjrun.probe.vocabularies import AvailableProbes, TableVocabulary
 from mjrun.timeline import Timeline, rational
 
 RNG = np.random.default_rng(3)

@@ -11,11 +11,11 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.rendering import classic
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
 
 SIZE = (96, 64)

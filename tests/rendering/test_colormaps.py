@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.model.rendered_view import Segment
+from mjrun.model.rendered_image import SegmentedObject
 from mjrun.rendering.colormaps import (
     UNSEEN,
     colormap_table,
@@ -26,7 +26,7 @@ from mjrun.rendering.colormaps import (
 )
 from mjrun.rendering.text import crisp, text_size
 
-THINGS = [Segment("geom", i, f"part_{i}", "robot") for i in range(200)]
+THINGS = [SegmentedObject("geom", i, f"part_{i}", "robot") for i in range(200)]
 finite = st.floats(-1e9, 1e9)
 
 
@@ -151,35 +151,35 @@ def test_things_of_one_legend_can_be_told_apart(count: int, apart: float) -> Non
 @given(st.lists(st.text(min_size=1), unique=True, max_size=60), st.integers(0, 60))
 @settings(max_examples=30, deadline=None)
 def test_what_is_added_after_a_thing_leaves_its_colour(names: list[str], kept: int) -> None:
-    things = [Segment("body", i, name) for i, name in enumerate(names)]
+    things = [SegmentedObject("body", i, name) for i, name in enumerate(names)]
     assert np.array_equal(colors_of(things)[:kept], colors_of(things[:kept]))
 
 
 def test_what_is_added_before_a_thing_mostly_leaves_its_colour() -> None:
-    added = [Segment("geom", 0, "newcomer"), *THINGS[:60]]
+    added = [SegmentedObject("geom", 0, "newcomer"), *THINGS[:60]]
     same = (colors_of(added)[1:] == colors_of(THINGS[:60])).all(axis=1)
     assert same.mean() > 0.6
 
 
 def test_a_colour_depends_on_type_and_name_only() -> None:
-    renumbered = [Segment(t.type, t.id + 7, t.name, "another") for t in THINGS]
+    renumbered = [SegmentedObject(t.type, t.id + 7, t.name, "another") for t in THINGS]
     assert np.array_equal(colors_of(renumbered), colors_of(THINGS))
-    sites = [Segment("site", t.id, t.name) for t in THINGS]
+    sites = [SegmentedObject("site", t.id, t.name) for t in THINGS]
     assert not np.array_equal(colors_of(sites), colors_of(THINGS))
 
 
 def test_colours_last_from_release_to_release() -> None:
     legend = [
-        Segment("geom", 0, "floor"),
-        Segment("geom", 1, "torso"),
-        Segment("site", 0, "tip"),
-        Segment("geom", 2, "geom:2"),
+        SegmentedObject("geom", 0, "floor"),
+        SegmentedObject("geom", 1, "torso"),
+        SegmentedObject("site", 0, "tip"),
+        SegmentedObject("geom", 2, "geom:2"),
     ]
     assert colors_of(legend).tolist() == [[90, 120, 0], [165, 255, 150], [225, 225, 225], [255, 150, 165]]
 
 
 def test_a_thousand_things_have_each_a_colour_and_more_repeat_them() -> None:
-    things = [Segment("geom", i, f"geom:{i}") for i in range(1500)]
+    things = [SegmentedObject("geom", i, f"geom:{i}") for i in range(1500)]
     colors = colors_of(things)
     assert len(np.unique(colors[:1024], axis=0)) == 1024
     assert colors.shape == (1500, 3)

@@ -19,7 +19,7 @@ from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, seg_c
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Ghost
 from mjrun.rendering.layout import LAYOUTS, compose
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.text import stamp
 from mjrun.rendering.visual import Visual
 

@@ -18,14 +18,14 @@ from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError
-from mjrun.model.rendered_view import RenderedView
+from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import save
 from mjrun.rendering import filament
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.decorations import Ghost
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.visual import Visual
 
 pytestmark = pytest.mark.slow

@@ -16,7 +16,7 @@ from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.filament import FilamentRenderer
-from mjrun.rendering.segmentation import Segmentation
+from mjrun.rendering.segment_ids import Segmentation
 from mjrun.rendering.timed_renderers import Stopwatch, TimedClassicRenderer, TimedFilamentRenderer
 from mjrun.rendering.visual import Visual
 

@@ -18,7 +18,7 @@ from mjrun.errors import FileError, MjrunError, UsageError
 from mjrun.formats.recording import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
-from mjrun.physics.motion import Motion
+from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.simulation.mapped_table import read_motion
 from mjrun.simulation.simulation import Simulation
 from tests.physics.tumbler import column_names, model, tumble
@@ -33,11 +33,11 @@ MAP = (
 )
 
 
-def read(path: Path, *texts: str, quat: str = "wxyz", rate: Fraction | None = None) -> Motion:
+def read(path: Path, *texts: str, quat: str = "wxyz", rate: Fraction | None = None) -> KinematicMotion:
     return read_motion(path, model(), mujoco.MjData(model()), texts, quat, rate)
 
 
-def positions(motion: Motion, steps: np.ndarray = ROWS) -> np.ndarray:
+def positions(motion: KinematicMotion, steps: np.ndarray = ROWS) -> np.ndarray:
     return np.array([motion.state(int(step))[FIELDS["qpos"]] for step in steps])
 
 

@@ -20,7 +20,7 @@ from mjrun.model import state
 from mjrun.options.push import PushKind
 from mjrun.outputs.recording import Recording
 from mjrun.outputs.trace_rows import blocks
-from mjrun.physics.control import ControlSignal, PeriodicController
+from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.simulation import verification
@@ -209,7 +209,7 @@ def test_a_run_that_is_pushed_by_many_and_recorded_in_c_is_stepped_again() -> No
     model, timestep = TUMBLER, rational(TUMBLER.opt.timestep)
     pushes = PushForces(model, [PushKind()("body:1=0/3/0@0.03+0.1"), PushKind()("site:arm=1/0/0@0.1+0.05")], timestep)
     controller = PeriodicController(wave, Fraction(1, 50), timestep)
-    control = ControlSignal(timestep, np.zeros(model.nu), controller=controller)
+    control = ControlSources(timestep, np.zeros(model.nu), controller=controller)
     stepper = PhysicsStepper(model, mujoco.MjData(model), control, pushes)
     rows = [stepper.state()]
     for _ in range(MANY):

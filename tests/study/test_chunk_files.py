@@ -124,6 +124,6 @@ def test_a_part_that_would_fill_the_memory_is_refused(
     table = pyarrow.parquet.read_table(part)
     pyarrow.parquet.write_table(pyarrow.concat_tables([table] * 2**13), part, compression="zstd")
     assert set(files.read()) == {"k", "x"}
-    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with pytest.raises(FileError, match="would expand to"):
         files.read()

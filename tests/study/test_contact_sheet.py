@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.formats.video_reader import read_video
 from mjrun.formats.video_writer import write_video
-from mjrun.study.contact_sheet import GAP, LARGEST, SheetCell, sheet_layout, write_contact_sheet
+from mjrun.study.contact_sheet import GAP, LARGEST, VideoCell, sheet_layout, write_contact_sheet
 
 COLOURS = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]
 SIZE = (120, 160, 3)
@@ -40,7 +40,7 @@ def test_every_cell_shows_its_video_and_one_that_ended_stays_dimmed(tmp_path: Pa
         frames = [np.full(SIZE, colour, np.uint8)] * (4 - 2 * (index == 1))
         path = tmp_path / f"{index}.mkv"
         write_video(path, frames, 10, codec="ffv1")
-        cells.append(SheetCell(path, f"mass {index}", "unstable at step 20" if index == 1 else ""))
+        cells.append(VideoCell(path, f"mass {index}", "unstable at step 20" if index == 1 else ""))
     output = tmp_path / "sheet.mkv"
     write_contact_sheet(str(output), cells, Fraction(10), Fraction(1))
     frames = read_video(output).frames.astype(int)
@@ -60,7 +60,7 @@ def test_every_cell_shows_its_video_and_one_that_ended_stays_dimmed(tmp_path: Pa
 def test_a_cell_that_reached_its_end_stays_as_it_is(tmp_path: Path) -> None:
     for name, count in (("a", 1), ("b", 3)):
         write_video(tmp_path / f"{name}.mkv", [np.full(SIZE, 120, np.uint8)] * count, 10, codec="ffv1")
-    cells = [SheetCell(tmp_path / f"{name}.mkv", "") for name in "ab"]
+    cells = [VideoCell(tmp_path / f"{name}.mkv", "") for name in "ab"]
     write_contact_sheet(str(tmp_path / "s.mkv"), cells, Fraction(10), Fraction(1))
     frames = read_video(tmp_path / "s.mkv").frames.astype(int)
     assert abs(frames[:, 50:70, 40:120] - 120).max() <= 4

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import BadValueError, FailedPointsError, LostFilesError, UnknownNameError, UsageError
-from mjrun.formats.study_folder import read_point, read_study
+from mjrun.formats.study_reader import read_point, read_study
 from mjrun.formats.video_reader import read_video
 from mjrun.options.sweep import KEPT, KeepOptions
 from mjrun.outputs.trace import Trace

@@ -7,7 +7,7 @@ import pytest
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model import state
 from mjrun.model.sources import parse_source
-from mjrun.model.variants import Compilation, ModelVariant, ModelVariants
+from mjrun.model.variants import ModelVariant, ModelVariants, SharedCompilation
 from mjrun.physics.distribution import draw_numbers
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.random_streams import MODEL as MODEL_STREAM
@@ -23,7 +23,9 @@ MODEL = mujoco.MjModel.from_xml_string(
 
 def start(reset: Reset, seed: int = 3) -> mujoco.MjData:
     data = mujoco.MjData(MODEL)
-    state.restore(MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(MODEL, Compilation(None, MODEL)), seed))
+    state.restore(
+        MODEL, data, EpisodeStarts(reset, MODEL).state(ModelVariant(MODEL, SharedCompilation(None, MODEL)), seed)
+    )
     return data
 
 

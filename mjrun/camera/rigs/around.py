@@ -7,10 +7,10 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.easing import EASINGS, Ramp
-from mjrun.camera.kinds import ObjectName, PlaceKind, RampKind
+from mjrun.camera.easing import EASINGS, EasedNumber
 from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.setting_kinds import ObjectName, PlaceKind, RampKind
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import concerning
 from mjrun.options.kinds import Choice, Flag, Optional
@@ -34,12 +34,14 @@ class FreeRig(Rig):
     argument: ClassVar[str] = "free"
 
     lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
-    distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
-    azimuth: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
-    elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    distance: EasedNumber | None = option(
+        converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
+    )
+    azimuth: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
-        azimuth = self.azimuth or Ramp.still(cameras.free.azimuth)
+        azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
 
@@ -53,11 +55,13 @@ class OrbitRig(Rig):
     eased: ClassVar[bool] = True
 
     lookat: Place | None = option(converter=Optional(PlaceKind()), default=None, kw_only=False, help=LOOKAT)
-    distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
-    azimuth: Ramp | None = option(
+    distance: EasedNumber | None = option(
+        converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
+    )
+    azimuth: EasedNumber | None = option(
         converter=Optional(RampKind()), default=None, kw_only=False, help=f"{DIRECTION}; a full circle if left out."
     )
-    elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    elevation: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     ease: str = option(
         converter=Choice((*EASINGS,)),
         default="linear",
@@ -67,7 +71,7 @@ class OrbitRig(Rig):
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
         start = cameras.free.azimuth
-        azimuth = self.azimuth or Ramp(start, start + 360, self.ease)
+        azimuth = self.azimuth or EasedNumber(start, start + 360, self.ease)
         return _bound("lookat", self.lookat, self.distance, azimuth, self.elevation, cameras)
 
     @classmethod
@@ -88,9 +92,11 @@ class TrackRig(Rig):
     target: str = required(
         converter=ObjectName(), kw_only=False, help="The object: box, geom:edge, site:tip or subtree:torso."
     )
-    distance: Ramp | None = option(converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE)
-    azimuth: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
-    elevation: Ramp | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
+    distance: EasedNumber | None = option(
+        converter=Optional(RampKind("metres")), default=None, kw_only=False, help=DISTANCE
+    )
+    azimuth: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=AZIMUTH)
+    elevation: EasedNumber | None = option(converter=Optional(RampKind()), default=None, kw_only=False, help=ELEVATION)
     heading: bool = option(
         converter=Flag(),
         default=False,
@@ -106,7 +112,7 @@ class TrackRig(Rig):
     )
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAroundRig":
-        azimuth = self.azimuth or Ramp.still(cameras.free.azimuth)
+        azimuth = self.azimuth or EasedNumber.still(cameras.free.azimuth)
         return _bound("target", self.target, self.distance, azimuth, self.elevation, cameras, self.heading, self.offset)
 
 
@@ -120,9 +126,9 @@ class BoundAroundRig:
     """
 
     target: Target
-    distance: Ramp
-    azimuth: Ramp
-    elevation: Ramp
+    distance: EasedNumber
+    azimuth: EasedNumber
+    elevation: EasedNumber
     frustum: Frustum
     heading: bool
     offset: np.ndarray
@@ -137,9 +143,9 @@ class BoundAroundRig:
 def _bound(
     key: str,
     place: Place | None,
-    distance: Ramp | None,
-    azimuth: Ramp,
-    elevation: Ramp | None,
+    distance: EasedNumber | None,
+    azimuth: EasedNumber,
+    elevation: EasedNumber | None,
     cameras: ModelCameras,
     heading: bool = False,
     offset: Vector = (0.0, 0.0, 0.0),
@@ -151,9 +157,9 @@ def _bound(
         target = find_target((x, y, z) if place is None else place, cameras.model)
     return BoundAroundRig(
         target,
-        distance or Ramp.still(free.distance),
+        distance or EasedNumber.still(free.distance),
         azimuth,
-        elevation or Ramp.still(free.elevation),
+        elevation or EasedNumber.still(free.elevation),
         cameras.frustum,
         heading,
         np.array(offset),

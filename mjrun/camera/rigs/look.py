@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import mujoco
 
-from mjrun.camera.kinds import PlaceKind
 from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
+from mjrun.camera.setting_kinds import PlaceKind
 from mjrun.camera.targets import Place, Target, find_target
 from mjrun.errors import concerning
 from mjrun.options.option import options, required

@@ -7,7 +7,7 @@ import mujoco
 from mjrun.camera.pose import Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
 from mjrun.model.names import identify
-from mjrun.options.kinds import AnyKind, Key, Kind, Reader
+from mjrun.options.kinds import AnyKind, Key, Kind, ReadingContext
 from mjrun.options.option import options, required
 from mjrun.options.schema import Schema
 
@@ -34,10 +34,10 @@ class ModelRig(Rig):
 class _CameraForm(Kind[ModelRig, ModelRig]):
     """A camera of the model, as documents write it: by name or index alone."""
 
-    def schema(self, reader: Reader, definitions: dict[str, Schema]) -> Schema:
+    def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:
         return _KEY.form
 
-    def read(self, value: object, reader: Reader) -> object:
+    def read(self, value: object, reader: ReadingContext) -> object:
         return ModelRig(str(_KEY.read(value, reader)))
 
     def plain(self, value: ModelRig) -> object:

@@ -9,16 +9,16 @@ import numpy as np
 
 from mjrun.camera.curve import SAME_POINT, ArcLength, Curve, centripetal, orbital_lengths, orbital_position
 from mjrun.camera.easing import EASINGS
-from mjrun.camera.kinds import PlaceKind
 from mjrun.camera.pose import Pose, around, heading, rotation
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
+from mjrun.camera.setting_kinds import PlaceKind
 from mjrun.camera.targets import Place, Target, Vector, find_target
 from mjrun.errors import UsageError, concerning
 from mjrun.options.kinds import Choice, Optional
 from mjrun.options.number_kinds import Point, Real
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.record import ListOf, Record, mappings_in
 from mjrun.options.schema import Path
+from mjrun.options.structured_kinds import ListOf, OptionsMapping, mappings_in
 
 CURVES = ("spline", "linear")
 PACES = ("constant", "time")
@@ -75,7 +75,7 @@ class PathRig(Rig):
     help: ClassVar[str] = "Through waypoints."
 
     waypoints: tuple[Waypoint, ...] = required(
-        converter=ListOf[Waypoint](Record(Waypoint, Waypoint), least=2),
+        converter=ListOf[Waypoint](OptionsMapping(Waypoint, Waypoint), least=2),
         kw_only=False,
         help="The points, in order; all by eye, or all by distance, azimuth and elevation.",
     )

@@ -12,7 +12,7 @@ from mjrun.camera.pose import Frustum, Pose, heading, pose_of, rotation
 from mjrun.errors import UsageError
 from mjrun.options.kinds import AnyKind
 from mjrun.options.option import Options, options_of
-from mjrun.options.record import Record
+from mjrun.options.structured_kinds import OptionsMapping
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Rig(Options, ABC):
     def form(cls) -> AnyKind:
         """Returns the kind of the values that documents write for this rig."""
         blank = not any(each.is_required for each in options_of(cls))
-        return Record(cls, cls, name=cls.__name__.removesuffix("Rig"), blank=blank)
+        return OptionsMapping(cls, cls, name=cls.__name__.removesuffix("Rig"), blank=blank)
 
 
 def looking_at(eye: np.ndarray, target: np.ndarray, frustum: Frustum, where: str, at: ShotTime) -> Pose:

@@ -28,7 +28,7 @@ from mjrun.formats import text_columns
 from mjrun.formats.table_contents import EXACT, Cells, ColumnFilter, TableContents, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.formats.text_columns import LinePieces
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 FORMULA = ("=", "+", "-", "@")  # first characters of a cell that a spreadsheet reads as a formula
 # The same in full width, as in Japan, and after a semicolon, which separates cells where a comma is decimal.

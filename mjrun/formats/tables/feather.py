@@ -13,12 +13,12 @@ import numpy as np
 import pyarrow
 from pyarrow import ipc
 
-from mjrun.expansion import require_expandable
+from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
 from mjrun.formats.table_writer import GroupWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 MAGIC = b"ARROW1"
 MARK = 0xFFFFFFFF  # precedes the length of metadata, since version 0.15

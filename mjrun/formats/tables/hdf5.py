@@ -26,11 +26,11 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
+from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, clean
-from mjrun.expansion import require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
-from mjrun.formats.npy_header import NUMERIC, content_name
+from mjrun.formats.npy_reader import NUMERIC, content_name
 from mjrun.formats.table_writer import ColumnWriter
 
 LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 holds 64 KiB

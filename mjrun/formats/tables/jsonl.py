@@ -22,7 +22,7 @@ from mjrun.errors import FileError, clean
 from mjrun.formats import text_columns
 from mjrun.formats.table_contents import Cells, ColumnFilter, TableContents, select, shown
 from mjrun.formats.table_writer import RowWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 LONG_INTEGER = re.compile(rb"\d{19}")
 

@@ -25,11 +25,11 @@ from typing import BinaryIO
 
 import numpy as np
 
-from mjrun.expansion import largest_expansion, require_expandable
+from mjrun.decompression_limits import largest_expansion, require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.table_writer import ColumnWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 LIMIT = 2**31  # bytes in one variable
 CELL = 64  # bytes of a text in a cell beyond its characters, each of which takes at most 4

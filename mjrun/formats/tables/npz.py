@@ -15,10 +15,10 @@ from typing import IO, BinaryIO
 
 import numpy as np
 
-from mjrun.expansion import require_expandable
+from mjrun.decompression_limits import require_expandable
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
-from mjrun.formats.npy_header import NUMERIC, content_name, read_header
+from mjrun.formats.npy_reader import NUMERIC, content_name, read_header
 from mjrun.formats.table_writer import ColumnWriter
 
 UNITS, MANIFEST = "__units__", "__manifest__"

@@ -11,12 +11,12 @@ from typing import Any, BinaryIO
 import numpy as np
 import pyarrow.parquet
 
-from mjrun.expansion import require_expandable
+from mjrun.decompression_limits import require_expandable
 from mjrun.formats import arrow_columns as arrow
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoded, decoding, parse_manifest
 from mjrun.formats.table_writer import GroupWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 BUFFER = 2**16  # bytes of a column that are read at a time; without it, a whole row group
 

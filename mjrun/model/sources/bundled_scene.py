@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.errors import ModelNotFoundError
-from mjrun.model.scene_folder import scene_folder
+from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.sources.file import FileCollectionSource
 
 SCHEMA_COMMENT = "# yaml-language-server:"  # the comment in a document that selects its schema in editors

@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
-from mjrun.confinement.sandbox import confined_load
+from mjrun.confinement.self_confinement import confined_load
+from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
-from mjrun.expansion import HINT, excess
 from mjrun.model import archive_files
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.mujoco_globals import without_log

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.confinement.sandbox import confined_load
+from mjrun.confinement.self_confinement import confined_load
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import existing_files, require_regular_files

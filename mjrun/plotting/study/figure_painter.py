@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from mjrun.plotting.axis_ticks import set_scale
-from mjrun.plotting.canvas import POINT, SMALL, TITLE, Canvas, rgb
+from mjrun.plotting.matplotlib_figure import POINT, SMALL, TITLE, Canvas, rgb
 from mjrun.plotting.panel_grid import PanelGrid
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, Series, StudyDrawing
 from mjrun.plotting.study.heat_map import draw_heat_map, draw_parallel, heat_key, plate_labels
@@ -26,7 +26,7 @@ MANY = 400  # number of dots above which they are drawn faintly
 
 
 def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
-    """Draws the figure of a study on a canvas; to be called within `mjrun.plotting.canvas.settings`."""
+    """Draws the figure of a study on a canvas; to be called within `mjrun.plotting.matplotlib_figure.settings`."""
     panels, side = drawing.panels, grid.columns
     rows = -(-len(panels) // side)
     key = _key(drawing, canvas)

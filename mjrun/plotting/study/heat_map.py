@@ -13,8 +13,8 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Annotation
 
 from mjrun.plotting.axis_ticks import number_ticks, set_scale
-from mjrun.plotting.canvas import POINT, SMALL, Canvas, rgb
 from mjrun.plotting.figure_data import Scale
+from mjrun.plotting.matplotlib_figure import POINT, SMALL, Canvas, rgb
 from mjrun.plotting.study.figure_data import HeatPanel, ParallelPanel
 
 COLOUR_MAP = "viridis"  # perceptually uniform

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
-from mjrun.formats.study_folder import StudyResults
+from mjrun.formats.study_reader import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.curve_syntax import CurveSpec, parse_curves, parse_log, parse_panel
 from mjrun.plotting.figure_data import MARGIN, Scale, scale

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.formats.study_folder import StudyResults
+from mjrun.formats.study_reader import StudyResults
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Scale, scale
 from mjrun.plotting.study.figure_data import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjrun.formats.study_folder import StudyResults, point_values, values_in_words
+from mjrun.formats.study_reader import StudyResults, point_values, values_in_words
 from mjrun.formats.table_reader import Table, open_table, read_table
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel
 from mjrun.plotting.figure_data import MARGIN, Scale, scale

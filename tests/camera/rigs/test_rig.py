@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.easing import Ramp
+from mjrun.camera.easing import EasedNumber
 from mjrun.camera.pose import Pose, pose_of, rotation
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
@@ -40,12 +40,15 @@ TIMED = [Waypoint(eye=(0.0, 0.0, 0.0), at=1.0), Waypoint(eye=(1.0, 0.0, 0.0), at
     [
         (lambda: ModelRig("fixde"), "no camera 'fixde' (did you mean 'fixed'?)"),
         (lambda: FreeRig("bxo"), "no object 'bxo' (did you mean 'box'?)"),
-        (lambda: FreeRig(distance=Ramp(1, 0)), "distance: '0' is not a positive number of metres"),
+        (lambda: FreeRig(distance=EasedNumber(1, 0)), "distance: '0' is not a positive number of metres"),
         (lambda: FreeRig(distance=-1), "distance: '-1' is not a positive number of metres"),
-        (lambda: FreeRig(distance=Ramp(1, 2, "smoth")), "distance: 'smoth' is not one of linear, cosine, smooth,"),
-        (lambda: FreeRig(distance=Ramp(1, 2, "smoth")), "(did you mean 'smooth' or 'smoother'?)"),
-        (lambda: FreeRig(elevation=Ramp(1, math.nan)), "elevation: 'nan' is not finite"),
-        (lambda: OrbitRig(azimuth=Ramp(1, 2), ease="in"), "ease: set the ease within azimuth: {from, to, ease}"),
+        (
+            lambda: FreeRig(distance=EasedNumber(1, 2, "smoth")),
+            "distance: 'smoth' is not one of linear, cosine, smooth,",
+        ),
+        (lambda: FreeRig(distance=EasedNumber(1, 2, "smoth")), "(did you mean 'smooth' or 'smoother'?)"),
+        (lambda: FreeRig(elevation=EasedNumber(1, math.nan)), "elevation: 'nan' is not finite"),
+        (lambda: OrbitRig(azimuth=EasedNumber(1, 2), ease="in"), "ease: set the ease within azimuth: {from, to, ease}"),
         (lambda: OrbitRig(ease="quick"), "ease: 'quick' is not one of linear, cosine"),
         (lambda: FreeRig((1.0, 2.0, math.inf)), "lookat: '1, 2, inf' is not made of finite numbers"),
         (lambda: LookRig("box", "box"), "at: the camera cannot look at its own position"),
@@ -133,7 +136,7 @@ def test_around_a_point_is_mujoco_s_free_camera(
     camera, data = mujoco.MjvCamera(), moved()
     mujoco.mjv_defaultFreeCamera(MODEL, camera)
     camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = target, distance, azimuth, elevation
-    rig = FreeRig(target, Ramp.still(distance), Ramp.still(azimuth), Ramp.still(elevation))
+    rig = FreeRig(target, EasedNumber.still(distance), EasedNumber.still(azimuth), EasedNumber.still(elevation))
     assert same(posed(rig, data=data), updated(camera, data))
 
 
@@ -147,7 +150,7 @@ def test_what_is_not_said_is_the_free_camera_s() -> None:
 
 @given(st.floats(0, 1))
 def test_each_number_goes_from_start_to_end_by_its_own_ease(phase: float) -> None:
-    rig = FreeRig((0, 0, 0), Ramp(1, 3, "in"), Ramp(140, 240, "cosine"), Ramp(-30, 10))
+    rig = FreeRig((0, 0, 0), EasedNumber(1, 3, "in"), EasedNumber(140, 240, "cosine"), EasedNumber(-30, 10))
     pose = posed(rig, at(phase))
     azimuth = 140 + 100 * (1 - math.cos(math.pi * phase)) / 2
     assert pose.distance == pytest.approx(1 + 2 * phase**2)
@@ -176,7 +179,9 @@ def test_an_object_is_followed_where_it_is_now(target: Place, expected: list[flo
 def test_with_a_heading_a_camera_moves_as_if_it_were_fastened_to_the_object(
     yaw: float, azimuth: float, offset: tuple[float, float, float]
 ) -> None:
-    rig = TrackRig("box", Ramp.still(2), Ramp.still(azimuth), Ramp.still(-10), heading=True, offset=offset)
+    rig = TrackRig(
+        "box", EasedNumber.still(2), EasedNumber.still(azimuth), EasedNumber.still(-10), heading=True, offset=offset
+    )
     data, turned = moved(), moved(yaw)
     local = [
         (d.body("box").xmat.reshape(3, 3).T @ (p.position - d.body("box").xpos), d.body("box").xmat.reshape(3, 3).T)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.errors import clean
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.formats.table_files import BROKEN, ODD, bits, columns, hypothesis, lists, put, stored, write
 
 HOSTILE = [

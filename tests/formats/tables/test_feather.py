@@ -12,7 +12,7 @@ from pyarrow import ipc
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables.feather import batch_sizes
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 
 def test_batches_are_compressed_and_do_not_follow_the_blocks(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from mjrun.formats import table_contents, table_writer, text_columns
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.formats.table_files import (
     BROKEN,
     COLUMNS,

@@ -13,7 +13,7 @@ from mjrun.formats import table_contents
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables.hdf5 import paths
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 
 
 def write(path: Path, data: np.ndarray, columns: list[Column]) -> Path:

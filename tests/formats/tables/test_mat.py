@@ -17,7 +17,7 @@ from mjrun.errors import FileError
 from mjrun.formats.table_reader import read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import mat
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.formats.table_files import COLUMNS, everything, lists, names, put, write
 
 

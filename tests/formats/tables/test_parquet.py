@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from mjrun.formats.table_writer import TableWriter
-from mjrun.model.column import Column
+from mjrun.model.table_column import Column
 from tests.formats.table_files import COLUMNS, MANIFEST, write
 
 FINAL = {"mjrun": "0.1.0", "seed": 7, "rows": 3}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import ModelNotFoundError, UnknownNameError
+from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.override import Override
-from mjrun.model.scene_folder import scene_folder
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.bundled_scene import BundledScene, bundled_task
 

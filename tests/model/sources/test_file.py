@@ -197,7 +197,7 @@ def test_an_archive_that_would_fill_the_memory_is_refused(
         target.writestr("model.xml", MODEL)
         target.writestr("large.obj", bytes(2**23))
     assert FileSource(path).load().nbody > 0
-    monkeypatch.setattr("mjrun.expansion.FREE", 2**20)
+    monkeypatch.setattr("mjrun.decompression_limits.FREE", 2**20)
     with pytest.raises(BrokenModelError, match=r"would expand to 0\.00839 GB in memory, \d{3} times its size"):
         FileSource(path).load()
 

@@ -11,8 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from mjrun.plotting.axis_ticks import WHOLE
-from mjrun.plotting.canvas import Canvas, settings
 from mjrun.plotting.figure_data import Scale
+from mjrun.plotting.matplotlib_figure import Canvas, settings
 from mjrun.plotting.study.figure_data import (
     Band,
     FailedPoints,

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import BadValueError, MissingExtraError, UnknownNameError, UsageError
-from mjrun.formats.study_folder import StudyResults
+from mjrun.formats.study_reader import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan

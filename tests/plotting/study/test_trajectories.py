@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.formats.study_folder import StudyResults
+from mjrun.formats.study_reader import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study import trajectories
 from mjrun.plotting.study.figure_data import GraphPanel, StudyDrawing

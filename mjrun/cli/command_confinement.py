@@ -1,0 +1,211 @@
+"""Confinement of the process of a command line with `--untrusted` to the files that the line names."""
+
+import math
+import os
+import signal
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+import click
+
+from mjrun import shared_status
+from mjrun.child_process import limit_this_process
+from mjrun.cli.click_command import Declaration, DeclaredOption, ModelArgument, SectionedCommand
+from mjrun.confinement.confinement import Confinement
+from mjrun.confinement.self_confinement import confine, with_temporary
+from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
+from mjrun.formats.parent_folders import ParentFolders
+from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions
+from mjrun.options.kinds import AnyKind, File, Optional, Several
+from mjrun.platform import system
+from mjrun.platform.cores import available_cores
+from mjrun.shared_status import Promise
+from mjrun.suffixes import REFERRING
+
+MIB = 2**20
+DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
+LEAST = {MEMORY: 256}  # the thread that loads models takes half of it
+SCENE = "scene"  # the collection in mjrun; the packages of others run code
+SUMMARY = "GITHUB_STEP_SUMMARY"
+
+
+@dataclass
+class _Paths:
+    """The paths that a command line names."""
+
+    roots: dict[str, None] = field(default_factory=dict[str, None])
+    files: dict[str, None] = field(default_factory=dict[str, None])
+    written: dict[str, str] = field(default_factory=dict[str, str])  # resolved path → path as named
+
+
+@contextmanager
+def confined(context: click.Context, options: ConfinementOptions) -> Generator[Confinement, None, None]:
+    """Confines this process permanently to the files on its command line; its parent removes its temporary files.
+
+    Raises:
+      UsageError: this system confines nothing, no parent process monitors this one, or a limit is invalid.
+      FileError: an output folder cannot be created.
+    """
+    from mjrun.cli.simulation_command import import_mujoco
+
+    if not system.CAN_FORK:
+        reason = "cannot confine anything on this system; run mjrun on Linux, or in a container"
+        raise UsageError(f"{option('untrusted')} {reason}")
+    if not shared_status.is_watched():
+        raise UsageError(f"{option('untrusted')} works only for mjrun as a command, which runs in a separate process")
+    command = _declaration(context)
+    limits = _limits(options, command)
+    paths = _named_paths(context)
+    # The confined process cannot create them. They are never released here: its parent removes the empty ones.
+    for folder, name in paths.written.items():
+        if not os.path.exists(folder):  # noqa: PTH110 – also of names that are too long
+            ParentFolders(Path(name), Path(folder))
+    wanted = with_temporary(_confinement(paths))
+    shared_status.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
+    made = confine(wanted, serves=command.is_endless)
+    import_mujoco()  # not counted by the limit of memory
+    limit_this_process(
+        memory=limits[MEMORY] * MIB,
+        cpu=limits[TIME] * available_cores(),
+        file_size=limits[FILE] * MIB,
+        core=0,
+        hard=True,
+    )
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)  # Python ignores it and would report a failed write
+    try:
+        yield made
+    except (MemoryError, OutOfMemoryError) as error:
+        failure = error if isinstance(error, OutOfMemoryError) else OutOfMemoryError(str(error))
+        failure.add_note(f"{option('untrusted')} allows {limits[MEMORY]:g} MiB; {option('limit')} memory=… allows more")
+        raise failure from None
+
+
+def description(limits: Confinement) -> str:
+    """Formats a sentence about the confinement of this process."""
+    network = f"the network by {limits.network}" if limits.network else "the network by nothing: this system cannot"
+    folders = ", ".join(clean(root) for root in limits.roots)
+    models = f"models are read from {folders}" if folders else "no model is read"
+    return f"untrusted: files are confined by {limits.by}, {network}; {models}"
+
+
+def _limits(options: ConfinementOptions, command: Declaration) -> dict[str, float]:
+    limits = {**DEFAULTS, **({TIME: math.inf} if command.is_endless else {})}
+    for name, values in options.limit.items():
+        if name not in LIMITS:
+            raise UnknownNameError("limit", name, LIMITS)
+        if len(values) != 1 or values[0] <= 0 or values[0] < LEAST.get(name, 0):
+            expected = f"at least {LEAST[name]}" if name in LEAST else "a number above 0"
+            raise BadValueError(f"{option('limit')} {name}", ",".join(f"{v:g}" for v in values), expected)
+        limits[name] = values[0]
+    return limits
+
+
+def _declaration(context: click.Context) -> Declaration:
+    assert isinstance(context.command, SectionedCommand)
+    return context.command.declaration
+
+
+def confinement_of(context: click.Context) -> Confinement:
+    """Returns the files that the process of a command line may read and write: those that the line names.
+
+    Raises:
+      FileError: the folder to read from does not exist.
+    """
+    return _confinement(_named_paths(context))
+
+
+def _confinement(paths: _Paths) -> Confinement:
+    return Confinement(tuple(paths.roots), tuple(paths.files), tuple(paths.written))
+
+
+def _named_paths(context: click.Context) -> _Paths:
+    paths = _Paths()
+    for param in context.command.params:
+        name, values = param.name or "", [*_texts(context.params.get(param.name or ""))]
+        if isinstance(param, click.Argument):
+            for text in values:
+                _add_argument(paths, param, text)
+        elif name == "save_key":
+            _add_outputs(paths, [text.rpartition(".xml:")[0] or text for text in values])
+        elif isinstance(param, DeclaredOption) and _is_written(param.declared.kind):
+            if not values and param.declared.default not in (None, "-"):
+                paths.written[_real(".")] = "."  # the default folder
+            elif param.declared.kind.metavar == "DIR":
+                paths.written |= {_real(text): text for text in values}
+            else:
+                _add_outputs(paths, values)
+        elif name not in ConfinementOptions.__dataclass_fields__:
+            for text in values:
+                _add_file(paths, text.removeprefix("@"))
+
+    if (root := context.params.get("root")) is not None:
+        if not Path(root).is_dir():
+            raise FileError(root, "is not a folder")
+        paths.roots = {_real(root): None}
+    if context.params.get("update"):  # golden tables, wherever they are
+        folders = [*paths.roots, *(str(Path(file).parent) for file in paths.files)]
+        paths.written |= {folder: folder for folder in folders}
+    if "summary" in context.params and (summary := os.environ.get(SUMMARY)) and Path(summary).exists():
+        paths.written[_real(summary)] = summary
+    return paths
+
+
+def _texts(value: object) -> Iterable[str]:
+    """Yields all texts in the value of an option."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from _texts([*cast("Mapping[object, object]", value).values()])
+    elif isinstance(value, Iterable):
+        yield from (text for each in cast("Iterable[object]", value) for text in _texts(each))
+
+
+def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
+    prefix, colon, _ = text.partition(":")
+    is_model = isinstance(argument, ModelArgument)
+    if is_model and text == "-":
+        paths.roots[_real(".")] = None
+    elif is_model and colon and prefix == SCENE and not Path(text).exists():
+        from mjrun.model.bundled_scene_folder import scene_folder
+
+        paths.roots[_real(scene_folder())] = None
+    elif is_model and Path(text).is_dir():
+        paths.roots[_real(text)] = None
+        if argument.written:
+            paths.written[_real(text)] = text
+    else:
+        file = text if Path(text).exists() else text.partition("=")[2]
+        _add_file(paths, file)
+        if is_model and Path(text).suffix.lower() in REFERRING:
+            paths.roots[_real(Path(text).parent)] = None
+
+
+def _add_file(paths: _Paths, text: str) -> None:
+    """Adds an existing file, with the files that formats write beside it, or the package that it describes."""
+    try:
+        path = Path(text)
+        if not text or not path.exists():
+            return
+    except (OSError, ValueError):  # too long for a path, or with a null character
+        return
+    beside = [path.with_name(f"{path.name}.json"), path.with_name(f"{path.name}.data")] if path.is_file() else []
+    for each in (path, *beside):
+        paths.files[_real(each)] = None
+
+
+def _add_outputs(paths: _Paths, texts: Iterable[str]) -> None:
+    folders = [str(Path(text).parent) for text in texts if text != "-"]
+    paths.written |= {_real(folder): folder for folder in folders}
+
+
+def _is_written(kind: AnyKind) -> bool:
+    while isinstance(kind, Optional | Several):
+        kind = kind.each
+    return isinstance(kind, File) and kind.written
+
+
+def _real(path: str | Path) -> str:
+    return os.path.realpath(path)

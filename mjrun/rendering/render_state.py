@@ -1,0 +1,128 @@
+"""Rendering of a state in one call."""
+
+import atexit
+import contextlib
+import threading
+from collections import OrderedDict
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.argument import parse_camera
+from mjrun.camera.motion import CameraMotion
+from mjrun.camera.pose import Pose
+from mjrun.camera.rigs.rig import ModelCameras, compute_positions
+from mjrun.errors import UnknownNameError, concerning, option
+from mjrun.model.state import restore, save
+from mjrun.options.view import VIEWS
+from mjrun.rendering.backend import Backend, BackendDetection
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.visual import Visual
+
+CACHED = 4  # renderers kept for the next call, in all threads together
+
+
+def render(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    camera: str | int | mujoco.MjvCamera = "free",
+    size: tuple[int, int] = (640, 480),
+    view: str = "rgb",
+    visual: Visual | None = None,
+) -> np.ndarray:
+    """Renders the state in `data`, which is not changed.
+
+    Positions, contacts and forces are computed again from the state (mjSTATE_INTEGRATION). The renderer is cached for
+    calls with the same model, size and `visual`: changed positions and colours of the model take effect, changed
+    meshes and textures do not.
+
+    Args:
+      camera: as on the command line: a camera of the model by name or index, `free`, `orbit:lookat=box,distance=2`,
+        `track:hand`; or MuJoCo's own structure.
+      size: width and height [pixels].
+      view: `rgb`, `depth` or `seg`.
+      visual: visual options; MuJoCo's defaults when None.
+
+    Returns:
+      `rgb`: `(height, width, 3)` uint8. `depth`: `(height, width)` float32, along the axis of view [m], infinite for
+      the background. `seg`: `(height, width)` int32, indices into `mjrun.Segmentation(model).legend`, -1 for none.
+
+    Raises:
+      UsageError: the camera or the view is unknown, or the size is too large.
+      NoRendererError: no backend works; the message gives the packages to install.
+      DrawError: OpenGL failed.
+    """
+    if view not in VIEWS:
+        raise UnknownNameError(option("view"), view, VIEWS, plural="views")
+    cached = _cached_renderer(model, size, visual or Visual())
+    state = save(model, data)
+    with concerning("camera"):
+        pose = cached.pose(camera, state)
+    cached.renderer.make_current()
+    cached.renderer.look(state)
+    picture = cached.renderer.picture(pose, (view,))
+    image = {"rgb": picture.rgb, "depth": picture.depth, "seg": picture.ids}[view]
+    assert image is not None
+    return np.array(image)
+
+
+class _CachedRenderer:
+    """A renderer with the cameras that it has already resolved."""
+
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> None:
+        self.model, self.size = model, size
+        self.renderer = ClassicRenderer(model, size, _backend(), visual, Segmentation(model))
+        self._data = mujoco.MjData(model)
+        self._cameras = ModelCameras(model)
+        self._motions: dict[str, CameraMotion] = {}
+
+    def pose(self, camera: str | int | mujoco.MjvCamera, state: np.ndarray) -> Pose:
+        """Returns the pose of the camera in `state`."""
+        if isinstance(camera, mujoco.MjvCamera):
+            restore(self.model, self._data, state)
+            compute_positions(self.model, self._data)
+            return self._cameras.pose(self._data, camera)
+        text = str(camera)
+        if text not in self._motions:
+            self._motions[text] = CameraMotion(parse_camera(text, self.model), self.model, self.size)
+        return self._motions[text].pose(state)
+
+    def close(self) -> None:
+        """Frees the renderer in its OpenGL context."""
+        self.renderer.make_current()
+        self.renderer.close()
+
+
+_renderers: OrderedDict[tuple[int, int, tuple[int, int], str], _CachedRenderer] = OrderedDict()
+_lock = threading.Lock()
+
+
+@lru_cache(maxsize=1)
+def _backend() -> Backend:
+    return BackendDetection().result()
+
+
+def _cached_renderer(model: mujoco.MjModel, size: tuple[int, int], visual: Visual) -> _CachedRenderer:
+    """Returns a renderer of this thread. It holds the model, so that no other model can have the same id."""
+    width, height = size
+    key = threading.get_ident(), id(model), (width, height), repr(visual)
+    with _lock:
+        if key not in _renderers:
+            _renderers[key] = _CachedRenderer(model, (width, height), visual)
+            atexit.unregister(close_renderers)
+            atexit.register(close_renderers)  # after the backend's handlers, and so run before them
+        _renderers.move_to_end(key)
+        oldest = next((other for other in _renderers if other[0] == key[0]), key)
+        if len(_renderers) > CACHED and oldest != key:
+            _renderers.pop(oldest).close()
+        return _renderers[key]
+
+
+def close_renderers() -> None:
+    """Frees all cached renderers."""
+    while _renderers:
+        _, cached = _renderers.popitem()
+        with contextlib.suppress(Exception):  # its thread may have ended
+            cached.close()

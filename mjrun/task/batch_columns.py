@@ -1,0 +1,318 @@
+"""Columns of many worlds at one instant: the fields of `mujoco.batch` that provide them, selected once."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import groupby
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from mjrun.model import state
+from mjrun.model.source import Source
+from mjrun.model.table_column import Column
+from mjrun.probe.episode import EpisodeProbe
+from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
+from mjrun.probe.select import ALIASES, PAIRS, select
+
+NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
+# Derived fields that are complete before the last stage; all others need the last.
+STAGES: dict[str, int] = {
+    **dict.fromkeys(("cvel", "cdof_dot", "qfrc_bias", "qfrc_passive", "ten_velocity", "actuator_velocity"), VELOCITY),
+    **dict.fromkeys(("energy", "subtree_linvel", "subtree_angmom"), VELOCITY),
+    **dict.fromkeys(("xpos", "xquat", "xmat", "xipos", "ximat", "xanchor", "xaxis", "subtree_com"), POSITION),
+    **dict.fromkeys(("geom_xpos", "geom_xmat", "site_xpos", "site_xmat", "cam_xpos", "cam_xmat"), POSITION),
+    **dict.fromkeys(("light_xpos", "light_xdir", "cdof", "cinert", "ten_length", "actuator_length"), POSITION),
+    **dict.fromkeys(("ncon", "crb"), POSITION),
+    **dict.fromkeys(state.FIELDS, NONE),
+}
+
+# Computations that a step leaves out, and the type of sensor that makes a step perform them.
+SENSORS: dict[Callable[[mujoco.MjModel, mujoco.MjData], None], mujoco.mjtSensor] = {
+    mujoco.mj_rnePostConstraint: mujoco.mjtSensor.mjSENS_FRAMELINACC,
+    mujoco.mj_subtreeVel: mujoco.mjtSensor.mjSENS_SUBTREELINVEL,
+}
+SENSED = tuple(field for field, computation in LAZY.items() if computation in SENSORS)
+NO_SENSORS = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+
+Rows = slice | np.ndarray
+ALL = slice(None)
+Read = Callable[[Rows, np.ndarray], None]  # reads some worlds into `(k, columns)`
+
+
+@dataclass(frozen=True, eq=False)
+class _FieldPiece:
+    """Numbers of a field.
+
+    Attributes:
+      places: of the numbers in the field.
+      is_left_out: whether a step leaves the field out, so that it is computed on an MjData.
+    """
+
+    field: str
+    places: np.ndarray
+    is_left_out: bool
+
+    @property
+    def needs_data(self) -> bool:
+        return self.is_left_out
+
+    @property
+    def fields(self) -> Sequence[str]:
+        return () if self.is_left_out else (self.field,)
+
+    @property
+    def count(self) -> int:
+        return len(self.places)
+
+
+@dataclass(frozen=True, eq=False)
+class _ProbePiece:
+    """Numbers that a probe computes from fields, or measures on an MjData."""
+
+    probe: FieldProbe | InstantProbe
+
+    @property
+    def needs_data(self) -> bool:
+        return isinstance(self.probe, InstantProbe)
+
+    @property
+    def fields(self) -> Sequence[str]:
+        return self.probe.fields if isinstance(self.probe, FieldProbe) else ()
+
+    @property
+    def count(self) -> int:
+        return len(self.probe.columns)
+
+
+_Piece = _FieldPiece | _ProbePiece
+
+
+class MeasurementPlan:
+    """The sources of columns.
+
+    Args:
+      model: with the columns.
+      names: of the columns in order; a name may occur several times.
+      can_sense: whether sensors can be appended to the model, which make MuJoCo compute what a step leaves out.
+
+    Attributes:
+      count: the number of columns.
+      pieces: from which they are read.
+      sensed: the fields that need such sensors.
+      stage: the last stage that MuJoCo must compute, `mjtStage`.
+      needs_data: whether some columns need an MjData of each world.
+      needs_energy: whether some read an energy, which MuJoCo computes on demand.
+    """
+
+    def __init__(self, model: mujoco.MjModel, names: Sequence[str], can_sense: bool) -> None:
+        self._model = model
+        self._group = cache(self._group_of)
+        self.count = len(names)
+        self.pieces = list(self._pieces(names, can_sense))
+        self.needs_data = any(piece.needs_data for piece in self.pieces)
+        if self.needs_data:  # the MjData computes the rest too, without sensors
+            self.pieces = list(self._pieces(names, can_sense=False))
+
+        fields = [field for piece in self.pieces for field in piece.fields]
+        copied = [piece.field for piece in self.pieces if isinstance(piece, _FieldPiece) and not piece.is_left_out]
+        self.sensed = tuple(dict.fromkeys(field for field in copied if field in LAZY))
+        self.stage = ACCELERATION if self.needs_data else max(map(self._stage, fields), default=NONE)
+        self.needs_energy = "energy" in fields
+
+    def _group_of(self, group: str) -> tuple[Sequence[Column], Probe]:
+        """Returns the columns of a group, and the probe that has them."""
+        field = ALIASES.get(group, group)
+        if field in extents():
+            probe: Probe = recorded_probe(self._model, field, group)
+        else:
+            (selected,) = select(self._model, [group])
+            assert not isinstance(selected, EpisodeProbe)  # refused in a task
+            probe = selected
+        return probe.columns, probe
+
+    def _pieces(self, names: Sequence[str], can_sense: bool) -> Iterator[_Piece]:
+        """Yields the pieces that provide `names`, as few as possible."""
+        for group, members in groupby(names, _group_name):
+            columns, probe = self._group(group)
+            places = {column.name: index for index, column in enumerate(columns)}
+            indices = [places[name] for name in members]
+            field = ALIASES.get(group, group)
+            if field in extents():
+                is_left_out = field in LAZY and not (can_sense and field in SENSED)
+                yield _FieldPiece(field, np.array(indices), is_left_out)
+            else:
+                yield _ProbePiece(probe.only(indices))
+
+    def _stage(self, field: str) -> int:
+        if field == "sensordata":
+            return int(self._model.sensor_needstage.max(initial=NONE))
+        return STAGES.get(field, ACCELERATION)
+
+
+class BatchColumns:
+    """Columns of the worlds of a batch, as of its last call.
+
+    Attributes:
+      count: the number of columns.
+    """
+
+    def __init__(self, batch: Batch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]) -> None:
+        self._batch, self._model_of = batch, model_of
+        self.count = plan.count
+        self._state_fields = state.fields(state.sizes(batch.model))
+        self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that read them
+        self._copied: list[tuple[slice, np.ndarray]] = []  # views `(n, …)` of adjacent numbers of a field
+        self._reads: list[tuple[slice, Read]] = []
+        self._measured: list[tuple[slice, InstantProbe]] = []
+        self._scratch = mujoco.MjData(batch.model)
+        self._computations: list[Callable[[mujoco.MjModel, mujoco.MjData], None]] = []
+        self._computed: list[tuple[slice, np.ndarray, slice | np.ndarray]] = []  # of fields of the scratch MjData
+        start = 0
+        for piece in plan.pieces:
+            place = slice(start, start := start + piece.count)
+            match piece:
+                case _FieldPiece(field=field, is_left_out=True):
+                    if LAZY[field] not in self._computations:
+                        self._computations.append(LAZY[field])
+                    values = getattr(self._scratch, field).reshape(-1)
+                    self._computed.append((place, values, as_slice(piece.places)))
+                case _FieldPiece():
+                    self._gather(place, piece)
+                case _ProbePiece(probe=FieldProbe() as probe):
+                    self._reads.append((place, self._compute(probe)))
+                case _ProbePiece(probe=InstantProbe() as probe):
+                    self._measured.append((place, probe))
+        self._needs_data = bool(self._computed or self._measured)
+
+    @property
+    def memory(self) -> list[np.ndarray]:
+        """The fields that it remembers of each world `(count, …)`."""
+        return [*self._first.values()]
+
+    def begin(self, rows: Rows) -> None:
+        """Takes the current instant as the first of an episode in each of these worlds."""
+        for field, first in self._first.items():
+            first[rows] = self._batch.bind(field)[rows]
+
+    def read(self, rows: Rows, out: np.ndarray) -> None:
+        """Writes the columns of the worlds `rows` into `out` `(k, columns)`."""
+        for place, values in self._copied:
+            out[:, place] = values[rows]
+        for place, read in self._reads:
+            read(rows, out[:, place])
+        if self._needs_data:
+            self._examine(np.arange(self._batch.nsim)[rows], out)
+
+    def reader(self, out: np.ndarray) -> Callable[[], None]:
+        """Returns a function that writes the columns of the only world into `out` `(columns,)`, faster than `read`."""
+        copies = [(out[place], values[0]) for place, values in self._copied]
+        reads = [(read, out[None, place]) for place, read in self._reads]
+
+        def read_all() -> None:
+            for target, values in copies:
+                target[...] = values
+            for read, target in reads:
+                read(ALL, target)
+            if self._needs_data:
+                self._examine(np.zeros(1, int), out[None])
+
+        return read_all
+
+    def _examine(self, worlds: np.ndarray, out: np.ndarray) -> None:
+        """Writes the columns that need an MjData into `out` `(k, columns)`."""
+        for row, world in zip(out, worlds.tolist(), strict=True):
+            model, data = self._model_of(world), self._scratch
+            self._batch.get_data(world, data)
+            for place, probe in self._measured:
+                row[place] = probe.measure(model, data)
+            for computation in self._computations:
+                computation(model, data)
+            for place, values, places in self._computed:
+                row[place] = values[places]
+
+    def _gather(self, place: slice, piece: _FieldPiece) -> None:
+        """Prepares reading numbers of a field into the columns `place`."""
+        if piece.field in state.FIELDS:  # these fields are views of the states, gathered from there
+            start = self._state_fields[piece.field].start
+            values, places = self._batch.state, piece.places + start
+        else:
+            values, places = self._batch.bind(piece.field), piece.places
+            values = values.reshape(self._batch.nsim, -1)
+        run = as_slice(places)
+        if isinstance(run, slice):
+            self._copied.append((place, values[:, run]))
+            return
+
+        def gather(rows: Rows, out: np.ndarray) -> None:
+            out[:] = values[:, places] if isinstance(rows, slice) else values[rows[:, None], places]
+
+        self._reads.append((place, gather))
+
+    def _compute(self, probe: FieldProbe) -> Read:
+        fields = {name: self._batch.bind(name) for name in probe.fields}
+        if probe.needs_initial:
+            self._first |= {name: np.zeros_like(values) for name, values in fields.items()}
+        first = self._first
+
+        def compute(rows: Rows, out: np.ndarray) -> None:
+            now = {name: values[rows] for name, values in fields.items()}
+            initial = {name: first[name][rows] for name in fields} if probe.needs_initial else now
+            out[:] = probe.compute(now, initial)
+
+        return compute
+
+
+@dataclass(frozen=True)
+class SourceWithSensors(Source):
+    """A model with sensors appended, so that a step also computes `fields`, which it would otherwise leave out.
+
+    Args:
+      source: of the model, with its own overrides.
+      fields: of MjData, from `SENSED`.
+    """
+
+    source: Source
+    fields: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        return self.source.text
+
+    @property
+    def stem(self) -> str:
+        return self.source.stem
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return self.source.files
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return replace(self, source=self.source.stored_at(place))
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        spec, _ = self.source.with_overrides(self.overrides).compile()
+        assert spec, "a compiled model cannot get sensors"
+        for computation in dict.fromkeys(LAZY[field] for field in self.fields):
+            spec.add_sensor(type=SENSORS[computation], objtype=mujoco.mjtObj.mjOBJ_BODY, objname="world")
+        return spec, spec.compile()
+
+
+def can_sense(spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> bool:
+    """Returns whether sensors can be appended to a model, and MuJoCo computes them."""
+    return spec is not None and not model.opt.disableflags & NO_SENSORS
+
+
+def as_slice(places: np.ndarray) -> slice | np.ndarray:
+    """Returns adjacent `places` as a slice, which is faster, and any others unchanged."""
+    start = int(places[0]) if len(places) else 0
+    run = slice(start, start + len(places))
+    return run if np.array_equal(places, np.arange(run.start, run.stop)) else places
+
+
+def _group_name(name: str) -> str:
+    """Returns the group by which a column can be selected with others; contacts of a pair are a group each."""
+    is_pair = name.startswith(f"{PAIRS}/") and name.count("/") > 1
+    return name if is_pair else name.partition("/")[0]

@@ -1,0 +1,76 @@
+"""Reports: the form that is printed, and where."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import pytest
+
+from mjrun.cli.command_report import Report, annotation
+from mjrun.cli.console import Console
+
+
+@dataclass(frozen=True)
+class Result:
+    value: int = 3
+
+
+def not_made() -> str:
+    raise AssertionError("no form is made that is not printed")
+
+
+ALL = Report(
+    "thing",
+    Result(),
+    text=lambda: "text",
+    summary=lambda: "summary",
+    forms={"csv": lambda: "a,b", "sarif": lambda: {"version": "2.1.0"}, "github": lambda: ""},
+)
+SHORT = Report("", Result(), summary=lambda: "long\nsummary", forms={"csv": lambda: "a,b"}, remark=lambda: "remark")
+JSON = {"value": 3, "schema": "mjrun-thing-1"}
+
+
+@pytest.mark.parametrize(
+    ("report", "form", "verbosity", "out", "err"),
+    [
+        (ALL, "", 0, "text\nsummary\n", ""),
+        (ALL, "", -1, "text\n", ""),
+        (ALL, "csv", 0, "a,b\n", "summary\n"),
+        (ALL, "csv", -1, "a,b\n", ""),
+        (ALL, "github", 0, "", "summary\n"),
+        (ALL, "sarif", 0, '{\n  "version": "2.1.0"\n}\n', "summary\n"),
+        (SHORT, "", 0, "long\nsummary\n", ""),
+        (SHORT, "csv", 0, "a,b\n", "remark\n"),
+    ],
+)
+def test_prose_and_other_forms_have_their_streams(
+    capsys: pytest.CaptureFixture[str], report: Report, form: str, verbosity: int, out: str, err: str
+) -> None:
+    console = Console()
+    console.verbosity = verbosity
+    console.answer(report, form)
+    console.finish()
+    assert capsys.readouterr() == (out, err)
+
+
+def test_a_summary_makes_way_for_the_output(capsys: pytest.CaptureFixture[str]) -> None:
+    Console().answer(SHORT, is_piped=True)
+    assert capsys.readouterr() == ("", "long\nsummary\n")
+
+
+@pytest.mark.parametrize(("kind", "expected"), [("thing", JSON), ("", {"value": 3})])
+def test_json_is_the_result_and_its_schema_alone(
+    capsys: pytest.CaptureFixture[str], kind: str, expected: dict[str, object]
+) -> None:
+    console = Console(as_json=True)
+    console.answer(Report(kind, Result(), text=not_made, summary=not_made, forms={"csv": not_made}))
+    console.finish()
+    assert json.loads(capsys.readouterr().out) == expected
+
+
+def test_an_annotation_is_one_line_whatever_it_says() -> None:
+    assert annotation("error", "100%\r\nb", "a,b:c.csv", "x: y", 3) == (
+        r"::error file=a%2Cb%3Ac.csv,line=3,title=x%3A y::100%25\r%0Ab"
+    )
+    assert annotation("notice", "text", "f", "t") == "::notice file=f,title=t::text"

@@ -1,0 +1,67 @@
+"""Results of studies, read back against pandas."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.errors import FileError
+from mjrun.formats.study_reader import NAME, point_values, read_point, read_study, values_in_words
+from mjrun.formats.table_writer import TableWriter
+from mjrun.model.table_column import Column
+
+COLUMNS = [
+    Column("point"),
+    Column("mass"),
+    Column("model", labels=("a.xml", "b.xml")),
+    Column("z", meaning="metric"),
+    Column("status", labels=("ok", "failed")),
+    Column("message", labels=("no mesh",)),
+]
+ROWS = np.array([[0, 0.5, 0, 2.5, 0, -1], [1, 1.5, 1, np.nan, 1, 0]])
+
+
+def write(folder: Path, manifest: dict[str, object]) -> Path:
+    with TableWriter(str(folder / "results.parquet"), "parquet", COLUMNS, manifest) as writer:
+        writer.write(ROWS)
+        writer.publish()
+    return folder
+
+
+def test_numbers_and_texts_are_those_that_pandas_reads(tmp_path: Path) -> None:
+    study = read_study(write(tmp_path, {"metrics": {"z": "last(xpos/box/z)"}}))
+    frame = pd.read_parquet(tmp_path / "results.parquet")
+    assert (study.parameters, study.metrics, len(study)) == (["mass", "model"], ["z"], 2)
+    for name, values in study.numbers.items():
+        np.testing.assert_array_equal(values, frame[name])
+    assert list(study.texts["model"]) == frame["model"].tolist()
+    assert study.status.tolist() == ["ok", "failed"]
+    assert study.texts["message"] == ["", "no mesh"]
+
+
+def test_a_folder_that_is_no_study_is_told(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"has no results\.parquet"):
+        read_study(tmp_path)
+    with pytest.raises(FileError, match="holds no results of a study"):
+        read_study(write(tmp_path, {}))
+    (tmp_path / "results.parquet").write_text("nothing")
+    with pytest.raises(FileError, match="cannot be read"):
+        read_study(tmp_path)
+
+
+def test_values_have_the_shortest_names_that_tell_them_apart() -> None:
+    values = {"opt.timestep": "0.0100000", "geom/floor.friction[0]": "0.123456", "geom/ball.friction[0]": "2"}
+    assert values_in_words(values) == ["timestep 0.01", "floor.friction[0] 0.1235", "ball.friction[0] 2"]
+    assert values_in_words({"model": "models/car.xml", "seed": "3"}) == ["model car", "seed 3"]
+    assert values_in_words({"model": "models/arm.urdf", "ctrl_from": "a/b.csv"}) == ["model arm", "ctrl_from a/b.csv"]
+    assert values_in_words({"qpos/hip": "1", "qvel/hip": "2"}) == ["qpos/hip 1", "qvel/hip 2"]
+
+
+def test_a_manifest_that_is_not_there_or_broken_tells_nothing(tmp_path: Path) -> None:
+    assert read_point(tmp_path) == {}
+    (tmp_path / NAME).write_text("[1")
+    assert point_values(tmp_path) == {}
+    (tmp_path / NAME).write_text(json.dumps({"values": {"seed": "3"}}))
+    assert point_values(tmp_path) == {"seed": "3"}

@@ -1,0 +1,188 @@
+"""The look of figures: text that fits, ticks, themes, and the grid of panels."""
+
+import math
+import re
+
+import matplotlib
+import pytest
+
+from mjrun.errors import BadValueError
+from mjrun.options.plot import STYLES
+from mjrun.plotting.matplotlib_figure import Canvas, settings
+from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
+from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
+from mjrun.plotting.ticks import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
+
+LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
+CANVAS = Canvas(GRID, LIGHT)
+
+
+@pytest.mark.parametrize("text", ["short", "contact_force/normal/z", "ω" * 300, "一" * 40])
+@pytest.mark.parametrize("room", [30, 100, 250])
+def test_a_fitted_text_has_no_more_than_its_room(text: str, room: float) -> None:
+    shown = CANVAS.fitted(text, room, 12)
+    assert CANVAS.measure(shown, 12) <= room
+    if "…" in shown:
+        head, tail = shown.split("…")
+        whole = CANVAS.shown(text)
+        assert whole.startswith(head)
+        assert whole.endswith(tail)
+    else:
+        assert shown in (CANVAS.shown(text), text[:1])
+
+
+def test_bold_text_is_wider_and_larger_text_too() -> None:
+    assert CANVAS.measure("text", 12) < CANVAS.measure("text", 12, bold=True)
+    assert CANVAS.measure("text", 24) == pytest.approx(2 * CANVAS.measure("text", 12), rel=0.1)
+
+
+def test_letters_without_a_shape_are_left_to_who_shows_them_if_asked() -> None:
+    assert CANVAS.shown("位\n") == "\\u4f4d\\n"
+    assert Canvas(GRID, LIGHT, any_letter=True).shown("位\n") == "位\\n"
+
+
+def test_settings_are_ours_and_the_user_s_come_back() -> None:
+    with matplotlib.rc_context({"font.size": 31}):
+        with settings(LIGHT, 12.0):
+            assert matplotlib.rcParams["font.size"] == 10
+            assert matplotlib.rcParams["text.parse_math"] is False
+        assert matplotlib.rcParams["font.size"] == 31
+
+
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
+
+
+def number(label: str) -> float:
+    factor, _, power = label.partition("×10") if "×" in label else (label, "", "")
+    if label.startswith("10") and power == "" and any(c in "⁻⁰¹²³⁴⁵⁶⁷⁸⁹" for c in label):
+        return 10.0 ** int(label[2:].translate(RAISED))
+    return float(factor.translate(RAISED)) * 10.0 ** int(power.translate(RAISED) or 0)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [[-0.5, 0, 0.5], [0.30001, 0.30002, 0.30003], [1e-7, 2e-7], [-2.5e9, 0, 2.5e9], [1e6 + 1, 1e6 + 2], [0.25, 0.5]],
+)
+def test_labels_are_the_numbers_and_all_different(values: list[float]) -> None:
+    labels = tick_labels(values)
+    assert len(set(labels)) == len(values)
+    for label, value in zip(labels, values, strict=True):
+        assert math.isclose(number(label), value, rel_tol=1e-12, abs_tol=1e-12 * max(map(abs, values)))
+
+
+def test_labels_have_the_digits_that_they_need() -> None:
+    assert tick_labels([-0.5, 0.0, 0.5]) == ["−0.5", "0", "0.5"]
+    assert tick_labels([100.0, 200.0]) == ["100", "200"]
+    assert tick_labels([2e-6, 4e-6]) == ["2×10⁻⁶", "4×10⁻⁶"]
+    assert tick_labels([0.0]) == ["0"]
+    assert tick_labels([]) == []
+
+
+@pytest.mark.parametrize("value", [1e-9, 2e-5, 0.001, 0.5, 1, 20, 1000, 1e5, 3e12])
+def test_a_logarithmic_label_is_the_number(value: float) -> None:
+    assert math.isclose(number(log_label(value)), value)
+
+
+@pytest.mark.parametrize("most", [1, 3, 8])
+@pytest.mark.parametrize(("low", "high"), [(0, 1), (-3e-7, 2e-7), (0.3, 0.30001), (1e9, 1e9 + 5), (-2.5, 97)])
+def test_ticks_are_within_the_range_and_not_too_many(low: float, high: float, most: int) -> None:
+    ticks = linear_ticks(low, high, most)
+    assert 1 <= len(ticks) <= most + 2
+    assert all(low <= value <= high for value in ticks)
+    assert len(set(labels_of(ticks, low, high, log=False))) == len(ticks)
+
+
+def test_counts_have_ticks_at_whole_numbers() -> None:
+    assert linear_ticks(-0.1, 2.1, 8, whole=True) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("low", "high"), [(1e-6, 1e6), (0.5, 30), (2, 2.2), (87, 88), (1e-30, 1e30)])
+@pytest.mark.parametrize("most", [2, 8])
+def test_a_logarithmic_axis_has_ticks_whatever_its_range(low: float, high: float, most: int) -> None:
+    ticks = log_ticks(low, high, most)
+    assert 1 <= len(ticks) <= 12
+    assert all(low <= value <= high for value in ticks)
+    assert len(set(labels_of(ticks, low, high, log=True))) == len(ticks)
+
+
+def test_labels_of_values_have_the_digits_that_tell_them_apart() -> None:
+    assert value_labels([0.001, 0.5, -2]) == ["0.001", "0.5", "−2"]
+    assert value_labels([1.0001, 1.0002]) == ["1.0001", "1.0002"]
+    assert value_labels([1e-6, 2e9]) == ["10⁻⁶", "2×10⁹"]
+    assert value_labels([]) == []
+
+
+def test_every_style_has_a_theme() -> None:
+    assert tuple(THEMES) == STYLES
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_curves_differ_in_colour_or_pattern(style: str) -> None:
+    theme = THEMES[style]
+    count = len(theme.curves) * len(PATTERNS)
+    looks = {(theme.colour(index), theme.pattern(index)) for index in range(count)}
+    assert len(looks) == count
+
+
+def test_on_paper_neighbours_differ_without_colour_too() -> None:
+    theme = THEMES["print"]
+    assert len({theme.pattern(index) for index in range(6)}) == 6
+
+
+def test_a_second_column_of_a_table_has_another_pattern() -> None:
+    assert THEMES["light"].pattern(0, 1) != THEMES["light"].pattern(0)
+
+
+def shown(svg: str, declarations: str) -> str:
+    """What a browser shows: variables are what was declared last."""
+    values = dict(re.findall(r"(--[\w-]+): (#\w+);", declarations))
+    return re.sub(r"var\((--[\w-]+)\)", lambda found: values[found[1]], svg)
+
+
+def colours(theme: Theme) -> list[str]:
+    every = [theme.ground, theme.ink, theme.grey, theme.grid, theme.zero, *theme.curves]
+    return ["#{:02x}{:02x}{:02x}".format(*colour) for colour in every]
+
+
+def test_a_light_figure_is_itself_on_light_ground_and_the_dark_one_on_dark() -> None:
+    light, dark = ("; ".join(colours(THEMES[style])) for style in ("light", "dark"))
+    figure, style = adaptive(light), theme_style()
+    assert "#" not in figure
+    assert shown(figure, style.partition("@media")[0]) == light
+    assert shown(figure, style) == dark
+
+
+def test_other_colours_stay() -> None:
+    assert adaptive("fill: #123456; d: #ffffffff") == "fill: #123456; d: #ffffffff"
+
+
+@pytest.mark.parametrize("panels", [1, 2, 4, 5, 6, 16, 48])
+def test_a_figure_grows_with_its_panels(panels: int) -> None:
+    grid = panel_grid(PanelCount(panels, 3, False), None, None)
+    assert grid.rows * grid.columns >= panels > (grid.rows - 1) * grid.columns
+    assert grid.size[1] / grid.rows >= 12 * grid.em
+    assert 10 < grid.em < 20
+
+
+def test_a_larger_legend_makes_higher_panels_up_to_a_bound() -> None:
+    heights = [panel_grid(PanelCount(8, names, False), None, None).size[1] for names in (2, 12, 300)]
+    assert heights[0] < heights[1] <= heights[2] < 3000
+
+
+def test_what_is_asked_for_is_kept() -> None:
+    grid = panel_grid(PanelCount(6, 3, True), (640, 480), 3)
+    assert (grid.size, grid.columns, grid.rows) == ((640, 480), 3, 2)
+    assert panel_grid(PanelCount(2, 3, True), None, 8).columns == 2
+
+
+def test_panels_without_room_are_refused() -> None:
+    with pytest.raises(BadValueError, match=r"size: '640x200' is not at least 140x320 for 5 panels"):
+        panel_grid(PanelCount(5, 1, False), (640, 200), None)
+    with pytest.raises(BadValueError, match=r"at least 420x96 for 3 panels"):
+        panel_grid(PanelCount(3, 1, False), (300, 300), 3)
+
+
+@pytest.mark.parametrize("size", [(100_000, 1000), (20_000, 20_000)])
+def test_more_pixels_than_memory_may_hold_are_refused(size: tuple[int, int]) -> None:
+    with pytest.raises(BadValueError, match=r"is not at most 65535 a side and 100 megapixels"):
+        panel_grid(PanelCount(1, 1, False), size, None)

@@ -1,0 +1,87 @@
+"""Assertions about a table of a known model: what is measured, what could be, and what is not there."""
+
+import mujoco
+import pytest
+
+from mjrun.errors import UsageError
+from mjrun.probe.assertion import parse
+from mjrun.probe.select import select
+from mjrun.probe.vocabularies import TraceVocabulary
+
+MODEL = mujoco.MjModel.from_xml_string(
+    """
+    <mujoco>
+      <worldbody>
+        <geom name="floor" type="plane" size="1 1 1"/>
+        <body name="arm"><joint name="hip"/><geom name="skin" size=".1" pos=".1 0 0"/>
+          <site name="low_tip"/><site name="it's"/></body>
+      </worldbody>
+    </mujoco>
+    """
+)
+
+
+def columns_of(*asked: str) -> list[str]:
+    return ["time", *(column.name for probe in select(MODEL, asked) for column in probe.columns)]
+
+
+MEASURED = columns_of("qpos", "speed[low_tip,it's]", "site_xpos[low_tip]", "contact/skin/floor", "energy[drift]")
+
+
+@pytest.mark.parametrize(
+    ("text", "columns"),
+    [
+        ("max(speed(low_tip)) < 1", ("speed/low_tip",)),
+        ("speed('it''s') < 1", ("speed/it's",)),
+        ("max(abs(site_xpos(low_tip).z)) < first(xpos(low_tip).x)", ("site_xpos/low_tip/x", "site_xpos/low_tip/z")),
+        ("not (qpos(hip) < 1 and (time > 2))", ("time", "qpos/hip")),
+        ("contact(skin, floor) == 0", ("contact/skin/floor",)),
+        ("energy(drift) < 1", ("energy/drift",)),
+    ],
+)
+def test_an_assertion_may_call_a_column_as_an_event_does(text: str, columns: tuple[str, ...]) -> None:
+    assert parse(text, TraceVocabulary(MEASURED, MODEL)).columns == columns
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "probe"),
+    [
+        ("max(speed/arm) < 1", "speed/arm", "speed/arm"),
+        ("max(speed(arm)) < 1", "speed/arm", "speed/arm"),
+        ("'qvel/hip' < 1", "qvel/hip", "qvel/hip"),
+        ("xpos/skin/z < 1", "xpos/skin/z", "geom_xpos/skin/z"),
+        ("contact/floor/skin < 1", "contact/floor/skin", "contact/floor/skin"),
+        ("contact(arm, floor) < 1", "contact/arm/floor", "contact/arm/floor"),
+    ],
+)
+def test_what_could_be_measured_is_told_with_the_probe_that_measures_it(text: str, name: str, probe: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        parse(text, TraceVocabulary(MEASURED, MODEL))
+    first, hint = str(caught.value).splitlines()
+    assert first.startswith(f"no column '{name}' in '")
+    assert hint == f"the model offers it: add probe {probe}"
+    assert columns_of(probe) == ["time", probe]
+    if name == probe:
+        assert probe in parse(text, TraceVocabulary([*MEASURED, probe], MODEL)).columns
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("xpos/low_tip/z < 1", "found 'xpos/low_tip/z', expected the column's own name, site_xpos/low_tip/z"),
+        ("sped(low_tip) < 1", "no function or probe 'sped'"),
+        ("speed(low_tp) < 1", "no object 'low_tp' in 'speed(low_tp) < 1', character 7 (did you mean 'low_tip'?)"),
+        (
+            "qpos/hop < 1",
+            "no column 'qpos/hop' in 'qpos/hop < 1', character 1 (did you mean 'qpos/hip'?)\ncolumns: time",
+        ),
+        (
+            "site_xpos(low_tip) < 1",
+            "found site_xpos(low_tip), which has several components, expected one of .x, .y, .z",
+        ),
+    ],
+)
+def test_what_is_not_there_is_told_as_ever(text: str, message: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        parse(text, TraceVocabulary(MEASURED, MODEL))
+    assert message in str(caught.value)

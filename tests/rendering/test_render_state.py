@@ -1,0 +1,109 @@
+"""One image of a state, against rays, files of mjrun, and MuJoCo's own cameras."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+import mjrun
+from mjrun.errors import UnknownNameError, UsageError
+from mjrun.rendering.render_state import CACHED
+from mjrun.rendering.segment_ids import Segmentation
+
+SIZE = (48, 32)
+XML = """
+<mujoco>
+  <worldbody>
+    <light pos="0 0 4"/>
+    <geom name="floor" type="plane" size="2 2 .1" rgba=".3 .4 .5 1"/>
+    <camera name="top" pos="0 0 3" fovy="60"/>
+    <body name="box" pos="0 0 .5"><freejoint/><geom name="cube" type="box" size=".3 .3 .3" rgba="1 .2 .1 1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+def moved(model: mujoco.MjModel, x: float = 0.4) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    data.qpos[0] = x
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_depth_and_ids_are_those_of_rays(model: mujoco.MjModel) -> None:
+    data, (width, height) = moved(model), SIZE
+    depth, ids = (mjrun.render(model, data, "top", SIZE, view) for view in ("depth", "seg"))
+    assert (depth.shape, depth.dtype, ids.shape, ids.dtype) == ((32, 48), np.float32, (32, 48), np.int32)
+    legend = Segmentation(model).legend
+    camera, slope = data.camera("top"), np.tan(np.radians(30)) / (height / 2)
+    for row, column in [(16, 24), (3, 5), (16, 32), (28, 40), (15, 28)]:
+        direction = np.array([(column + 0.5 - width / 2) * slope, (height / 2 - row - 0.5) * slope, -1.0])
+        geom = np.zeros(1, np.int32)
+        ray = camera.xmat.reshape(3, 3) @ direction
+        distance = mujoco.mj_ray(model, data, camera.xpos, ray, None, 1, -1, geom)
+        assert depth[row, column] == pytest.approx(distance if distance > 0 else np.inf, rel=1e-3)
+        assert ids[row, column] < 0 if distance < 0 else legend[ids[row, column]].name == model.geom(geom[0]).name
+
+
+def test_colours_are_those_of_an_image_file(model: mujoco.MjModel, tmp_path: Path) -> None:
+    path = str(tmp_path / "a.png")
+    mjrun.Image(mjrun.Simulation(model, duration=1), path, camera="orbit:lookat=box", size=SIZE).run()
+    data = mujoco.MjData(model)
+    image = mjrun.render(model, data, "orbit:lookat=box", SIZE)
+    assert image.dtype == np.uint8
+    assert np.array_equal(image, np.asarray(Image.open(path)))
+
+
+def test_the_data_stays_as_it_is(model: mujoco.MjModel) -> None:
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3  # without mj_forward: xpos is that of before
+    before = {name: np.array(getattr(data, name)) for name in ("qpos", "qvel", "xpos", "geom_xpos", "qacc", "cvel")}
+    image = mjrun.render(model, data, "top", SIZE)
+    assert all(np.array_equal(value, getattr(data, name)) for name, value in before.items())
+    assert np.array_equal(image, mjrun.render(model, moved(model, 0.3), "top", SIZE))
+
+
+@pytest.mark.parametrize(("camera", "same"), [(0, "top"), ("camera:0", "top"), (mujoco.MjvCamera(), "free")])
+def test_a_camera_may_be_a_name_an_index_or_mujoco_s(model: mujoco.MjModel, camera: object, same: str) -> None:
+    data = moved(model)
+    if isinstance(camera, mujoco.MjvCamera):
+        mujoco.mjv_defaultFreeCamera(model, camera)
+    one, other = (mjrun.render(model, data, each, SIZE).astype(int) for each in (camera, same))  # type: ignore[arg-type]
+    assert np.abs(one - other).max() <= 2  # of float32
+
+
+def test_renderers_of_several_models_and_sizes_do_not_disturb_each_other(model: mujoco.MjModel) -> None:
+    others = [mujoco.MjModel.from_xml_string(XML.replace("1 .2 .1", f".1 .{k} 1")) for k in range(CACHED + 1)]
+    expected = mjrun.render(model, moved(model), "top", SIZE)
+    colours = [mjrun.render(other, moved(other), "top", SIZE)[16, 30] for other in others]
+    assert len({tuple(colour) for colour in colours}) == len(others)
+    assert mjrun.render(model, moved(model), "top", (20, 30)).shape == (30, 20, 3)
+    assert np.array_equal(mjrun.render(model, moved(model), "top", SIZE), expected)
+
+
+def test_what_is_not_there_is_refused(model: mujoco.MjModel) -> None:
+    with pytest.raises(UnknownNameError, match="no camera 'tpo'") as caught:
+        mjrun.render(model, moved(model), "tpo", SIZE)
+    assert caught.value.path == ("camera",)
+    with pytest.raises(UsageError, match="no view 'ids'\nviews: rgb, depth, seg"):
+        mjrun.render(model, moved(model), "top", SIZE, "ids")
+
+
+def test_nothing_is_printed_when_the_interpreter_ends() -> None:
+    code = f"import mujoco, mjrun; m = mujoco.MjModel.from_xml_string({XML!r}); d = mujoco.MjData(m)"
+    code += "; print(mjrun.render(m, d, 'top').shape, mjrun.render(m, d, 'top', (8, 8), 'depth').shape)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "(480, 640, 3) (8, 8)\n", "")

@@ -1,0 +1,161 @@
+"""Studies before they run: prepared, previewed against the study that is run, and planned for tasks."""
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.errors import FailedPointsError, FileError, UsageError
+from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.executors import ChunkSizes
+from mjrun.study.prepared import PreparedStudy
+from mjrun.study.preview import StudyPreview
+from mjrun.study.spec import StudyPoint
+from mjrun.study.study import Study
+from mjrun.study.task_plan import StudyPlan, TaskResult, plan, run_task, task_points
+from tests.study.models import BALL
+
+
+@pytest.fixture
+def study(ball: Simulation, tmp_path: Path) -> Study:
+    vary = {"qpos/ball/z": "0.2..1:5", "qvel/ball/vz": "0,-1e9"}
+    return Study(ball, str(tmp_path / "study"), vary=vary, metric={"low": "min(qpos/ball/z)"}, jobs=1, chunk=3)
+
+
+def task(made: StudyPlan, number: int, count: int) -> TaskResult:
+    return run_task(made, number, count, WarningReporter())
+
+
+@pytest.mark.slow
+def test_tasks_in_any_order_make_the_table_of_the_study(study: Study, tmp_path: Path) -> None:
+    alone = replace(study, output=str(tmp_path / "alone"))
+    with pytest.raises(FailedPointsError):
+        alone.run()
+    made = plan(study)
+    assert [len(line) for line in made.chunks] == [3, 3, 3, 1]
+    with pytest.raises(FailedPointsError) as caught:
+        study.collect()
+    assert caught.value.results[0].statuses == {"missing": 10}
+
+    done = [task(made, number, 3) for number in (3, 1)]
+    assert [(each.points, each.simulated) for each in done] == [(3, 3), (4, 4)]
+    with pytest.raises(FailedPointsError, match="3 missing, of 10 points"):
+        study.collect()
+    assert [len(line) for line in plan(study).chunks] == [3]
+    assert task(made, 2, 3).simulated == 3
+    assert task(made, 1, 1).simulated == 0
+    with pytest.raises(FailedPointsError) as caught:
+        study.collect()
+    assert caught.value.results[0].statuses == {"ok": 5, "unstable": 5}
+    names = ("results.parquet", "results.csv")
+    assert [(tmp_path / "study" / name).read_bytes() for name in names] == [
+        (tmp_path / "alone" / name).read_bytes() for name in names
+    ]
+
+
+def test_a_task_without_points_does_nothing(study: Study) -> None:
+    assert task(plan(study), 11, 11).points == 0
+
+
+@given(st.lists(st.integers(1, 40), max_size=8), st.integers(1, 60))
+def test_tasks_divide_all_points_evenly(lines: list[int], tasks: int) -> None:
+    every = [StudyPoint(index, ()) for index in range(sum(lines))]
+    ends = np.cumsum([0, *lines]).tolist()
+    made = StudyPlan(
+        Study(Simulation("ball.xml"), "study"), (), {}, [every[start:end] for start, end in pairwise(ends)]
+    )
+    shares = [task_points(made, task, tasks) for task in range(1, tasks + 1)]
+    assert sorted(point.index for share in shares for point in share) == [*range(len(every))]
+    counts = [*map(len, shares)]
+    assert max(counts) - min(counts) <= max(1, -(-len(every) // (4 * tasks)))
+    assert counts.count(0) == max(0, tasks - len(every))
+
+
+def test_a_plan_of_another_model_or_version_is_refused(study: Study, tmp_path: Path) -> None:
+    made = plan(study)
+    other = replace(made, identity={**made.identity, "mujoco": "3.9.9"})
+    with pytest.raises(UsageError, match=r"^the plan was made with other mujoco 3.9.9, here \d"):
+        task(other, 1, 1)
+    (tmp_path / "ball.xml").write_text(BALL.replace("0.002", "0.001"))
+    with pytest.raises(UsageError, match=r"^the plan was made with other model; files\n"):
+        task(made, 1, 1)
+
+
+def test_requirements_are_not_judged_while_points_are_missing(study: Study) -> None:
+    required = replace(study, require=["share(ok) > 0.9"])
+    plan(required)
+    with pytest.raises(FailedPointsError) as caught:
+        required.collect()
+    assert caught.value.results[0].assertions == []
+
+
+def test_there_must_be_something_to_collect(study: Study) -> None:
+    with pytest.raises(FileError, match="contains no results of a study"):
+        study.collect()
+
+
+def test_a_column_of_points_that_is_no_parameter_is_told_with_its_table(study: Study, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text("seed,wrod\n1,2\n")
+    with pytest.raises(UsageError, match="no parameter 'wrod'") as caught:
+        PreparedStudy(replace(study, vary={}, points=str(tmp_path / "points.csv")), study.spec)
+    assert "points.csv are parameters, too" in caught.value.spelled(str)
+
+
+def test_chunks_contain_every_missing_point_once(study: Study) -> None:
+    prepared = PreparedStudy(study, study.spec)
+    assert [result.status for result in prepared.results()] == ["missing"] * 10
+    chunks = [*prepared.chunks(prepared.missing(), study, ChunkSizes(4, 1))]
+    assert [point.index for chunk in chunks for point in chunk.points] == [*range(10)]
+    assert [chunk.points[0].values for chunk in chunks] == [("0.2", "0"), ("0.6", "0"), ("1", "0")]
+
+
+def test_simulated_points_are_known(study: Study) -> None:
+    prepared = PreparedStudy(study, study.spec)
+    prepared.files.create()
+    assert prepared.simulate([1, 2], study, WarningReporter()) == {"unstable": 1, "ok": 1}
+    again = PreparedStudy(study, study.spec)
+    assert again.missing() == again.missing(retry_failed=True) == [0, *range(3, 10)]  # another try is not more stable
+
+
+@pytest.fixture
+def timed(ball: Simulation, study: Study) -> Study:
+    vary = {"opt.timestep": "0.001,0.002,0.01", "seed": "1..4:4"}
+    return replace(study, simulation=replace(ball, steps=None, duration=0.1), vary=vary, jobs=2, chunk=None)
+
+
+def test_it_counts_what_a_run_does_and_writes_nothing(timed: Study) -> None:
+    preview: StudyPreview = timed.preview()
+    assert (preview.points, preview.known, preview.missing, preview.processes) == (12, 0, 12, 2)
+    assert preview.steps == 4 * (100 + 50 + 10)
+    assert [each.point for each in preview.sample] == [0, 1, 2, 9, 10, 11]
+    assert preview.sample[-1].values == {"opt.timestep": "0.01", "seed": "4"}
+    assert preview.wall is not None
+    assert preview.wall > (preview.point_wall or 0) > 0
+    assert not Path(timed.output).exists()
+
+    timed.run()
+    files = sum(path.stat().st_size for path in Path(timed.output).rglob("*") if path.is_file())
+    assert 0.3 * files < preview.disk < 3 * files
+    again = timed.preview()
+    assert (again.known, again.missing, again.chunks, again.steps, again.wall) == (12, 0, 0, 0, 0)
+
+
+def test_a_point_that_fails_has_no_time_and_says_why(timed: Study) -> None:
+    folder = Path(timed.output).parent
+    failing = replace(timed, vary={"model": f"{folder}/deadly.xml,{folder}/ball.xml"})
+    preview = failing.preview()
+    assert (preview.point_wall, preview.wall) == (None, None)
+    assert "SIGSEGV" in preview.message
+
+
+def test_an_engine_of_its_own_has_no_known_number_of_processes(timed: Study) -> None:
+    preview = replace(timed, engine="tests.study.factories:threads").preview()
+    assert (preview.processes, preview.wall) == (None, None)
+    assert preview.point_wall is not None
+    with pytest.raises(UsageError, match="engines: local"):
+        replace(timed, engine="ray").preview()
