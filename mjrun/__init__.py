@@ -69,7 +69,7 @@ _HOMES = {
     "read_table": "mjrun.formats.table_reader",
     "read_task": "mjrun.document.task",
     "read_video": "mjrun.formats.video_reader",
-    "render": "mjrun.rendering.render_state",
+    "render": "mjrun.rendering.single_render",
     "verify": "mjrun.simulation.verification",
     "write_video": "mjrun.formats.video_writer",
 }

@@ -35,7 +35,7 @@ _COMPARISONS = {
 _LENGTH = 6  # numbers of a release that are compared
 
 
-class Requirement(NamedTuple):
+class PackageRequirement(NamedTuple):
     """A requirement of one package for another.
 
     Attributes:
@@ -128,7 +128,7 @@ def cause_of(error: BaseException) -> MjrunError | None:
     return None
 
 
-def _requiring(needed: Requirement) -> dict[str, str]:
+def _requiring(needed: PackageRequirement) -> dict[str, str]:
     """Returns the reasons for other versions than mjrun's, by the installed packages that require them."""
     from importlib.metadata import distributions
 
@@ -151,7 +151,7 @@ def _requiring(needed: Requirement) -> dict[str, str]:
     return requiring
 
 
-def _requirements() -> list[Requirement]:
+def _requirements() -> list[PackageRequirement]:
     """Returns mjrun's requirements; empty if it is not installed, as in a folder on PYTHONPATH."""
     from importlib.metadata import PackageNotFoundError, distribution
 
@@ -161,13 +161,13 @@ def _requirements() -> list[Requirement]:
         return []
 
 
-def _read(distribution: "Distribution") -> list[Requirement]:
+def _read(distribution: "Distribution") -> list[PackageRequirement]:
     """Reads a package's requirements from its headers alone, as parsing a whole README is slow."""
     headers, _, _ = (distribution.read_text("METADATA") or "").partition("\n\n")
     texts = [line.removeprefix(FIELD) for line in headers.splitlines() if line.startswith(FIELD)]
     matches = [match for match in (re.match(_REQUIREMENT, text) for text in texts) if match]
     return [
-        Requirement(_normalized(name), specifier.strip(), (marker or "").strip())
+        PackageRequirement(_normalized(name), specifier.strip(), (marker or "").strip())
         for name, specifier, marker in (match.groups() for match in matches)
     ]
 

@@ -9,7 +9,7 @@ import pytest
 import mjrun.doctor
 from mjrun.doctor import examine, extras
 from mjrun.errors import UnknownNameError
-from mjrun.packages import PACKAGES, Requirement
+from mjrun.packages import PACKAGES, PackageRequirement
 from mjrun.rendering.backend import DEVICE, GL, Backend
 
 ROOT = Path(__file__).parents[1]
@@ -52,7 +52,7 @@ def test_an_extra_that_is_not_installed_is_a_warning_with_its_command(monkeypatc
 
 
 def test_a_package_of_a_wrong_version_is_marked_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    needed = [Requirement("numpy", ">=99", ""), Requirement("h5py", ">=99", "extra == 'hdf5'")]
+    needed = [PackageRequirement("numpy", ">=99", ""), PackageRequirement("h5py", ">=99", "extra == 'hdf5'")]
     monkeypatch.setattr("mjrun.packages._requirements", lambda: needed)
     versions = {diagnostic.name: diagnostic for diagnostic in mjrun.doctor._versions()}
     assert (versions["numpy"].status, versions["mujoco"].status) == ("missing", "warning")

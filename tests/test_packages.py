@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 import mjrun
 import mjrun.packages
 from mjrun.errors import MissingExtraError, WrongVersionError
-from mjrun.packages import Requirement, cause_of, require, require_all, require_computing, wrong_versions
+from mjrun.packages import PackageRequirement, cause_of, require, require_all, require_computing, wrong_versions
 from tests.packages import hidden, planted, run_with
 
 RELEASES = ["0", "1", "1.0", "1.2", "1.2.0", "1.2.3", "1.10", "2", "2.0.1", "10.1", "1.2.3.4"]
@@ -28,7 +28,7 @@ def test_a_version_is_allowed_where_packaging_allows_it() -> None:
     pairs = [">=1.2,<2", "<15,>=13.7", ">1,!=1.2.*", ""]
     for version, specifier in itertools.product([*RELEASES, "1.2.1", "1.3", "14.3.4", "15"], [*CLAUSES, *pairs]):
         allowed = SpecifierSet(specifier).contains(version)
-        assert Requirement("x", specifier, "").allows(version) == allowed, (version, specifier)
+        assert PackageRequirement("x", specifier, "").allows(version) == allowed, (version, specifier)
 
 
 def test_what_installed_packages_need_is_read_as_packaging_reads_it() -> None:
@@ -47,16 +47,20 @@ def test_what_installed_packages_need_is_read_as_packaging_reads_it() -> None:
 
 
 def test_a_local_or_unfinished_version_counts_as_its_release() -> None:
-    assert Requirement("torch", ">=2.13", "").allows("2.13.0+cpu")
-    assert not Requirement("mujoco", ">=4", "").allows("3.11.0rc1")
+    assert PackageRequirement("torch", ">=2.13", "").allows("2.13.0+cpu")
+    assert not PackageRequirement("mujoco", ">=4", "").allows("3.11.0rc1")
 
 
-def needs(monkeypatch: pytest.MonkeyPatch, *requirements: Requirement) -> None:
+def needs(monkeypatch: pytest.MonkeyPatch, *requirements: PackageRequirement) -> None:
     monkeypatch.setattr(mjrun.packages, "_requirements", lambda: list(requirements))
 
 
 def test_a_library_is_required_in_a_version_that_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    needs(monkeypatch, Requirement("scipy", ">=1", "extra == 'fit'"), Requirement("scikit-image", ">=99", ""))
+    needs(
+        monkeypatch,
+        PackageRequirement("scipy", ">=1", "extra == 'fit'"),
+        PackageRequirement("scikit-image", ">=99", ""),
+    )
     assert require("a fit", "fit", "scipy") == {"scipy": metadata.version("scipy")}
     with pytest.raises(
         MissingExtraError, match=r"^a fit needs not-here, which is not installed\npip install 'mjrun\[fit\]'$"
@@ -74,7 +78,7 @@ def test_a_library_is_required_in_a_version_that_works(monkeypatch: pytest.Monke
 def test_mujoco_and_numpy_are_those_that_are_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     require_computing()
     monkeypatch.setattr("mujoco.__version__", "3.11.0")
-    needs(monkeypatch, Requirement("mujoco", ">=4", ""), Requirement("numpy", ">=2", ""))
+    needs(monkeypatch, PackageRequirement("mujoco", ">=4", ""), PackageRequirement("numpy", ">=2", ""))
     with pytest.raises(WrongVersionError, match=r"^mjrun needs mujoco>=4, but mujoco 3\.11\.0 is installed"):
         require_computing()
 

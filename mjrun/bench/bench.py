@@ -13,7 +13,7 @@ from typing import Any
 
 import mujoco
 
-from mjrun.bench import output_timing, settings_grid
+from mjrun.bench import grid_timing, output_timing
 from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.block_timing import Clock
 from mjrun.bench.machine_info import MachineInfo, machine_info
@@ -155,15 +155,15 @@ class Bench(BenchOptions):
         is_compiled = isinstance(self.model, mujoco.MjModel)
         model, load = (self.model, None) if is_compiled else output_timing.timed_load(self._source, clock)
         key = TEST if self.key is None and TEST in names(model, "keyframe") else self.key
-        setup = settings_grid.RolloutStart(key, self.noise_std, self.noise_rate)
+        setup = grid_timing.RolloutStart(key, self.noise_std, self.noise_rate)
         simulation = Simulation(self._source, key=setup.key, duration=WHOLE)
         header = self._header(simulation, model, load, machine, warp)
         overridden = [] if base is None else check_same(asdict(header), base, str(self.compare), self.force)
         grid, measurement = self._grid(model, base), self._measurement(warp)
-        settings_grid.check_reference(measurement.reference, grid)
+        grid_timing.check_reference(measurement.reference, grid)
         backends = self._backends()
 
-        rows = settings_grid.timed_grid(grid, setup, measurement, reporter, clock)
+        rows = grid_timing.timed_grid(grid, setup, measurement, reporter, clock)
         frames = self._frames(model, setup, backends, clock)
         whole = (
             [
@@ -176,7 +176,7 @@ class Bench(BenchOptions):
 
         # Warp does not share MuJoCo's known bugs.
         notes = [*machine.disturbances, *(simulation.start if warp else simulation).remarks(model)]
-        notes += [*settings_grid.notes_on(rows, grid), *([LEFT_OUT] if warp else [])]
+        notes += [*grid_timing.notes_on(rows, grid), *([LEFT_OUT] if warp else [])]
         result = replace(header, rows=rows, frames=frames, whole=whole, load_after=machine_info().load, notes=notes)
         return result if base is None else self._compared(result, base, overridden)
 
@@ -200,9 +200,9 @@ class Bench(BenchOptions):
         source = source_of(self.model)
         return replace(source, overrides=(*source.overrides, *overrides_of(self)))
 
-    def _grid(self, model: mujoco.MjModel, base: Mapping[str, Any] | None) -> list[settings_grid.GridPoint]:
+    def _grid(self, model: mujoco.MjModel, base: Mapping[str, Any] | None) -> list[grid_timing.GridPoint]:
         """Returns every point of the grid with its model; a baseline determines its steps unless they are specified."""
-        grid = list[settings_grid.GridPoint]()
+        grid = list[grid_timing.GridPoint]()
         for values in product(*self.grid.values()):
             point = dict(zip(self.grid, values, strict=True))
             compiled = model
@@ -210,14 +210,14 @@ class Bench(BenchOptions):
                 overrides = [Override(SHORT_PATHS.get(path, path), value) for path, value in point.items()]
                 compiled = replace(self._source, overrides=(*self._source.overrides, *overrides)).load()
             steps = steps_of(base, point) if base is not None and self.steps is None else self.steps
-            grid.append(settings_grid.GridPoint(point, compiled, steps))
+            grid.append(grid_timing.GridPoint(point, compiled, steps))
         return grid
 
-    def _measurement(self, warp: WarpOptions | None) -> settings_grid.MeasurementSettings:
+    def _measurement(self, warp: WarpOptions | None) -> grid_timing.MeasurementSettings:
         usual = (1,) if self.scan else (1, AUTO)
         threads = [available_cores() if count == AUTO else int(count) for count in self.threads or usual]
         horizon = self.horizon or HORIZON
-        return settings_grid.MeasurementSettings(
+        return grid_timing.MeasurementSettings(
             budget=float(self.budget),
             repeats=self.repeats,
             threads=list(dict.fromkeys(threads)),
@@ -227,7 +227,7 @@ class Bench(BenchOptions):
         )
 
     def _frames(
-        self, model: mujoco.MjModel, setup: settings_grid.RolloutStart, backends: Sequence[Backend], clock: Clock
+        self, model: mujoco.MjModel, setup: grid_timing.RolloutStart, backends: Sequence[Backend], clock: Clock
     ) -> list[output_timing.FrameTiming]:
         """Times a frame of each drawing, over the first frames of a video."""
         states = setup.first_frames(model, output_timing.FPS, output_timing.LEAST) if self.render else []

@@ -20,8 +20,8 @@ from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.frames import camera_motions, check_drawing, scene_compositor
-from mjrun.outputs.panel_files import panel_files
+from mjrun.outputs.frame_output import camera_motions, check_drawing, scene_compositor
+from mjrun.outputs.panels import panel_files
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores

@@ -22,7 +22,7 @@ from mjrun.model.names import identify, names
 from mjrun.options.kinds import AnyKind, Flag, Optional
 from mjrun.options.number_kinds import Point
 from mjrun.options.option import options_of
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 
 SHOT_SETTINGS = ("roll", "fovy")
 

@@ -14,7 +14,7 @@ from mjrun.errors import UsageError, clean, concerning, near
 from mjrun.options.kinds import Choice, Kind, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real
 from mjrun.options.option import FrontEnd, Options, document_key, located, option, options, required
-from mjrun.options.schema import Path, Schema
+from mjrun.options.schema_validation import Path, Schema
 from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping, mappings_in, plain_values
 from mjrun.timeline import rational
 

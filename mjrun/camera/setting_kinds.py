@@ -8,7 +8,7 @@ from mjrun.errors import suggestion
 from mjrun.options.kinds import Choice, Kind, Text
 from mjrun.options.number_kinds import POINT, Point, Real
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.schema import TEXT, ExpectedError, Schema
+from mjrun.options.schema_validation import TEXT, ExpectedError, Schema
 from mjrun.options.structured_kinds import OneOf, OptionsMapping
 
 

@@ -9,7 +9,7 @@ from urllib.parse import quote
 from mjrun.check.check import CheckResult
 from mjrun.check.rule import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES
-from mjrun.cli.command_report import Report, annotation
+from mjrun.cli.report_forms import Report, annotation
 from mjrun.errors import clean
 from mjrun.version import __version__
 

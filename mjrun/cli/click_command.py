@@ -17,8 +17,8 @@ from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
-from mjrun.options.schema import ExpectedError
-from mjrun.options.setting_kinds import ColumnMap, Settings, Values
+from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -327,7 +327,7 @@ def _help(declared: Option) -> str:
 
 def is_repeatable(declared: Option) -> bool:
     """Returns whether the command line accepts the option more than once."""
-    return isinstance(_given_kind(declared), Several | Settings | Values | ColumnMap)
+    return isinstance(_given_kind(declared), Several | Settings | NamedNumbers | ColumnMap)
 
 
 def _given_kind(declared: Option) -> AnyKind:
@@ -347,7 +347,7 @@ def shown_default(declared: Option) -> str:
 
 def _gathered(kind: AnyKind, values: Sequence[object]) -> object:
     """Combines the values of all repetitions."""
-    if isinstance(kind, Values):
+    if isinstance(kind, NamedNumbers):
         return dict(cast("Sequence[tuple[str, object]]", values))
     if isinstance(kind, Several) and kind.commas:
         return tuple(part for words in cast("Sequence[tuple[object, ...]]", values) for part in words)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from mjrun.cli.command_report import Report
+    from mjrun.cli.report_forms import Report
 
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.confinement.confinement import confinement

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mjrun.cli.command_report import Report, annotation
 from mjrun.cli.page_layout import PageLayout
+from mjrun.cli.report_forms import Report, annotation
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
 from mjrun.diff.sentences import (

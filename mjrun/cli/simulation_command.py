@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.command_report import Report
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.console import ConsoleOptions

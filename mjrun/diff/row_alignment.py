@@ -19,7 +19,7 @@ from mjrun.errors import FileError, clean, option
 ENOUGH = 2**16  # the number of values to compare at a time, or a few more
 
 
-class Rows(Protocol):
+class RowSource(Protocol):
     """Rows of cells, as an open table provides them."""
 
     @property
@@ -84,7 +84,7 @@ class RowStream:
       is_ended: true if no more rows follow.
     """
 
-    def __init__(self, table: Rows, columns: Sequence[str], key: str | None) -> None:
+    def __init__(self, table: RowSource, columns: Sequence[str], key: str | None) -> None:
         names = list(table.names)
         self._table, self._blocks = table, table.blocks()
         self._indices = [names.index(name) for name in columns]
@@ -291,7 +291,7 @@ class KeyedRows:
       unmatched: the rows that match none of the other table.
     """
 
-    def __init__(self, table: Rows, columns: Sequence[str], key: Sequence[str]) -> None:
+    def __init__(self, table: RowSource, columns: Sequence[str], key: Sequence[str]) -> None:
         names, blocks = list(table.names), list(table.blocks())
         rows = np.concatenate(blocks) if blocks else np.empty((0, len(names)))
         self.values = rows[:, [names.index(name) for name in columns]]

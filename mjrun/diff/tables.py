@@ -10,7 +10,7 @@ from mjrun.diff.row_alignment import (
     EqualRows,
     KeyedRows,
     Pairs,
-    Rows,
+    RowSource,
     RowStream,
     Skip,
     pairs_by_columns,
@@ -117,8 +117,8 @@ class ColumnDifferences:
 
 
 def compare_rows(
-    a: Rows,
-    b: Rows,
+    a: RowSource,
+    b: RowSource,
     columns: Sequence[str],
     key: str | Sequence[str] | None,
     tolerances: Tolerances,
@@ -182,7 +182,7 @@ def _badness(column: ColumnDifference) -> tuple[bool, float, int]:
     return column.differing > 0, math.inf if column.maximum is None else column.maximum, column.differing
 
 
-def _unit_differences(a: Rows, b: Rows) -> list[UnitDifference]:
+def _unit_differences(a: RowSource, b: RowSource) -> list[UnitDifference]:
     both = [name for name in a.names if a.units.get(name) and b.units.get(name)]
     return [UnitDifference(name, a.units[name], b.units[name]) for name in both if a.units[name] != b.units[name]]
 

@@ -25,7 +25,7 @@ from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import AnyKind, Key, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import Integer, Point, Real, Vector
 from mjrun.options.option import Options, option, options
-from mjrun.options.schema import TEXT, Path, Schema, check
+from mjrun.options.schema_validation import TEXT, Path, Schema, check
 from mjrun.options.structured_kinds import OneOf, OptionsMapping
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP
 from mjrun.suffixes import is_yaml

@@ -16,12 +16,12 @@ from mjrun.document.forms import CAMERA, DocumentReader
 from mjrun.document.run import RUN
 from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
-from mjrun.document.variables import DEFAULTS, VARS
+from mjrun.document.vars_and_defaults import DEFAULTS, VARS
 from mjrun.errors import Failure, UnknownNameError
 from mjrun.formats.format_lists import with_formats
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
 from mjrun.model.info import InfoResult
-from mjrun.options.schema import ANNOTATIONS, Schema
+from mjrun.options.schema_validation import ANNOTATIONS, Schema
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.outputs.run_result import RESULTS, RunResult
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from mjrun.document import tree
-from mjrun.document.variables import DEFAULTS, VARS, merged, without_variables
+from mjrun.document.vars_and_defaults import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.yaml_parser import DEPTH, LineIndex, compose
 from mjrun.errors import FileError, quoted, suggestion
 from mjrun.formats.input_file import opened
 from mjrun.options.kinds import ReadingContext
-from mjrun.options.schema import Misfits
+from mjrun.options.schema_validation import Misfits
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.suffixes import YAML, is_yaml
 

@@ -47,7 +47,7 @@ from mjrun.options.option import Options, document_key, options
 from mjrun.options.output import KeyframeOptions, OutputOptions
 from mjrun.options.plot import PageOptions, PlotOptions
 from mjrun.options.run import RunOptions
-from mjrun.options.schema import Schema
+from mjrun.options.schema_validation import Schema
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping
 from mjrun.options.trace import RecordingOptions, TraceOptions

@@ -28,13 +28,13 @@ from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
 from mjrun.options.option import Options, document_options, options, required
-from mjrun.options.schema import TEXT, ExpectedError, MisfitError, Misfits, Schema
+from mjrun.options.schema_validation import TEXT, ExpectedError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.options.sweep import MANIFEST, PLANS
+from mjrun.study.job_plan import SCHEMA, StudyPlan
 from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
-from mjrun.study.task_plan import SCHEMA, StudyPlan
 
 LARGEST = 2**26  # bytes per line
 
@@ -136,7 +136,7 @@ ABOUT = ("format", "folder", "study", "identity", "names")  # shared by all line
 
 
 @options
-class PlanLine(Options):
+class PlannedChunk(Options):
     """A chunk of points, with the study that it belongs to."""
 
     format: str = required(converter=Choice((SCHEMA,)), key="schema", help="Format of the plan.")
@@ -163,7 +163,7 @@ class PlanLine(Options):
         return {name: getattr(self, name) for name in ABOUT}
 
 
-LINE = OptionsMapping(PlanLine, PlanLine)
+LINE = OptionsMapping(PlannedChunk, PlannedChunk)
 
 
 def write_plan(path: str, plan: StudyPlan) -> None:
@@ -252,7 +252,7 @@ def _study_folder(folder: Path, path: str) -> Path:
     return study
 
 
-def _line(path: str, number: int, text: bytes) -> PlanLine:
+def _line(path: str, number: int, text: bytes) -> PlannedChunk:
     mark = Mark(0, number, 1, path)
     try:
         value = json.loads(text[:LARGEST])

@@ -7,7 +7,7 @@ from typing import cast
 from mjrun.errors import DocumentError, Problem, UsageError, clean, listing, quoted, spelled, suggestion
 from mjrun.options.kinds import Several
 from mjrun.options.option import Options, document_options
-from mjrun.options.schema import TYPES, Misfit
+from mjrun.options.schema_validation import TYPES, Misfit
 
 SHOWN = 40  # characters of a document's text that a message shows
 INVALID = object()  # represents a value whose fault is already reported; fits no type

@@ -23,7 +23,7 @@ from mjrun.probe.metric import MetricEvaluation
 from mjrun.simulation.episode import UNLIMITED
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.episode import Ending, EpisodeStepper
-from mjrun.task.gymnasium import Environment
+from mjrun.task.external_environment import ExternalEnvironment
 from mjrun.task.task import TIMED_OUT, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import Timeline, rational
@@ -229,7 +229,7 @@ class EnvironmentPlayer(EpisodePlayer):
     """
 
     def __init__(self, source: GymSource, policy: Policy) -> None:
-        self._policy, self._environment = policy, Environment(source)
+        self._policy, self._environment = policy, ExternalEnvironment(source)
         environment = self._environment
         self._actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
         self._periods = environment.episode_steps or math.ceil(UNLIMITED / environment.control_dt)

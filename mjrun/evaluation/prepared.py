@@ -7,7 +7,7 @@ from pathlib import Path
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of
-from mjrun.evaluation.table import OWN, REWARD, Criteria
+from mjrun.evaluation.table import OWN, REWARD, PassCriteria
 from mjrun.experiment.design import SHORT_PATHS, Design, design, numbers
 from mjrun.experiment.results_table import check_metric_names
 from mjrun.model.override import ELEMENTS, ROOTS, Override, overrides_of
@@ -105,7 +105,7 @@ class PreparedEvaluation:
                     player_of(group.spec)
         return first
 
-    def _criteria(self, options: EvaluationOptions) -> Criteria:
+    def _criteria(self, options: EvaluationOptions) -> PassCriteria:
         varying = [
             name
             for index, name in enumerate(self.points.names)
@@ -113,7 +113,7 @@ class PreparedEvaluation:
         ]
         rewards = [f"{REWARD}{name}" for name in self.player.rewards]
         columns = [*varying, "seed", "return", "length", "steps", *rewards, *self.metrics]
-        return Criteria(options, columns, self.player.endings, can_succeed=self.player.can_succeed)
+        return PassCriteria(options, columns, self.player.endings, can_succeed=self.player.can_succeed)
 
 
 def _files(tasks: Sequence[Source], policies: Sequence[PolicyChoice]) -> Iterator[Path]:

@@ -109,7 +109,7 @@ def _number(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-class Criteria:
+class PassCriteria:
     """Requirements and thresholds of an evaluation, whose names are checked before anything is played.
 
     Args:

@@ -21,7 +21,7 @@ from mjrun.options.number_kinds import Integer
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import MOST_POINTS, VariationOptions
-from mjrun.physics.distribution import Distribution, parse_distribution
+from mjrun.physics.random_distribution import Distribution, parse_distribution
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
 

@@ -16,7 +16,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.table_column import Column
 from mjrun.probe.assertion import parse
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
 from mjrun.probe.select import TIME

@@ -22,7 +22,7 @@ from mjrun.fit.measurements import CONTROLS, read_measurements
 from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
-from mjrun.fit.shooting import EXPLAINED, SHORTEST, Search, Shooting
+from mjrun.fit.shooting import EXPLAINED, SHORTEST, SearchResult, Shooting
 from mjrun.fit.signal_properties import first_noise, set_noise, shared, spread_of
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
@@ -158,7 +158,7 @@ class _Run:
         result = self._result(last, sensitivity([last], self._parameters), left, {}, [], [], partial=True)
         return self._outputs.publish(result, {}, self._logs, self._reporter, model_alone=True)
 
-    def _searched(self, starts: Sequence[np.ndarray]) -> Search:
+    def _searched(self, starts: Sequence[np.ndarray]) -> SearchResult:
         """Searches for parameters that explain whole segments better than the original model."""
 
         def advanced(solution: Solution) -> None:

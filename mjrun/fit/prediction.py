@@ -270,7 +270,7 @@ def _without_resets(model: mujoco.MjModel) -> None:
     model.opt.disableflags |= AUTORESET
 
 
-class States:
+class InitialStates:
     """Initial states of chunks, as small deviations from a guess.
 
     A deviation has `nv` numbers of positions in the tangent space, `nv` of velocities, and `na` of activations.

@@ -64,7 +64,7 @@ class FittedSignal:
 
 
 @dataclass(frozen=True)
-class FittedQuantity:
+class InertiaQuantity:
     """A quantity of a body.
 
     Attributes:
@@ -94,7 +94,7 @@ class FittedInertia:
     """
 
     body: str
-    quantities: Sequence[FittedQuantity]
+    quantities: Sequence[InertiaQuantity]
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def fitted_inertias(
         low, high = known.of(lambda draw, inertia=inertia: quantities(draw, inertia))
         columns = (_quantities(inertia, {}), quantities(values, inertia), low, high)
         rows = zip(QUANTITIES.items(), *(column.tolist() for column in columns), strict=True)
-        inertias.append(FittedInertia(inertia.body, [FittedQuantity(*name, *numbers) for name, *numbers in rows]))
+        inertias.append(FittedInertia(inertia.body, [InertiaQuantity(*name, *numbers) for name, *numbers in rows]))
     return inertias
 
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjrun.fit.ensemble_search import Ensemble
+from mjrun.fit.ensemble_gauss_newton import Ensemble
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
-from mjrun.fit.prediction import Chunk, Predictor, States, chunks
+from mjrun.fit.prediction import Chunk, InitialStates, Predictor, chunks
 from mjrun.fit.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
 from mjrun.fit.signal_properties import LEAST_NOISE, shared
 from mjrun.fit.solution import Floats, Solution
@@ -33,7 +33,7 @@ WHOLE = 10**9  # rows
 
 
 @dataclass
-class Search:
+class SearchResult:
     """The result of a search.
 
     Attributes:
@@ -65,7 +65,7 @@ class Shooting:
     ) -> None:
         self._predictor, self._parameters, self._starting = predictor, parameters, starting
         self._loss, self._seed = loss, seed
-        self._states, self._is_rough = States(predictor.model), False
+        self._states, self._is_rough = InitialStates(predictor.model), False
 
     def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
         """Cuts segments into chunks of about `rows` rows."""
@@ -114,7 +114,7 @@ class Shooting:
 
     def search(
         self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
-    ) -> Search:
+    ) -> SearchResult:
         """Searches for the best parameters for whole segments.
 
         Args:
@@ -124,7 +124,7 @@ class Shooting:
         whole = self.cut(segments)
         own = self.follow(whole, None, noise)
         first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
-        search = Search(own, first, ["whole segments"])
+        search = SearchResult(own, first, ["whole segments"])
 
         if not self._is_rough and search.best.reduced >= EXPLAINED:
             self._continue(search, segments, starts, noise, advanced)
@@ -151,7 +151,7 @@ class Shooting:
 
     def _continue(
         self,
-        search: Search,
+        search: SearchResult,
         segments: Sequence[Segment],
         starts: Sequence[Floats],
         noise: Floats,

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter, values_at
-from mjrun.fit.prediction import Chunk, Predictor, Rollout, States
+from mjrun.fit.prediction import Chunk, InitialStates, Predictor, Rollout
 from mjrun.fit.solution import LOSSES, Floats, Solution
 
 NUDGE = 1e-5  # step of finite differences of coordinates, which go from 0 to 1
@@ -81,7 +81,7 @@ class ShootingProblem:
         self,
         predictor: Predictor,
         parameters: Sequence[FreeParameter],
-        states: States,
+        states: InitialStates,
         parts: Sequence[Chunk],
         coordinates: Floats | None,
         guesses: Floats,

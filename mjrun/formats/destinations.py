@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mjrun.confinement.confinement import is_writable
 from mjrun.errors import FileError, option
-from mjrun.formats import safe_replacement
+from mjrun.formats import crash_safe_replacement
 from mjrun.formats.parent_folders import TRIES, ParentFolders
 from mjrun.formats.temporary_output import TemporaryOutput, left_behind, one_at_a_time, remove
 from mjrun.platform import system
@@ -70,7 +70,7 @@ class _Staged(Destination):
             self._temporary = _temporary(target, shown, self._parents, folder=is_folder)
         self.path = str(self._temporary.path)
         if is_folder:
-            self.path = f"{self.path.replace('%', '%%')}/{safe_replacement.NEW}/{FRAME_NAME}"
+            self.path = f"{self.path.replace('%', '%%')}/{crash_safe_replacement.NEW}/{FRAME_NAME}"
 
     def prepare(self) -> None:
         """Checks that the output can be placed there, and finishes what a killed process left unfinished.
@@ -120,7 +120,7 @@ class StagedFile(_Staged):
     def publish(self) -> list[Path]:
         self._is_new = not os.path.lexists(self._target)
         try:
-            self._older = safe_replacement.replace_file(self._temporary.path, self._target)
+            self._older = crash_safe_replacement.replace_file(self._temporary.path, self._target)
         except OSError as error:
             raise unwritable(self.shown, error) from None
         return [self.shown]
@@ -155,24 +155,24 @@ class StagedFolder(_Staged):
     def prepare(self) -> None:
         with left_behind(self._target.parent, self._target) as leftovers:
             for path in leftovers:
-                safe_replacement.restore_folder(path, self._target)
+                crash_safe_replacement.restore_folder(path, self._target)
                 remove(path)
         if self._target.exists():
             _check_only_frames(self.shown, self._target)
 
     def publish(self) -> list[Path]:
         try:
-            safe_replacement.replace_folder(self._temporary.path, self._target)
-            return sorted(self.shown.iterdir(), key=safe_replacement.frame_number)
+            crash_safe_replacement.replace_folder(self._temporary.path, self._target)
+            return sorted(self.shown.iterdir(), key=crash_safe_replacement.frame_number)
         except OSError as error:
             hint = "its frames are in a hidden folder beside it; the next run with this name restores them"
             raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
     def take_back(self) -> None:
-        safe_replacement.take_back_folder(self._temporary.path, self._target)
+        crash_safe_replacement.take_back_folder(self._temporary.path, self._target)
 
     def is_between(self) -> bool:
-        return (self._temporary.path / safe_replacement.OLD).exists() and not self._target.exists()
+        return (self._temporary.path / crash_safe_replacement.OLD).exists() and not self._target.exists()
 
 
 class StagedFrames(_Staged):
@@ -196,22 +196,22 @@ class StagedFrames(_Staged):
         self._before, self._width, self._after = re.split(r"%(\d*)d", self.shown.name, maxsplit=1)
         with one_at_a_time(folder), left_behind(folder, self.shown) as leftovers:
             for path in leftovers:
-                if (path / safe_replacement.MOVING).exists():
-                    safe_replacement.finish_frames(path, self._place)
+                if (path / crash_safe_replacement.MOVING).exists():
+                    crash_safe_replacement.finish_frames(path, self._place)
                 remove(path)
 
     def publish(self) -> list[Path]:
         try:
             self._frames = sorted(
-                (self._temporary.path / safe_replacement.NEW).iterdir(), key=safe_replacement.frame_number
+                (self._temporary.path / crash_safe_replacement.NEW).iterdir(), key=crash_safe_replacement.frame_number
             )
-            safe_replacement.move_frames(self._temporary.path, self._place)
+            crash_safe_replacement.move_frames(self._temporary.path, self._place)
             names = [path.name for path in self._target.parent.iterdir()]
         except OSError as error:
             hint = "some frames are new, some are old; the next run with this name makes all of them new"
             raise unwritable(self.shown, error, hint if self.is_between() else "") from None
 
-        places = [self._place(safe_replacement.frame_number(frame)) for frame in self._frames]
+        places = [self._place(crash_safe_replacement.frame_number(frame)) for frame in self._frames]
         numbered = re.compile(f"{re.escape(self._before)}(\\d+){re.escape(self._after)}")
         matches = [match for name in names if (match := numbered.fullmatch(name))]
         later = sorted(int(match[1]) for match in matches if match[0] == self._place(int(match[1])).name)
@@ -219,10 +219,12 @@ class StagedFrames(_Staged):
         return [self.shown.parent / place.name for place in places]
 
     def take_back(self) -> None:
-        safe_replacement.take_back_frames(self._temporary.path, [frame.name for frame in self._frames], self._place)
+        crash_safe_replacement.take_back_frames(
+            self._temporary.path, [frame.name for frame in self._frames], self._place
+        )
 
     def is_between(self) -> bool:
-        return (self._temporary.path / safe_replacement.MOVING).exists()
+        return (self._temporary.path / crash_safe_replacement.MOVING).exists()
 
     def _place(self, number: int) -> Path:
         return self._target.parent / f"{self._before}{number:{self._width or 1}d}{self._after}"
@@ -267,7 +269,7 @@ def remove_left_behind(folder: Path) -> None:
     """
     with left_behind(folder) as leftovers:
         for path in leftovers:
-            if not (path / safe_replacement.OLD).exists():  # which the next output to that target restores
+            if not (path / crash_safe_replacement.OLD).exists():  # which the next output to that target restores
                 remove(path)
 
 
@@ -294,7 +296,7 @@ def _temporary(target: Path, shown: Path, parents: ParentFolders, *, folder: boo
             note_folder(target.parent)
             temporary = TemporaryOutput(target, folder=folder)
             if folder:
-                (temporary.path / safe_replacement.NEW).mkdir()
+                (temporary.path / crash_safe_replacement.NEW).mkdir()
             return temporary
         except OSError as error:
             if temporary:

@@ -14,7 +14,7 @@ from mjrun.formats.temporary_output import temporary_file
 from mjrun.model import state
 from mjrun.model.compilation import compile_model
 from mjrun.model.fingerprint import physics_fingerprint
-from mjrun.model.keyframe_edits import ATTRIBUTES, with_key
+from mjrun.model.keyframe_text_edits import ATTRIBUTES, with_key
 from mjrun.model.names import identify
 
 ELSEWHERE = "relative paths in it start from the folder of the model: write it there"

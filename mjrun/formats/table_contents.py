@@ -16,7 +16,7 @@ from mjrun.errors import FileError, quoted
 from mjrun.formats.input_file import cut, decoded, decoding
 
 if TYPE_CHECKING:
-    from mjrun.formats.text_columns import LinePieces
+    from mjrun.formats.number_text import LinePieces
 
 ColumnFilter = Callable[[str], bool]
 Stored = TypeVar("Stored")  # an array as its format stores it
@@ -27,7 +27,7 @@ WIDEST = 4096  # columns of an array; a wider one is no table
 PIECE = 2**17  # values in a block
 
 
-class Cells(IntEnum):
+class CellKinds(IntEnum):
     """The cells that a table may have.
 
     Attributes:
@@ -51,8 +51,8 @@ class TableContents:
 
     Attributes:
       names: names of the accepted columns, in the order of the file.
-      blocks: their rows, float64 or object `(n, columns)` (see `Cells`), n ≥ 1, each of bounded size; read on demand.
-        Raises FileError if the file is not such a table.
+      blocks: their rows, float64 or object `(n, columns)` (see `CellKinds`), n ≥ 1, each of bounded size; read on
+        demand. Raises FileError if the file is not such a table.
       units: units by name, as far as the file states them.
       manifest: how mjrun made the file; None if the file does not state it.
       lines: the lines that the blocks are made from, where the format has a row on each; else None.
@@ -84,7 +84,7 @@ class ArrayReader(Protocol):
 def array_contents(
     path: Path,
     columns: Mapping[str, tuple[Stored, int]],
-    cells: Cells,
+    cells: CellKinds,
     opened: Callable[[str, Stored], ArrayReader],
     units: Mapping[str, str],
     manifest: dict[str, Any] | None,
@@ -181,9 +181,9 @@ def row_blocks(rows: int, width: int, read: Callable[[int, int], Iterable[np.nda
         yield side_by_side(list(read(start, count)), count)
 
 
-def number_cells(values: np.ndarray, cells: Cells) -> np.ndarray:
+def number_cells(values: np.ndarray, cells: CellKinds) -> np.ndarray:
     """Returns numbers of any type as float64; as objects if integers beyond those of float64 are among them."""
-    is_whole = cells is Cells.ANY and values.dtype.kind in "iu" and values.size
+    is_whole = cells is CellKinds.ANY and values.dtype.kind in "iu" and values.size
     if is_whole and (int(values.max()) > EXACT or int(values.min()) < -EXACT):
         return values.astype(object)
     return values.astype(np.float64)

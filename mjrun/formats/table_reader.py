@@ -19,7 +19,7 @@ import numpy as np
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats.input_file import require_file
-from mjrun.formats.table_contents import Cells, ColumnFilter
+from mjrun.formats.table_contents import CellKinds, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
 
 STDIN = "-"
@@ -43,7 +43,7 @@ class TableReader:
         form: TableFormat,
         file: BinaryIO,
         columns: Collection[str] | ColumnFilter | None,
-        cells: Cells,
+        cells: CellKinds,
     ) -> None:
         self.path = path
         self._file = file
@@ -145,7 +145,7 @@ def open_table(
       UsageError: standard input is a terminal.
       MissingExtraError: the library of the format is not installed.
     """
-    cells = Cells.ANY if exact else Cells.GAPS if missing == "nan" else Cells.NUMBERS
+    cells = CellKinds.ANY if exact else CellKinds.GAPS if missing == "nan" else CellKinds.NUMBERS
     if str(path) == STDIN:
         file = _standard_input()
         begin = file.peek(1).removeprefix(b"\xef\xbb\xbf").lstrip()  # consumes nothing; JSON begins with a bracket

@@ -14,7 +14,7 @@ from mjrun.confinement.confinement import is_readable
 from mjrun.document.task import read_task
 from mjrun.model import state
 from mjrun.options.task import CONTROL, POSITION, TORQUE
-from mjrun.rendering.render_state import render
+from mjrun.rendering.single_render import render
 from mjrun.task.action_map import ActionMap, Driven
 from mjrun.task.episode import Ending
 from mjrun.task.expressions import RUNNING

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
 from mjrun.errors import BrokenModelError, quoted
-from mjrun.model.archive_files import file_content, file_size
+from mjrun.model.archive_paths import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes
 
 _VALUE = rb"\s*=\s*(?:\"([^\"]*)\"|'([^']*)')"

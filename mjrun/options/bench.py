@@ -177,7 +177,7 @@ class BaselineOptions(Options):
 
 
 @options
-class ReportOptions(Options):
+class ReportFormatOptions(Options):
     """Formats of the report."""
 
     section: ClassVar[str] = "Report"

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import File, Flag, Optional
 from mjrun.options.option import FrontEnd, Options, option, options
-from mjrun.options.setting_kinds import Values
+from mjrun.options.setting_kinds import NamedNumbers
 
 TIME, MEMORY, FILE = LIMITS = ("time", "memory", "file")
 
@@ -32,7 +32,7 @@ class ConfinementOptions(Options):
         help="Folder from which files may be read; requires --untrusted.",
     )
     limit: Mapping[str, tuple[float, ...]] = option(
-        converter=Values("NAME=N"),
+        converter=NamedNumbers("NAME=N"),
         default=dict[str, tuple[float, ...]](),
         usual="time=3600, memory=8192, file=16384",
         places=FrontEnd.COMMAND,

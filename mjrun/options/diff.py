@@ -6,14 +6,14 @@ from typing import ClassVar
 from mjrun.options.kinds import File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import Numbers, Percent, Real
 from mjrun.options.option import FrontEnd, Options, option, options
-from mjrun.options.schema import ExpectedError
-from mjrun.options.setting_kinds import Values
+from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.setting_kinds import NamedNumbers
 
 ALIGNMENTS = ("time", "row")
 NO_TOLERANCES: dict[str, Numbers] = {}
 
 
-class ColumnTolerances(Values):
+class ColumnTolerances(NamedNumbers):
     """Tolerances by column name with wildcards, absolute as in `qvel/*=1e-6`, or also relative as in
     `qvel/*=1e-6,1e-3`.
     """

@@ -11,8 +11,8 @@ from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
-from mjrun.options.schema import NUMBER, ExpectedError, Schema
-from mjrun.options.setting_kinds import Settings, Values
+from mjrun.options.schema_validation import NUMBER, ExpectedError, Schema
+from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import VariationOptions
 from mjrun.options.view import QUALITIES
 
@@ -22,7 +22,7 @@ MANIFEST = "evaluation.json"  # of the folder of an evaluation
 NO_THRESHOLDS: dict[str, Numbers] = {}
 
 
-class Thresholds(Values):
+class Thresholds(NamedNumbers):
     """Lowest accepted values by name: `success=90%`, `return=200`."""
 
     metavar = "NAME=VALUE"

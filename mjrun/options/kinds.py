@@ -14,7 +14,7 @@ from os import PathLike, fspath
 from typing import Any, Generic, TypeVar, cast
 
 from mjrun.errors import Problem, suggestion
-from mjrun.options.schema import TEXT, ExpectedError, Misfits, Schema, check
+from mjrun.options.schema_validation import TEXT, ExpectedError, Misfits, Schema, check
 
 V = TypeVar("V", contravariant=True)
 T = TypeVar("T")

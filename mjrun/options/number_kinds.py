@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.options.kinds import Kind, ReadingContext
-from mjrun.options.schema import NUMBER, ExpectedError, Schema, check, type_name
+from mjrun.options.schema_validation import NUMBER, ExpectedError, Schema, check, type_name
 from mjrun.timeline import rational
 
 Number = float | str | Fraction

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar, cast, dataclass_transform
 from mjrun.errors import BadValueError, UsageError
 from mjrun.errors import option as mention
 from mjrun.options.kinds import AnyKind
-from mjrun.options.schema import ExpectedError, Path
+from mjrun.options.schema_validation import ExpectedError, Path
 
 V = TypeVar("V")
 T = TypeVar("T")

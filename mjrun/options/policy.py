@@ -6,7 +6,7 @@ from typing import ClassVar, cast
 
 from mjrun.options.kinds import Flag, Kind, Optional, ReadingContext
 from mjrun.options.option import FrontEnd, Options, option, options
-from mjrun.options.schema import TEXT, ExpectedError, Misfit, MisfitError, Schema, check
+from mjrun.options.schema_validation import TEXT, ExpectedError, Misfit, MisfitError, Schema, check
 
 RANDOM, ZERO = BUILT_IN = ("random", "zero")
 NONE = "none"

@@ -10,7 +10,7 @@ from typing import cast
 from mjrun.options.kinds import Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Point
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.schema import ExpectedError, Path, check
+from mjrun.options.schema_validation import ExpectedError, Path, check
 from mjrun.options.structured_kinds import OneOf, OptionsMapping
 from mjrun.timeline import rational
 

@@ -7,7 +7,7 @@ from typing import cast
 
 from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.number_kinds import NUMBERS, Numbers, to_float
-from mjrun.options.schema import NUMBER, TEXT, ExpectedError, Misfits, Schema, check
+from mjrun.options.schema_validation import NUMBER, TEXT, ExpectedError, Misfits, Schema, check
 
 SETTING: Schema = {
     "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
@@ -15,7 +15,7 @@ SETTING: Schema = {
 }
 
 
-class Values(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]]):
+class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numbers]]):
     """Numbers by name: `hip=0.3`, `root=0,0,1,1,0,0,0`."""
 
     metavar = "NAME=VALUE"
@@ -198,7 +198,7 @@ DISTRIBUTIONS = {
 
 
 SPAN_FORM: Schema = {
-    "description": "Values from one number to another, both included.",
+    "description": "NamedNumbers from one number to another, both included.",
     "type": "object",
     "properties": {
         "from": {**NUMBER, "description": "The first value."},
@@ -223,7 +223,7 @@ DISTRIBUTION: Schema = {
 }
 
 
-class Variations(ScanValues):
+class VariedSettings(ScanValues):
     """Settings to vary, with their values: `0.3,0.6`, `0.1..1:10`, `log:1e-4..1e-1:7`, `uniform(0.3, 1)`."""
 
     @property

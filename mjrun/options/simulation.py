@@ -10,7 +10,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
 from mjrun.options.push import Push, PushKind
-from mjrun.options.setting_kinds import ColumnMap, Values
+from mjrun.options.setting_kinds import ColumnMap, NamedNumbers
 
 INTERPOLATIONS = ("hold", "linear")
 NO_VALUES: dict[str, Numbers] = {}
@@ -74,15 +74,17 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
 
     key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
-        converter=Values(),
+        converter=NamedNumbers(),
         default=NO_VALUES,
         help="Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.",
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=Values(), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1."
+        converter=NamedNumbers(),
+        default=NO_VALUES,
+        help="Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.",
     )
     ctrl: Mapping[str, Numbers] = option(
-        converter=Values(),
+        converter=NamedNumbers(),
         default=NO_VALUES,
         help="Constant controls by actuator name or wildcard, in the actuator's units: motor=20, left_*=0.5.",
     )

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar, cast
 from mjrun.errors import FAULTS
 from mjrun.options.kinds import AnyKind, Kind, ReadingContext, read_list
 from mjrun.options.option import Option, Options, document_options, is_always_written
-from mjrun.options.schema import (
+from mjrun.options.schema_validation import (
     TEXT,
     ExpectedError,
     Misfit,

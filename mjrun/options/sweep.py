@@ -10,8 +10,8 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Seve
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
-from mjrun.options.schema import ExpectedError
-from mjrun.options.setting_kinds import Settings, Variations
+from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
 from mjrun.options.view import QUALITIES
 
@@ -111,7 +111,7 @@ class VariationOptions(Options):
     section: ClassVar[str] = "Study"
 
     vary: tuple[tuple[str, str], ...] = option(
-        converter=Variations(),
+        converter=VariedSettings(),
         default=(),
         help="Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1, opt.timestep=log:1e-4..1e-2:5, "
         "seed=1..40:40, qpos/hip=-1..1:21, scale:body/torso.mass=uniform(.8,1.2). Accepts any path of --set; "

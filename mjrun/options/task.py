@@ -8,8 +8,8 @@ from mjrun.options.kinds import Choice, File, Key, Kind, Optional, ReadingContex
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
-from mjrun.options.schema import NUMBER, TEXT, ExpectedError, Schema
-from mjrun.options.setting_kinds import DISTRIBUTION, Values, Variations, distribution_text
+from mjrun.options.schema_validation import NUMBER, TEXT, ExpectedError, Schema
+from mjrun.options.setting_kinds import DISTRIBUTION, NamedNumbers, VariedSettings, distribution_text
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
 
 # The extras of policies and tasks, with the libraries that each installs and the feature that needs them.
@@ -156,27 +156,27 @@ class ResetOptions(Options):
 
     key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
-        converter=Values(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
+        converter=NamedNumbers(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=Values(), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]."
+        converter=NamedNumbers(), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]."
     )
     ctrl: Mapping[str, Numbers] = option(
-        converter=Values(), default=NO_VALUES, help="Initial controls by actuator name or wildcard."
+        converter=NamedNumbers(), default=NO_VALUES, help="Initial controls by actuator name or wildcard."
     )
     noise: tuple[tuple[str, str], ...] = option(
-        converter=Variations(),
+        converter=VariedSettings(),
         default=(),
         help="Noise added to the initial state, by column: {'qpos/*': 'uniform(-0.1, 0.1)', 'qvel/*': 'normal(0, "
         "0.1)'}. Quaternions are normalized afterwards.",
     )
     set: tuple[tuple[str, str], ...] = option(
-        converter=Variations(),
+        converter=VariedSettings(),
         default=(),
         help="Random values that replace those of the initial state, by column: {qpos/slider: 'uniform(-1, 1)'}.",
     )
     vary: tuple[tuple[str, str], ...] = option(
-        converter=Variations(),
+        converter=VariedSettings(),
         default=(),
         help="Random values in the model for each episode: {'geom/floor.friction[0]': 'uniform(0.3, 1)'}.",
     )

@@ -10,9 +10,9 @@ import numpy as np
 from mjrun.errors import OptionPath, UsageError, concerning, quoted
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.observe import AnyTap, Tap
-from mjrun.physics.replay import ReplayStepper, StateBuffer
+from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.stepper import Stepper
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.row_expression import RisingEdgeDetector, parse_condition
 from mjrun.probe.vocabularies import AvailableProbes
 from mjrun.task.episode import ControlInstants

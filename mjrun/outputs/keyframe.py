@@ -10,7 +10,7 @@ import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
 from mjrun.formats.keyframe_writer import KeyframeWriter
-from mjrun.model.keyframe_edits import key_names
+from mjrun.model.keyframe_text_edits import key_names
 from mjrun.model.names import names
 from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions

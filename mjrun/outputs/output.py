@@ -21,7 +21,7 @@ from mjrun.options.option import options
 from mjrun.options.output import OutputOptions
 from mjrun.physics.observe import AnyTap, observe
 from mjrun.physics.stepper import Stepper
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.reporter import Reporter
 from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.manifest import origin

@@ -13,7 +13,7 @@ import numpy as np
 from mjrun.errors import UnknownNameError, UsageError, concerning, option, quoted
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.stepper import Stepper
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, split
 from mjrun.rendering.compositor import Overlay
 from mjrun.rendering.graph import Graph, aligned, graph_size

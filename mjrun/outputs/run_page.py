@@ -16,7 +16,7 @@ from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import Page, PageFigure, PageFile, PageTable, page_file
-from mjrun.plotting.page_manifest import PageManifest
+from mjrun.plotting.manifest_section import FileManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_summary import TableSummary
@@ -69,7 +69,7 @@ class _Contents:
     tables: list[PageTable] = field(default_factory=list[PageTable])
     verdicts: list[tuple[str, Verdict]] = field(default_factory=list[tuple[str, Verdict]])
     files: list[PageFile] = field(default_factory=list[PageFile])
-    manifests: list[PageManifest] = field(default_factory=list[PageManifest])
+    manifests: list[FileManifest] = field(default_factory=list[FileManifest])
     results: list[OutputResult] = field(default_factory=list[OutputResult])
     made: list[str] = field(default_factory=list[str])
 
@@ -77,7 +77,7 @@ class _Contents:
         """Adds a published output."""
         self.results.append(result)
         self.made += _paths(result, files) if isinstance(result, VideoResult) else map(str, files)
-        self.manifests.append(PageManifest(result.path, with_fingerprints(facts, files)))
+        self.manifests.append(FileManifest(result.path, with_fingerprints(facts, files)))
         for path in _paths(result, files):
             self.files.append(page_file(path, self.path, self.limit))
         if isinstance(result, TraceResult):

@@ -17,7 +17,7 @@ from mjrun.model import state
 from mjrun.model.names import identify
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions
 from mjrun.physics.kinematic_motion import KinematicMotion
-from mjrun.physics.replay import require_model, require_timestep, states_at
+from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
 from mjrun.rendering.visual import Visual, visual_of
 from mjrun.simulation.simulation import Simulation

@@ -24,7 +24,7 @@ from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace_rows import TIME, ProbeSampler, RowBuffer, SampledRows, rate_warning
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.stepper import PhysicsStepper, Stepper
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.select import available_columns, select, selected_columns
 from mjrun.probe.verdict import Verdict
 from mjrun.simulation.simulation import Simulation

@@ -16,7 +16,7 @@ from mjrun.physics.engine import BLOCK_STEPS
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contacts
-from mjrun.probe.episode import EpisodeColumns, EpisodeProbe
+from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
 from mjrun.probe.select import select
 from mjrun.task.episode import EpisodeStepper

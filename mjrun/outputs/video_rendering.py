@@ -8,7 +8,7 @@ import numpy as np
 from mjrun.errors import BadValueError, clean, option
 from mjrun.options.number_kinds import AUTO
 from mjrun.outputs.output import SharedRendering
-from mjrun.physics.replay import StateBuffer
+from mjrun.physics.recorded_states import StateBuffer
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend

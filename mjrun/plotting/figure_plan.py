@@ -19,7 +19,7 @@ from mjrun.plotting.curve_syntax import (
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
-from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
+from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
 from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
 
@@ -76,7 +76,7 @@ class FigurePlan:
         self.marks = self._marks()
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
-        self._count = PanelCount(len(self.panels), names, bool(options.title))
+        self._count = FigureContents(len(self.panels), names, bool(options.title))
         self.grid = panel_grid(self._count, options.size, options.columns)
 
     @property

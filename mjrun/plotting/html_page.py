@@ -10,8 +10,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.errors import FileError
+from mjrun.plotting.manifest_section import FileManifest, manifest_articles
 from mjrun.plotting.markup import Markup, element, table_element
-from mjrun.plotting.page_manifest import PageManifest, manifest_articles
 from mjrun.plotting.table_summary import ColumnStatistics
 from mjrun.plotting.theme import theme_style
 from mjrun.probe.verdict import Verdict
@@ -108,7 +108,7 @@ class Page:
     verdicts: Sequence[tuple[str, Verdict]] = ()
     files: Sequence[PageFile] = ()
     tables: Sequence[PageTable] = ()
-    manifests: Sequence[PageManifest] = ()
+    manifests: Sequence[FileManifest] = ()
     facts: Sequence[PageFacts] = ()
 
 

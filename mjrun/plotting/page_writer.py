@@ -9,7 +9,7 @@ from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
 from mjrun.plotting.html_page import Page, PageFile, html_page, page_file
-from mjrun.plotting.page_manifest import PageManifest
+from mjrun.plotting.manifest_section import FileManifest
 from mjrun.probe.verdict import Verdict
 from mjrun.version import __version__
 
@@ -45,7 +45,7 @@ def check_page_name(output: str) -> None:
             raise BadValueError(option("html"), output, "a file that ends with .html")
 
 
-def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFile], list[PageManifest]]:
+def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFile], list[FileManifest]]:
     """Returns the files that a page at `page` shows, and the manifests among them.
 
     Args:
@@ -55,17 +55,17 @@ def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFi
       FileError: a file does not exist or cannot be read.
     """
     files: list[PageFile] = []
-    manifests: list[PageManifest] = []
+    manifests: list[FileManifest] = []
     for path in paths:
         manifest = _manifest(path) if path.lower().endswith(".json") else None
         if manifest is None:
             files.append(page_file(path, page, limit))
         else:
-            manifests.append(PageManifest(path, manifest))
+            manifests.append(FileManifest(path, manifest))
     return files, manifests
 
 
-def recorded_verdicts(manifests: Iterable[PageManifest]) -> list[tuple[str, Verdict]]:
+def recorded_verdicts(manifests: Iterable[FileManifest]) -> list[tuple[str, Verdict]]:
     """Returns the verdicts of assertions in manifests, each with its file."""
     verdicts: list[tuple[str, Verdict]] = []
     for manifest in manifests:

@@ -12,7 +12,7 @@ ABOVE, BELOW = 2.6, 5.0  # room above the panels if there is a title, and below 
 
 
 @dataclass(frozen=True)
-class PanelCount:
+class FigureContents:
     """The number of panels, the number of names in the largest legend, and whether there is a title."""
 
     panels: int
@@ -36,7 +36,7 @@ class PanelGrid:
     em: float
 
 
-def panel_grid(count: PanelCount, size: tuple[int, int] | None, columns: int | None) -> PanelGrid:
+def panel_grid(count: FigureContents, size: tuple[int, int] | None, columns: int | None) -> PanelGrid:
     """Returns the grid of these panels, in `size` pixels and `columns` if set.
 
     Raises:

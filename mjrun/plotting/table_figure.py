@@ -13,7 +13,7 @@ from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import svg_text
 from mjrun.plotting.html_page import PageFigure
-from mjrun.plotting.page_manifest import PageManifest
+from mjrun.plotting.manifest_section import FileManifest
 from mjrun.plotting.panel import with_units
 from mjrun.plotting.table_summary import TableSummary
 from mjrun.plotting.theme import adaptive
@@ -52,10 +52,10 @@ class TableFigure:
         return {path: with_units(reader.names, reader.units) for path, reader in tables}
 
     @property
-    def manifests(self) -> list[PageManifest]:
+    def manifests(self) -> list[FileManifest]:
         """The manifests embedded in the tables."""
         tables = zip(self._paths, self._readers, strict=True)
-        return [PageManifest(path, reader.manifest) for path, reader in tables if reader.manifest]
+        return [FileManifest(path, reader.manifest) for path, reader in tables if reader.manifest]
 
     def read(self, summaries: Sequence[TableSummary] = ()) -> None:
         """Reads all tables once, for `summaries` too.

@@ -11,7 +11,7 @@ from mjrun.model.table_column import Column
 from mjrun.options.trace import PROBES
 from mjrun.probe.contacts import pair
 from mjrun.probe.derived import DERIVED
-from mjrun.probe.episode import EPISODE_GROUPS, EpisodeColumns, EpisodeProbe, no_episode
+from mjrun.probe.episode_columns import EPISODE_GROUPS, EpisodeColumns, EpisodeProbe, no_episode
 from mjrun.probe.fields import (
     COMPONENTS,
     SPATIAL,

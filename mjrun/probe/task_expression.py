@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError
-from mjrun.probe.episode import EPISODE_GROUPS, within_task
+from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
 from mjrun.probe.evaluation import KnownValues, evaluation, truth_evaluation
 from mjrun.probe.expression import CONSTANTS, BooleanExpression, Expression, NumericExpression, PreviousValue, walk
 from mjrun.probe.parser import Parser

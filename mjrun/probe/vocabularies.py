@@ -8,7 +8,7 @@ import mujoco
 
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, option, quoted
 from mjrun.probe.contacts import identify_party, pair
-from mjrun.probe.episode import EPISODE_GROUPS, no_episode
+from mjrun.probe.episode_columns import EPISODE_GROUPS, no_episode
 from mjrun.probe.scanner import ProbeReference, SourceText, Token, Vocabulary, spelled
 from mjrun.probe.select import PAIRS, aliases, available_columns, object_of
 

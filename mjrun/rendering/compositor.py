@@ -26,7 +26,7 @@ from mjrun.rendering.visual import Visual
 NAMES = {"rgb": "colour", "depth": "depth", "seg": "segmentation"}
 
 
-class Renderer(Protocol):
+class StateRenderer(Protocol):
     """A renderer of one model's states."""
 
     def look(self, state: np.ndarray, index: int = 0) -> None:
@@ -165,10 +165,10 @@ class SceneCompositor:
     segmentation: Segmentation
     decorations: Sequence[Decoration] = ()
     ranges: Sequence[tuple[float, float]] = ()
-    renderer: Callable[..., Renderer] = ClassicRenderer
+    renderer: Callable[..., StateRenderer] = ClassicRenderer
 
     def __post_init__(self) -> None:
-        self._open_renderer: Renderer | None = None
+        self._open_renderer: StateRenderer | None = None
         self._frame_cost = 0.0  # [s]
 
     @cached_property

@@ -18,14 +18,14 @@ from mjrun.model.variants import ModelVariants
 from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.options.push import Push
 from mjrun.physics.push_forces import PushForces
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.model.sources.gym import GymSource
     from mjrun.policy.policy import Policy
-    from mjrun.task.gymnasium import Environment
+    from mjrun.task.external_environment import ExternalEnvironment
     from mjrun.task.task import Task
     from mjrun.task.worlds import TaskWorlds
 
@@ -218,7 +218,7 @@ class EnvironmentEpisode(Episode):
 
     def _start(self) -> EpisodeStepper:
         from mjrun.policy.policy import ActionSpace
-        from mjrun.task.gymnasium import EnvironmentStepper
+        from mjrun.task.external_environment import EnvironmentStepper
 
         environment = _environment(self._source)  # which nothing else may reset
         actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
@@ -231,10 +231,10 @@ class EnvironmentEpisode(Episode):
         return actions * environment.control_steps
 
 
-def _environment(source: "GymSource") -> "Environment":
-    from mjrun.task.gymnasium import Environment
+def _environment(source: "GymSource") -> "ExternalEnvironment":
+    from mjrun.task.external_environment import ExternalEnvironment
 
-    return Environment(source)
+    return ExternalEnvironment(source)
 
 
 def episode_of(

@@ -26,7 +26,7 @@ from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationO
 from mjrun.physics.control import PREFIX, ControlNoise, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
-from mjrun.physics.replay import RecordedInputs, ReplayStepper, require_model, require_timestep
+from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require_model, require_timestep
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.task.task import Task

@@ -15,7 +15,7 @@ from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
-from mjrun.physics.replay import RecordedStates, ReplayStepper
+from mjrun.physics.recorded_states import RecordedStates, ReplayStepper
 from mjrun.probe.fields import state_columns
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.manifest import origin

@@ -57,7 +57,7 @@ def table_bytes(design: Design, metrics: int) -> int:
 
 
 @dataclass(frozen=True)
-class PointFailure:
+class FailureGroup:
     """Points that failed for one reason.
 
     Attributes:
@@ -75,7 +75,7 @@ class PointFailure:
     values: Mapping[str, str]
 
 
-def point_failures(points: Design, results: Sequence[PointResult]) -> list[PointFailure]:
+def point_failures(points: Design, results: Sequence[PointResult]) -> list[FailureGroup]:
     """Groups failures by reason, the most frequent first."""
     groups = dict[tuple[str, str], list[int]]()
     for index, result in enumerate(results):
@@ -83,7 +83,7 @@ def point_failures(points: Design, results: Sequence[PointResult]) -> list[Point
             groups.setdefault(_reason(result), []).append(index)
     ordered = sorted(groups.items(), key=lambda item: -len(item[1]))
     return [
-        PointFailure(status, results[failed[0]].message, len(failed), failed[0], points.values(failed[0]))
+        FailureGroup(status, results[failed[0]].message, len(failed), failed[0], points.values(failed[0]))
         for (status, _), failed in ordered
     ]
 

@@ -24,7 +24,7 @@ from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.physics.warp_device import WarpDevice, WarpFields
 from mjrun.physics.warp_engine import WarpEngine
-from mjrun.probe.episode import EpisodeColumns
+from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.metric import Metric, MetricEvaluation
 from mjrun.simulation.simulation import Simulation

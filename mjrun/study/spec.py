@@ -15,7 +15,7 @@ from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 from mjrun.python_code import ModuleSource, Sealed, module_sources
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation

@@ -24,7 +24,7 @@ from mjrun.study.executors import WARP, check_engine
 from mjrun.study.point_files import KeptFiles, PointKeeper
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview, preview
-from mjrun.study.results import STATUSES, PointFailure, point_failures, study_table, with_flags
+from mjrun.study.results import STATUSES, FailureGroup, point_failures, study_table, with_flags
 from mjrun.study.spec import StudySpec
 from mjrun.version import __version__
 
@@ -197,7 +197,7 @@ class StudyResult:
     simulated: int
     statuses: Mapping[str, int]
     metrics: Mapping[str, "MetricSummary"]
-    failures: Sequence[PointFailure]
+    failures: Sequence[FailureGroup]
     assertions: Sequence[Verdict]
     files: Sequence[str]
     wall: float

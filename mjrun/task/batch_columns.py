@@ -13,7 +13,7 @@ from mujoco.batch import Batch
 from mjrun.model import state
 from mjrun.model.source import Source
 from mjrun.model.table_column import Column
-from mjrun.probe.episode import EpisodeProbe
+from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
 

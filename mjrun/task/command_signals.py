@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.table_reader import read_table
 from mjrun.physics.control import SLACK, require_times
-from mjrun.physics.distribution import draw_numbers
+from mjrun.physics.random_distribution import draw_numbers
 from mjrun.task.random_streams import COMMANDS, stream
 from mjrun.task.task import Command
 

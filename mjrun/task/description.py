@@ -14,7 +14,7 @@ from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import CONTROL, LAGGED, POSITION, TORQUE, VELOCITY, WORLD
 from mjrun.probe.fields import field_probe
 from mjrun.task.action_map import ActionMap, Driven
-from mjrun.task.gymnasium import TERMINATED, Environment
+from mjrun.task.external_environment import TERMINATED, ExternalEnvironment
 from mjrun.task.task import TIMED_OUT, Command, Observation, Task
 from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import rational
@@ -241,9 +241,9 @@ def describe_environment(source: GymSource) -> TaskDescription:
     """Describes an environment as a task; resets and steps it once, as only a step reports the terms of its reward.
 
     Raises:
-      ModelError, UsageError: as `Environment`.
+      ModelError, UsageError: as `ExternalEnvironment`.
     """
-    environment = Environment(source)
+    environment = ExternalEnvironment(source)
     model, periods = environment.model, environment.episode_steps
     environment.reset(0)
     first = environment.step(
@@ -274,13 +274,13 @@ def describe_environment(source: GymSource) -> TaskDescription:
     )
 
 
-def _environment_observations(environment: Environment) -> Iterator[ObservationRow]:
+def _environment_observations(environment: ExternalEnvironment) -> Iterator[ObservationRow]:
     observed = zip(environment.observation_names, environment.observation_units, strict=True)
     for index, (name, unit) in enumerate(observed):
         yield ObservationRow(index, name, source=name if "/" in name else "", unit=unit)
 
 
-def _environment_actions(environment: Environment) -> Iterator[ActionRow]:
+def _environment_actions(environment: ExternalEnvironment) -> Iterator[ActionRow]:
     model = environment.model
     columns, actuators = field_probe(model, "ctrl").columns, names(model, "actuator")
     are_controls = len(environment.action_names) == model.nu == len(actuators)

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import InvalidActionError
-from mjrun.physics.replay import RecordedStates, ReplayStepper
+from mjrun.physics.recorded_states import RecordedStates, ReplayStepper
 from mjrun.physics.stepper import Stepper
-from mjrun.probe.episode import EpisodeValues
+from mjrun.probe.episode_columns import EpisodeValues
 
 Actor = Callable[[np.ndarray], np.ndarray]  # a policy in one episode: observation `(nobs,)` to action `(nact,)`
 EndingKind = Literal["success", "failure", "timeout"]

@@ -11,9 +11,9 @@ from mjrun.model import state
 from mjrun.model.override import Override
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariant, ModelVariants
-from mjrun.physics.distribution import draw_numbers, draw_text
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.kinematic_samples import quaternions
+from mjrun.physics.random_distribution import draw_numbers, draw_text
 from mjrun.probe.fields import field_probe
 from mjrun.task.batch_columns import as_slice
 from mjrun.task.random_streams import MODEL, START, stream

@@ -8,8 +8,8 @@ import numpy as np
 from mjrun.errors import concerning
 from mjrun.probe.evaluation import ColumnLayout, ColumnMatrix
 from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_condition, parse_task_value
-from mjrun.task.compiled_expressions import RowProgram
 from mjrun.task.episode import Endings
+from mjrun.task.single_world_expressions import RowProgram
 from mjrun.task.task import TIMED_OUT, UNSTABLE, Task
 
 ACTION, COMMAND, TIME = "action/", "command/", "time"  # columns of a task in addition to those of its model

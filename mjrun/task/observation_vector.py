@@ -14,7 +14,7 @@ from mjrun.model.names import matching
 from mjrun.model.table_column import Column
 from mjrun.options.number_kinds import Numbers
 from mjrun.options.task import WORLD
-from mjrun.probe.episode import EPISODE_GROUPS, within_task
+from mjrun.probe.episode_columns import EPISODE_GROUPS, within_task
 from mjrun.probe.fields import MATRIX, VECTOR, field_probe
 from mjrun.probe.select import select
 from mjrun.probe.task_expression import TaskColumns, TaskExpression, parse_task_value

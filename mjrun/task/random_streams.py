@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mjrun.physics.distribution import draw_numbers
+from mjrun.physics.random_distribution import draw_numbers
 
 MODEL, START, COMMANDS, OBSERVATIONS = range(4)
 WORD = 2**32 - 1  # the largest seed of one word

@@ -18,9 +18,9 @@ from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
 from mjrun.options.number_kinds import ExactNumber
 from mjrun.options.option import is_given, options
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
-from mjrun.physics.distribution import parse_distribution
+from mjrun.physics.random_distribution import parse_distribution
 from mjrun.task.episode import Ending, EndingKind
 from mjrun.timeline import rational
 

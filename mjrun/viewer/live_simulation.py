@@ -11,7 +11,7 @@ import numpy as np
 from mjrun.errors import SimulationError
 from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
-from mjrun.physics.replay import ReplayStepper
+from mjrun.physics.recorded_states import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
 from mjrun.reporter import Reporter
 from mjrun.simulation.episode import EpisodeResult

@@ -13,7 +13,7 @@ from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.options.kinds import Choice, ReadingContext
 from mjrun.options.option import option, options, options_of, required
-from mjrun.options.schema import MisfitError
+from mjrun.options.schema_validation import MisfitError
 
 MODEL = mujoco.MjModel.from_xml_string(
     "<mujoco><worldbody><body name='box'><geom size='.1'/></body></worldbody></mujoco>"

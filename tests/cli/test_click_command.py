@@ -11,7 +11,7 @@ from mjrun.cli.console import Console
 from mjrun.options.kinds import Choice, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import FrontEnd, Options, option, options, required
-from mjrun.options.setting_kinds import Settings, Values
+from mjrun.options.setting_kinds import NamedNumbers, Settings
 
 
 @options
@@ -34,7 +34,7 @@ class Cake(Base):
     topping: tuple[str, ...] = option(converter=Several(Text()), default=(), help="On top.")
     candles: tuple[str, ...] = option(converter=Several(Text(), commas=True), default=(), help="By colour.")
     size: tuple[tuple[int, int], ...] = option(converter=Several(Size()), default=(), help="Of each [cm].")
-    weights: object = option(converter=Values(), default={}, help="By ingredient [kg].")
+    weights: object = option(converter=NamedNumbers(), default={}, help="By ingredient [kg].")
     set: object = option(converter=Settings(), default=(), help="Anything.")
     secret: bool = option(converter=Flag(), default=False, places=FrontEnd.PYTHON, help="Not for the command line.")
 

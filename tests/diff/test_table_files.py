@@ -21,7 +21,7 @@ from mjrun.diff.sentences import table_sentences
 from mjrun.diff.table_files import ResultTable, compare_tables, is_results, result_manifest, table_path
 from mjrun.errors import CellError, FileError, UnknownNameError, UsageError
 from mjrun.experiment.design import Design
-from mjrun.formats import text_columns
+from mjrun.formats import number_text
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import csv as csv_format
 from mjrun.model.table_column import Column
@@ -288,8 +288,8 @@ def test_lines_that_are_passed_over_change_nothing(
     size: int,
     align: str | None,
 ) -> None:
-    monkeypatch.setattr(text_columns, "BYTES", size)
-    monkeypatch.setattr(text_columns, "COMPARED", 4 * size)
+    monkeypatch.setattr(number_text, "BYTES", size)
+    monkeypatch.setattr(number_text, "COMPARED", 4 * size)
 
     def edited(edits: list[tuple[str, int]]) -> np.ndarray:
         table = rows(80)

@@ -11,7 +11,7 @@ from mjrun.errors import DocumentError, FileError
 from mjrun.options.kinds import Kind, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.setting_kinds import Values
+from mjrun.options.setting_kinds import NamedNumbers
 from mjrun.options.structured_kinds import ListOf, OptionsMapping
 
 ANCHOR = "anchors (&) and aliases (*) are not supported; put such text in quotes"
@@ -55,7 +55,7 @@ class Run(Options):
     steps: int | None = option(converter=Optional(Integer(None)), default=None, help="How many.")
     model: str = option(converter=Text(), default="m.xml", help="A file.")
     films: tuple[Film, ...] = option(converter=ListOf[Film](OptionsMapping(Film, Film)), default=(), help="Films.")
-    start: Any = option(converter=Values(), default={}, help="Numbers by name.")
+    start: Any = option(converter=NamedNumbers(), default={}, help="Numbers by name.")
 
 
 def read(path: Path | str, declared: type[Options], assignments: Sequence[str] = (), *, variables: bool = False) -> Any:

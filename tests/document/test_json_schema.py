@@ -13,7 +13,7 @@ from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
 from mjrun.options.kinds import ReadingContext
-from mjrun.options.schema import ExpectedError, MisfitError
+from mjrun.options.schema_validation import ExpectedError, MisfitError
 from tests.document.schema_oracle import fits, rules
 
 

@@ -10,8 +10,8 @@ import pytest
 from mjrun.document.study import portable_document, read_folder, read_plan, write_plan
 from mjrun.errors import DocumentError, FileError, UsageError
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.job_plan import StudyPlan, plan
 from mjrun.study.study import Study
-from mjrun.study.task_plan import StudyPlan, plan
 from tests.study.models import BALL
 
 

@@ -21,8 +21,8 @@ from mjrun.options.kinds import Kind
 from mjrun.options.option import Option, document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.push import PushKind
-from mjrun.options.schema import Schema
-from mjrun.options.setting_kinds import Variations
+from mjrun.options.schema_validation import Schema
+from mjrun.options.setting_kinds import VariedSettings
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import StudyOptions
 from mjrun.options.task import PARTS, Limits, RandomValue, Schedule, TaskOptions, VectorOrKey
@@ -89,13 +89,13 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.dictionaries(names, least | st.lists(least, min_size=1, max_size=2), max_size=3)
         case Thresholds():
             return st.dictionaries(names, numbers, max_size=3)
-        case setting_kinds.Values():
+        case setting_kinds.NamedNumbers():
             return st.dictionaries(names, numbers | st.lists(numbers, min_size=1, max_size=7), max_size=3)
         case setting_kinds.ColumnMap():
             pairs = st.dictionaries(st.sampled_from(["time", "qpos/a", "é"]), st.sampled_from(["t", "b * pi/180", "1"]))
             files = st.lists(st.sampled_from(["@a.map", "@b/c.txt", "time=t", "qpos/a=2*b"]), min_size=1, max_size=4)
             return pairs | files
-        case Variations():
+        case VariedSettings():
             spans = st.fixed_dictionaries(
                 {"from": st.integers(0, 9), "to": st.integers(10, 99), "count": st.integers(2, 9)}
             )

@@ -13,7 +13,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.evaluation.episode import EpisodeRecord, PlayedEpisodes
 from mjrun.evaluation.statistics import mean_interval, wilson_interval
 from mjrun.evaluation.summaries import PointSummary, compared, summary_of
-from mjrun.evaluation.table import FILES, Criteria, episode_table, point_table
+from mjrun.evaluation.table import FILES, PassCriteria, episode_table, point_table
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import ResultsTable
 from mjrun.options.evaluation import EvaluationOptions
@@ -91,9 +91,9 @@ SOME = episodes(40, np.random.default_rng(4))
 NAMES = [name for name, _ in ENDINGS]
 
 
-def criteria(*, can_succeed: bool = True, **options: Any) -> Criteria:
+def criteria(*, can_succeed: bool = True, **options: Any) -> PassCriteria:
     made = EvaluationOptions(None, "out", metric={"m": "mean(time)"}, **options)
-    return Criteria(made, NUMBERS, NAMES, can_succeed=can_succeed)
+    return PassCriteria(made, NUMBERS, NAMES, can_succeed=can_succeed)
 
 
 def table_of(some: Sequence[EpisodeRecord]) -> tuple[ResultsTable, int]:

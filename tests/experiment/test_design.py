@@ -12,7 +12,7 @@ from mjrun.errors import FileError, MjrunError, UsageError
 from mjrun.experiment.design import COMBINATIONS, SAMPLERS, Design, _sampled, design, value_list
 from mjrun.options import sweep as declared
 from mjrun.options.sweep import VariationOptions
-from mjrun.physics.distribution import Distribution
+from mjrun.physics.random_distribution import Distribution
 from tests.study.models import BALL
 
 MODEL = mujoco.MjModel.from_xml_string(BALL)

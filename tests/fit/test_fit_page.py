@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.fit.fit_page import write_fit_page
-from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedQuantity, FittedSignal
+from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
 from mjrun.model.table_column import Column
 
 LOGS = ("one.csv", "<two>.csv")
@@ -17,7 +17,7 @@ RESULT = FitResult(
         FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
         FittedParameter("delay:ctrl/<b>", 0.0, 0.5, 0.4, 0.5, 900.0, "high"),
     ],
-    inertias=[FittedInertia("payload", [FittedQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)])],
+    inertias=[FittedInertia("payload", [InertiaQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)])],
     signals=[FittedSignal("qpos/a", "rad", 0.002, 1.25, 0.5, 0.0123, None, None)],
     reduced_chi2=1.5625,
     correlation=[[1.0, -0.97], [-0.97, 1.0]],

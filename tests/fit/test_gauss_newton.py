@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from mjrun.fit.gauss_newton import GaussNewton, solve_normal
-from mjrun.fit.prediction import Rollout, States
+from mjrun.fit.prediction import InitialStates, Rollout
 from mjrun.fit.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fit.logs import NOISE
 from tests.fit.problems import THREE, predictor_of, segments, shooting
@@ -19,7 +19,7 @@ def test_it_ends_where_scipy_does(loss: str) -> None:
     predictor = predictor_of(shoot)
     (part,) = shoot.cut(segments(1.0))
     guess, noise = shoot.guessed([part], None), np.array([NOISE])
-    states = States(predictor.model)
+    states = InitialStates(predictor.model)
     problem = ShootingProblem(predictor, parameters, states, [part], np.array([0.5, 0.5]), guess, noise, loss, False)
     (solution,) = together(predictor, [GaussNewton(problem).minimize()])
 

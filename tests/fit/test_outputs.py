@@ -17,7 +17,7 @@ from mjrun.fit.result import FittedParameter
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
 from mjrun.model.sources.file import FileSource
-from mjrun.physics.distribution import parse_distribution
+from mjrun.physics.random_distribution import parse_distribution
 from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import TRUTH, noisy, simulate, write_log, write_model
 from tests.fit.problems import THREE

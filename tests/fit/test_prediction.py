@@ -8,7 +8,7 @@ import pytest
 
 from mjrun.fit.free_parameter import free_parameters
 from mjrun.fit.measurements import Segment
-from mjrun.fit.prediction import Predictor, Rollout, States, chunks
+from mjrun.fit.prediction import InitialStates, Predictor, Rollout, chunks
 from mjrun.model import state
 from mjrun.simulation.simulation import Simulation
 from tests.fit.logs import TRUTH, simulate, write_model
@@ -100,7 +100,7 @@ def test_deviations_of_states_are_tangents() -> None:
         '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
     )
     data = mujoco.MjData(model)
-    states = States(model)
+    states = InitialStates(model)
     assert states.size == 12
     moved = states.moved(state.save(model, data), np.array([1, 0, 0, 0, 0, np.pi / 2, 0, 2, 0, 0, 0, 0.0]))
     state.restore(model, data, moved)

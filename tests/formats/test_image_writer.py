@@ -373,14 +373,14 @@ import sys
 import numpy as np
 from mjrun.errors import ClosedPipeError, FileError
 from mjrun.formats.image_writer import ImageWriter
-from mjrun.model.rendered_image import Segment
+from mjrun.model.rendered_image import SegmentedObject
 view, form, side = sys.argv[1], sys.argv[2], int(sys.argv[3])
 noise = np.random.default_rng(1).integers(0, 3, (side, side, 3))
 flat = noise[..., 0]
 pixels = {"rgb": noise.astype(np.uint8), "depth": flat.astype(np.float32), "seg": flat.astype(np.int32)}
 try:
     with ImageWriter(None, view, form, (side, side)) as out:
-        out.write(pixels[view], [Segment("geom", k, str(k)) for k in range(3)], np.zeros((3, 3), np.uint8))
+        out.write(pixels[view], [SegmentedObject("geom", k, str(k)) for k in range(3)], np.zeros((3, 3), np.uint8))
         assert out.publish() == []
 except ClosedPipeError as end:
     sys.exit(end.exit_code)

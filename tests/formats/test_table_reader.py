@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 
 import mjrun
 from mjrun.errors import FileError, MissingExtraError, MjrunError, UnknownNameError, UsageError, clean
-from mjrun.formats import text_columns
+from mjrun.formats import number_text
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.tables import FORMATS, suffixes
 from tests.formats.table_files import bits, everything, hypothesis, lists, put, write
@@ -385,7 +385,7 @@ def test_text_that_json_would_take_otherwise_is_read_as_python_reads_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, rows: list[list[float]]
 ) -> None:
     for size in (1, 9, 2**16):  # bytes in a piece
-        monkeypatch.setattr(text_columns, "BYTES", size)
+        monkeypatch.setattr(number_text, "BYTES", size)
         with open_table(put(tmp_path / "t.csv", content)) as table:
             assert bits(np.concatenate(list(table.blocks()))) == bits(rows)
 

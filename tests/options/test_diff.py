@@ -3,7 +3,7 @@
 import pytest
 
 from mjrun.options.diff import ColumnTolerances
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 
 
 def test_a_tolerance_is_absolute_or_absolute_and_relative() -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from mjrun.options.evaluation import Thresholds
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 
 
 @pytest.mark.parametrize(

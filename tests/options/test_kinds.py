@@ -21,8 +21,8 @@ from mjrun.options.number_kinds import (
     Real,
     Size,
 )
-from mjrun.options.schema import ExpectedError
-from mjrun.options.setting_kinds import ColumnMap, Settings, Values, setting_text
+from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings, setting_text
 
 
 @pytest.mark.parametrize(
@@ -51,8 +51,8 @@ from mjrun.options.setting_kinds import ColumnMap, Settings, Values, setting_tex
         (Key(), 3, "3"),
         (File(), Path("a/b.npz"), "a/b.npz"),
         (Camera(), 0, "0"),
-        (Values(), {"hip": 0.3, "root": [0, 0, 1]}, {"hip": (0.3,), "root": (0.0, 0.0, 1.0)}),
-        (Values(), {"root": np.zeros(2)}, {"root": (0.0, 0.0)}),
+        (NamedNumbers(), {"hip": 0.3, "root": [0, 0, 1]}, {"hip": (0.3,), "root": (0.0, 0.0, 1.0)}),
+        (NamedNumbers(), {"root": np.zeros(2)}, {"root": (0.0, 0.0)}),
         (
             Settings(),
             {"opt.cone": "elliptic", "opt.gravity": [0, 0, -1]},
@@ -126,8 +126,8 @@ def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object,
         (Percent(), "10%", 0.1),
         (Groups(), "0,1", (0, 1)),
         (Groups(), "all", GROUPS),
-        (Values(), "root/z=1", ("root/z", (1.0,))),
-        (Values(), "a=b=1,2", ("a=b", (1.0, 2.0))),
+        (NamedNumbers(), "root/z=1", ("root/z", (1.0,))),
+        (NamedNumbers(), "a=b=1,2", ("a=b", (1.0, 2.0))),
         (Settings(), "opt.gravity=0,0,10", ("opt.gravity", "0,0,10")),
         (Several(Text(), commas=True), "a, b,,c", ("a", "b", "c")),
         (Several(Text()), "a,b", "a,b"),
@@ -155,9 +155,9 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
         (Percent(), "x%"),
         (Groups(), "6"),
         (Groups(), "0;1"),
-        (Values(), "hip"),
-        (Values(), "hip=nan"),
-        (Values(), "=1"),
+        (NamedNumbers(), "hip"),
+        (NamedNumbers(), "hip=nan"),
+        (NamedNumbers(), "=1"),
         (Settings(), "opt.cone="),
         (ColumnMap(), "time="),
         (ColumnMap(), "=t"),
@@ -177,7 +177,7 @@ def test_groups_survive_a_document(groups: list[int]) -> None:
 
 @given(st.dictionaries(st.text(min_size=1), st.lists(st.floats(allow_nan=False), min_size=1)))
 def test_values_survive_a_document(values: dict[str, list[float]]) -> None:
-    kind = Values()
+    kind = NamedNumbers()
     assert kind(kind.plain(kind(values))) == {name: tuple(numbers) for name, numbers in values.items()}
 
 

@@ -19,7 +19,7 @@ from mjrun.options.option import (
     options_of,
     required,
 )
-from mjrun.options.setting_kinds import Values
+from mjrun.options.setting_kinds import NamedNumbers
 
 
 @options
@@ -38,7 +38,7 @@ class Race(Common):
     track: str = required(converter=Text(), kw_only=False, help="Where.")
     laps: int | None = option(converter=Optional(Integer(1)), default=None, help="How often.")
     length: object = option(converter=Optional(ExactNumber()), default=None, help="How far [m].")
-    weights: object = option(converter=Values(), default={}, help="How heavy [kg].")
+    weights: object = option(converter=NamedNumbers(), default={}, help="How heavy [kg].")
     assert_: tuple[str, ...] = option(converter=Several(Text()), default=(), help="What must hold.")
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.options.push import Push, PushKind
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 
 KIND = PushKind()
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from mjrun.options.schema import ExpectedError
-from mjrun.options.setting_kinds import DISTRIBUTIONS, Variations, with_paths
-from mjrun.physics.distribution import parse_distribution
+from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.setting_kinds import DISTRIBUTIONS, VariedSettings, with_paths
+from mjrun.physics.random_distribution import parse_distribution
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ from mjrun.physics.distribution import parse_distribution
     ],
 )
 def test_every_form_is_a_text(value: object, text: str) -> None:
-    assert Variations()({"x": value}) == (("x", text),)
+    assert VariedSettings()({"x": value}) == (("x", text),)
 
 
 @pytest.mark.parametrize(
@@ -33,13 +33,13 @@ def test_every_form_is_a_text(value: object, text: str) -> None:
 )
 def test_anything_else_is_refused(value: object) -> None:
     with pytest.raises(ExpectedError):
-        Variations()({"x": value})
+        VariedSettings()({"x": value})
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 def test_every_distribution_can_be_written_as_a_mapping(name: str) -> None:
     numbers = [1, 2, 0, 3] if name == "truncnormal" else [1, 2]
-    text = Variations().text({name: numbers})
+    text = VariedSettings().text({name: numbers})
     distribution = parse_distribution(text, "vary x")
     assert distribution
     assert (distribution.name, [float(each) for each in distribution.arguments]) == (name, numbers)

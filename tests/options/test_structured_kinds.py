@@ -8,7 +8,7 @@ from mjrun.errors import spelled
 from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.option import Exclusion, Options, option, options, required
-from mjrun.options.schema import ExpectedError, MisfitError, Path, Schema
+from mjrun.options.schema_validation import ExpectedError, MisfitError, Path, Schema
 from mjrun.options.structured_kinds import ListOf, MappingOf, OneOf, OptionsMapping, plain_values
 
 

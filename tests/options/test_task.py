@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 
 from mjrun.options.kinds import AnyKind
-from mjrun.options.schema import ExpectedError
+from mjrun.options.schema_validation import ExpectedError
 from mjrun.options.task import (
     Limits,
     RandomValue,

@@ -23,7 +23,7 @@ from mjrun.options.view import (
     VIEWS,
     ViewOptions,
 )
-from mjrun.outputs.frames import RENDERERS as IMPLEMENTED_RENDERERS
+from mjrun.outputs.frame_output import RENDERERS as IMPLEMENTED_RENDERERS
 from mjrun.rendering import backend, text
 from mjrun.rendering.layout import columns
 from mjrun.rendering.segment_ids import groupings

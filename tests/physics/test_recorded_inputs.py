@@ -11,7 +11,7 @@ from mjrun.options.push import PushKind
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.control import ControlSources, PeriodicController
 from mjrun.physics.push_forces import PushForces
-from mjrun.physics.replay import AHEAD, RecordedInputs
+from mjrun.physics.recorded_states import AHEAD, RecordedInputs
 from mjrun.physics.stepper import PhysicsStepper
 from tests.physics.tumbler import Kept, model
 

@@ -16,7 +16,7 @@ from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.figure_painter import BESIDE, SMALLEST, CurveName, arranged, paint
 from mjrun.plotting.matplotlib_figure import Canvas, settings
-from mjrun.plotting.panel_grid import PanelCount, panel_grid
+from mjrun.plotting.panel_grid import FigureContents, panel_grid
 from mjrun.plotting.theme import THEMES
 
 TIME = np.linspace(0, 2, 50)
@@ -40,7 +40,7 @@ def figure(
 ) -> Figure:
     """A figure that is drawn; its artists know where they are."""
     most = max(len(each.curves) for each in panels)
-    grid = panel_grid(PanelCount(len(panels), most, bool(title)), size, columns)
+    grid = panel_grid(FigureContents(len(panels), most, bool(title)), size, columns)
     with settings(THEMES[style], grid.em), warnings.catch_warnings():
         warnings.simplefilter("error")
         canvas = Canvas(grid, THEMES[style])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mjrun.errors import BadValueError, FileError
 from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageFile, PageTable, html_page, inline_svg, page_file
-from mjrun.plotting.page_manifest import PageManifest, flat, manifest_articles
+from mjrun.plotting.manifest_section import FileManifest, flat, manifest_articles
 from mjrun.plotting.page_writer import PageWriter, included, recorded_verdicts
 from mjrun.plotting.table_summary import ColumnStatistics
 from mjrun.probe.verdict import Verdict
@@ -40,7 +40,7 @@ PAGE = Page(
         PageFile("frames", None, "./frames", None),
     ],
     [PageTable(EVIL, 12345, [ColumnStatistics(EVIL, "m/s²", -1.0, 2.5, 0.1, float("nan"), 1)])],
-    [PageManifest("m.json", {"command": EVIL, "options": {EVIL: [EVIL]}})],
+    [FileManifest("m.json", {"command": EVIL, "options": {EVIL: [EVIL]}})],
     [PageFacts("What was found", EVIL, ["Name", EVIL], [(EVIL, "1.25"), ("b", EVIL)], [1])],
 )
 VOID = {"meta", "img", "br"}
@@ -208,19 +208,19 @@ def test_manifests_are_told_from_other_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("result", [None, 3, [], {}, {"assertions": 1}, {"assertions": [1, {"text": 1}, None]}])
 def test_a_manifest_that_says_nothing_of_assertions_has_no_verdicts(result: object) -> None:
-    assert recorded_verdicts([PageManifest("m.json", {"result": result})]) == []
+    assert recorded_verdicts([FileManifest("m.json", {"result": result})]) == []
 
 
 def test_verdicts_are_those_of_the_run() -> None:
     entry = {"text": "a < 1", "passed": False, "message": "a < 1: it is 2"}
     content = {"result": {"path": "run.csv", "assertions": [entry]}}
-    assert recorded_verdicts([PageManifest("m.json", content)]) == [("run.csv", Verdict(**entry))]
+    assert recorded_verdicts([FileManifest("m.json", content)]) == [("run.csv", Verdict(**entry))]
 
 
 def test_a_manifest_within_a_table_is_part_of_the_one_beside_it() -> None:
     inner = json.loads('{"mjrun": "1", "model": {"path": "a"}}')
-    assert PageManifest("t", inner).is_part_of(PageManifest("m", {**inner, "result": {}}))
-    assert not PageManifest("t", inner).is_part_of(PageManifest("m", {**inner, "model": {"path": "b"}}))
+    assert FileManifest("t", inner).is_part_of(FileManifest("m", {**inner, "result": {}}))
+    assert not FileManifest("t", inner).is_part_of(FileManifest("m", {**inner, "model": {"path": "b"}}))
 
 
 def test_a_page_is_published_whole_or_not_at_all(tmp_path: Path) -> None:
@@ -252,13 +252,13 @@ ALLOWED |= {"thead", "tbody", "tr", "th", "td"}
 KEYS = st.sampled_from(["mjrun", "command", "model", "options", "result", "outputs", "seed", "<b>"])
 
 
-def article(*manifests: PageManifest) -> str:
+def article(*manifests: FileManifest) -> str:
     return "".join(manifest_articles(manifests))
 
 
 @given(st.dictionaries(KEYS, JSON, max_size=6))
 def test_a_manifest_of_anything_is_shown(content: dict[str, object]) -> None:
-    tags = {tag for tag, _ in read(article(PageManifest("m.json", content))).tags}
+    tags = {tag for tag, _ in read(article(FileManifest("m.json", content))).tags}
     assert tags <= ALLOWED
 
 
@@ -272,7 +272,7 @@ def test_a_manifest_of_ours_says_what_made_it() -> None:
         "result": {"path": "x", "wall": 1.25, "assertions": [{"text": "a < 1"}]},
         "outputs": [{"path": "run.csv", "bytes": 12, "sha256": "feed"}],
     }
-    text = read(article(PageManifest("run.json", content))).text
+    text = read(article(FileManifest("run.json", content))).text
     for part in ("mjrun trace <b>.xml", "12ab", "mjrun 0.1.0, mujoco 4.0.0", "Wall [s]1.25", "feed", "Options (2)"):
         assert part in text
     assert "simulation.key" not in text
@@ -287,7 +287,7 @@ def test_mappings_are_taken_apart_to_a_limit() -> None:
 def test_what_all_manifests_say_is_said_once() -> None:
     shared = {"command": "mjrun run study.yaml", "seed": 0}
     pages = [
-        PageManifest(name, {**shared, "result": {"wall": wall}}) for name, wall in (("a.mp4", 1.0), ("b.csv", 2.0))
+        FileManifest(name, {**shared, "result": {"wall": wall}}) for name, wall in (("a.mp4", 1.0), ("b.csv", 2.0))
     ]
     text = read(article(*pages)).text
     assert text.count("mjrun run study.yaml") == 1

@@ -38,7 +38,7 @@ MODEL = """
   <keyframe><key name="home" qpos="0 0 .4 1 0 0 0 .3 -.2" ctrl=".3 -.2"/></keyframe>
 </mujoco>
 """
-(TASK,) = re.findall(r"Its conventions as a task:\n\n```yaml\n(.*?)```", TEXT, re.DOTALL)
+(TASK,) = re.findall(r"This task follows its conventions:\n\n```yaml\n(.*?)```", TEXT, re.DOTALL)
 SIZE, PERIODS, SUBSTEPS, DT = 20, 100, 5, 0.02
 
 

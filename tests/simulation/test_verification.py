@@ -27,7 +27,7 @@ from mjrun.simulation import verification
 from mjrun.simulation.simulation import Simulation
 from mjrun.simulation.verification import UNEXPLAINED, first_difference, verify
 from mjrun.timeline import rational
-from tests.physics.test_replay import DELAYED, PLUGIN, SLEEPY, TUMBLE, Kept, live, recorded, wave
+from tests.physics.test_recorded_states import DELAYED, PLUGIN, SLEEPY, TUMBLE, Kept, live, recorded, wave
 
 XML = """<mujoco><worldbody>
 <body name="box" pos="0 0 1"><freejoint name="root"/><geom type="box" size=".1 .2 .3" mass="{mass}"/></body>

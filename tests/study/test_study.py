@@ -24,8 +24,8 @@ from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import isolation
 from mjrun.study.executors import open_executor
+from mjrun.study.job_plan import plan, run_task
 from mjrun.study.study import Study, StudyResult
-from mjrun.study.task_plan import plan, run_task
 from tests.study import factories
 from tests.study.models import BALL
 

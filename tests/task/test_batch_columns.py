@@ -7,7 +7,7 @@ from mujoco.batch import Batch
 
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
-from mjrun.probe.episode import EpisodeProbe
+from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select, selected_columns
 from mjrun.task.batch_columns import ALL, SENSED, BatchColumns, MeasurementPlan, SourceWithSensors, can_sense

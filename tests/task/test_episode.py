@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.physics.observe import Tap, observe
-from mjrun.physics.replay import ReplayStepper, StateBuffer
+from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import ControlInstants, Ending, EpisodeOver, ReplayedEpisode
 from mjrun.task.task_stepper import TaskStepper

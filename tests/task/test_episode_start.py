@@ -8,7 +8,7 @@ from mjrun.errors import UnknownNameError, UsageError
 from mjrun.model import state
 from mjrun.model.sources import parse_source
 from mjrun.model.variants import ModelVariant, ModelVariants, SharedCompilation
-from mjrun.physics.distribution import draw_numbers
+from mjrun.physics.random_distribution import draw_numbers
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.random_streams import MODEL as MODEL_STREAM
 from mjrun.task.random_streams import START, stream

@@ -16,7 +16,7 @@ from mjrun.errors import concerning
 from mjrun.options.kinds import Choice, Flag, Optional
 from mjrun.options.number_kinds import Point
 from mjrun.options.option import option, options, required
-from mjrun.options.schema import Path
+from mjrun.options.schema_validation import Path
 
 DISTANCE = "Distance of the camera [m]; MuJoCo's free camera's if left out."
 DIRECTION = "Direction of view, counter-clockwise from above [deg]"

@@ -12,7 +12,7 @@ from mjrun.camera.setting_kinds import PlaceKind
 from mjrun.camera.targets import Place, Target, find_target
 from mjrun.errors import concerning
 from mjrun.options.option import options, required
-from mjrun.options.schema import Path
+from mjrun.options.schema_validation import Path
 
 
 @options

@@ -9,7 +9,7 @@ from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
 from mjrun.model.names import identify
 from mjrun.options.kinds import AnyKind, Key, Kind, ReadingContext
 from mjrun.options.option import options, required
-from mjrun.options.schema import Schema
+from mjrun.options.schema_validation import Schema
 
 _KEY = Key(expected="the name or index of a camera")
 

@@ -17,7 +17,7 @@ from mjrun.errors import UsageError, concerning
 from mjrun.options.kinds import Choice, Optional
 from mjrun.options.number_kinds import Point, Real
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.schema import Path
+from mjrun.options.schema_validation import Path
 from mjrun.options.structured_kinds import ListOf, OptionsMapping, mappings_in
 
 CURVES = ("spline", "linear")

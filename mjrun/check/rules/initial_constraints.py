@@ -111,7 +111,7 @@ def _strongest_constraint(context: LintContext, data: mujoco.MjData) -> str:
     return f"the contact of {' and '.join(repr(name) for name in geoms)}" if len(geoms) == 2 else "a contact"
 
 
-class Spring(NamedTuple):
+class ConstraintSpring(NamedTuple):
     """The spring-damper of a constraint: the kind and id of its object, the attribute, and its two numbers."""
 
     kind: str
@@ -124,7 +124,7 @@ class Spring(NamedTuple):
 def springs_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
     """Yields contacts, limits and equalities that are too stiff for the timestep: the stiffest of each kind."""
     model = context.model
-    stiff: dict[tuple[str, str], list[Spring]] = {}
+    stiff: dict[tuple[str, str], list[ConstraintSpring]] = {}
     for spring in _springs(model):
         if stiffness_problem(model, spring):
             stiff.setdefault((spring.kind, spring.attribute), []).append(spring)
@@ -139,31 +139,31 @@ def springs_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
         yield context.violation(worst.kind, worst.id, message, _softer(model, springs))
 
 
-def _springs(model: mujoco.MjModel) -> Iterator[Spring]:
+def _springs(model: mujoco.MjModel) -> Iterator[ConstraintSpring]:
     """Yields the springs of all constraints that can act."""
     off = model.opt.disableflags
     bits = mujoco.mjtDisableBit
     if not off & (bits.mjDSBL_CONTACT | bits.mjDSBL_CONSTRAINT):
         collides = (model.geom_contype | model.geom_conaffinity) != 0
         for geom in np.flatnonzero(collides):
-            yield Spring("geom", int(geom), "solref", _pair(model.geom_solref[geom]))
+            yield ConstraintSpring("geom", int(geom), "solref", _pair(model.geom_solref[geom]))
         for pair in range(model.npair):
-            yield Spring("geom", int(model.pair_geom1[pair]), "solref", _pair(model.pair_solref[pair]))
+            yield ConstraintSpring("geom", int(model.pair_geom1[pair]), "solref", _pair(model.pair_solref[pair]))
     if not off & (bits.mjDSBL_LIMIT | bits.mjDSBL_CONSTRAINT):
         for joint in np.flatnonzero(model.jnt_limited):
-            yield Spring("joint", int(joint), "solreflimit", _pair(model.jnt_solref[joint]))
+            yield ConstraintSpring("joint", int(joint), "solreflimit", _pair(model.jnt_solref[joint]))
         for tendon in np.flatnonzero(model.tendon_limited):
-            yield Spring("tendon", int(tendon), "solreflimit", _pair(model.tendon_solref_lim[tendon]))
+            yield ConstraintSpring("tendon", int(tendon), "solreflimit", _pair(model.tendon_solref_lim[tendon]))
     if not off & (bits.mjDSBL_EQUALITY | bits.mjDSBL_CONSTRAINT):
         for equality in np.flatnonzero(model.eq_active0):
-            yield Spring("equality", int(equality), "solref", _pair(model.eq_solref[equality]))
+            yield ConstraintSpring("equality", int(equality), "solref", _pair(model.eq_solref[equality]))
 
 
 def _pair(solref: np.ndarray) -> tuple[float, float]:
     return float(solref[0]), float(solref[1])
 
 
-def stiffness_problem(model: mujoco.MjModel, spring: Spring) -> str:
+def stiffness_problem(model: mujoco.MjModel, spring: ConstraintSpring) -> str:
     """Returns the reason why a spring is too stiff for the timestep h; empty if it is not.
 
     MuJoCo's manual, Modeling, Solver parameters: the time constant of solref should be at least 2h, and with refsafe
@@ -189,7 +189,7 @@ def _time_constant(solref: tuple[float, float]) -> float:
     return solref[0] if solref[0] > 0 else float(1 / np.sqrt(max(-solref[0], 1e-12)))
 
 
-def _softer(model: mujoco.MjModel, springs: list[Spring]) -> str:
+def _softer(model: mujoco.MjModel, springs: list[ConstraintSpring]) -> str:
     positive = [spring.solref[0] for spring in springs if spring.solref[0] > 0]
     if not positive:
         return "use a smaller timestep, or less stiffness and damping"

@@ -11,7 +11,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.formats.parent_folders import ParentFolders
-from mjrun.options.bench import BenchOptions, ReportOptions
+from mjrun.options.bench import BenchOptions, ReportFormatOptions
 from mjrun.options.confinement import ConfinementOptions
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -20,7 +20,7 @@ SLOWER, PARTLY = 1, 8  # exit codes
 
 @command(
     BenchOptions,
-    ReportOptions,
+    ReportFormatOptions,
     ConfinementOptions,
     arguments=[MODEL],
     python="Bench",
@@ -44,7 +44,7 @@ def bench(console: Console, command_line: CommandLine) -> None:
     """
     form = command_line.form("csv", "markdown")
     console.guard_stdout()
-    with _summary(command_line.make(ReportOptions).summary) as append:
+    with _summary(command_line.make(ReportFormatOptions).summary) as append:
         import_mujoco()
         from mjrun.bench.bench import Bench
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
-from mjrun.cli.command_report import Report
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_camera_scripts
 from mjrun.cli.table_cells import Column, number
 from mjrun.errors import clean, counted

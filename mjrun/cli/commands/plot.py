@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import CommandLine, command
-from mjrun.cli.command_report import Report
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, reported_failures
 from mjrun.errors import FailedAssertionError

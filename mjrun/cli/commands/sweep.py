@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
-from mjrun.cli.command_report import Report
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, simulation, stem
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.option import options_of
-from mjrun.options.setting_kinds import Settings, Values
+from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
     MANIFEST,
@@ -33,8 +33,8 @@ from mjrun.options.sweep import (
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
+    from mjrun.study.job_plan import StudyPlan
     from mjrun.study.study import Study, StudyResult
-    from mjrun.study.task_plan import StudyPlan
 
     Located = Callable[[], AbstractContextManager[None]]
 
@@ -196,7 +196,7 @@ def _with_document(study: "Study", *, required: bool = False) -> "Study":
 
 def _write_plan(console: Console, study: "Study", path: str) -> None:
     from mjrun.document.study import write_plan
-    from mjrun.study.task_plan import plan
+    from mjrun.study.job_plan import plan
 
     made = plan(study)
     write_plan(path, made)
@@ -205,7 +205,7 @@ def _write_plan(console: Console, study: "Study", path: str) -> None:
 
 
 def _simulate_task(console: Console, command_line: CommandLine, task: int, tasks: int) -> None:
-    from mjrun.study.task_plan import run_task
+    from mjrun.study.job_plan import run_task
 
     result = run_task(_plan(command_line), task, tasks, console)
     counts = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
@@ -226,7 +226,9 @@ def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]
             says = f"{option(each.name)}: {clean(file)} sets it already"
             if own:
                 raise UsageError(f"{says}; for another study, give its model or its document, and another folder")
-            assignment = f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | Values) else f"{each.key}=VALUE"
+            assignment = (
+                f"{each.key}.NAME=VALUE" if isinstance(each.kind, Settings | NamedNumbers) else f"{each.key}=VALUE"
+            )
             raise UsageError(f"{says}; change it as in {assignment}")
 
 

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
-from mjrun.cli.command_report import Report
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make,

@@ -24,10 +24,10 @@ import numpy as np
 import orjson
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import text_columns
-from mjrun.formats.table_contents import EXACT, Cells, ColumnFilter, TableContents, select, shown
+from mjrun.formats import number_text
+from mjrun.formats.number_text import LinePieces
+from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, TableContents, select, shown
 from mjrun.formats.table_writer import RowWriter
-from mjrun.formats.text_columns import LinePieces
 from mjrun.model.table_column import Column
 
 FORMULA = ("=", "+", "-", "@")  # first characters of a cell that a spreadsheet reads as a formula
@@ -46,14 +46,14 @@ class CsvWriter(RowWriter):
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         self._file = file
         self._header = b",".join(_cell(column.name) for column in columns) + b"\n"
-        self._labels = text_columns.label_text(
+        self._labels = number_text.label_text(
             columns, lambda label: _cell(LABEL_FORMULA.sub(r"\1'", clean(label))), b""
         )
         self._integers = {i for i, column in enumerate(columns) if column.integer}
 
     def write(self, block: np.ndarray) -> None:
         self._write_header()
-        for piece in text_columns.pieces(block):
+        for piece in number_text.pieces(block):
             mixed = self._labels or self._integers
             self._file.write(_mixed_lines(piece, self._labels, self._integers) if mixed else _lines(piece))
 
@@ -73,7 +73,7 @@ def _cell(name: str) -> bytes:
 
 
 def _lines(piece: np.ndarray) -> bytes:
-    text = text_columns.number_text(piece).replace(b"],[", b"\n") + b"\n"
+    text = number_text.number_text(piece).replace(b"],[", b"\n") + b"\n"
     not_finite = piece[~np.isfinite(piece)]
     if not not_finite.size:
         return text
@@ -94,13 +94,13 @@ def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: 
         if index in labels:
             cells.append(labels[index][values[:, 0].astype(int)].tolist())
         elif index in integers:
-            cells.append(text_columns.integer_text(values[:, 0], b"nan"))
+            cells.append(number_text.integer_text(values[:, 0], b"nan"))
         else:
             cells.append(_lines(values).splitlines())
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: CellKinds) -> TableContents:
     """Reads the accepted columns."""
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
@@ -134,7 +134,7 @@ class _Lines:
         return text
 
     def _split(self, path: Path, file: BinaryIO) -> Iterator[str]:
-        for line in text_columns.lines(path, file, self.count):
+        for line in number_text.lines(path, file, self.count):
             self.buffered = b"\r" in line[:-2]
             yield from _texts(line if self.count else line.removeprefix(codecs.BOM_UTF8))
 
@@ -145,19 +145,25 @@ def _texts(lines: bytes) -> io.StringIO:
 
 
 def _blocks(
-    path: Path, file: BinaryIO, header: _Lines, pieces: LinePieces, keys: Mapping[str, int], width: int, cells: Cells
+    path: Path,
+    file: BinaryIO,
+    header: _Lines,
+    pieces: LinePieces,
+    keys: Mapping[str, int],
+    width: int,
+    cells: CellKinds,
 ) -> Iterator[np.ndarray]:
     """Yields the rows after the header: plain numbers are parsed piece by piece, anything else cell by cell."""
     convert = (_floats, _floats_or_nan, _exact)[cells]
 
     def parse(lines: Iterable[str], before: int) -> Iterator[np.ndarray]:
-        return text_columns.number_blocks(path, _rows(path, lines, before, width), keys, convert)
+        return number_text.number_blocks(path, _rows(path, lines, before, width), keys, convert)
 
     if header.buffered:
         yield from parse(header, header.count)
     for before, piece in pieces:
         block = _plain_block(piece, list(keys.values()), width)
-        if block is not None and not (cells is Cells.ANY and (np.abs(block) >= EXACT).any()):
+        if block is not None and not (cells is CellKinds.ANY and (np.abs(block) >= EXACT).any()):
             yield block
         elif b'"' in piece:  # a cell may end in a later piece, so that the rest is read line by line
             yield from parse(itertools.chain(_texts(piece), _Lines(path, file, before + piece.count(b"\n"))), before)
@@ -221,7 +227,7 @@ def _require_header(path: Path, line: int, names: Sequence[str]) -> None:
         raise FileError(place, "is not text in UTF-8")
     if len(names) == 1 and any(separator in names[0] for separator in ";\t"):
         raise FileError(place, f"{shown(names[0])} is one column: columns are separated by commas")
-    if all(text_columns.is_number(name, _floats) for name in names):
+    if all(number_text.is_number(name, _floats) for name in names):
         raise FileError(place, "holds numbers: a table begins with the names of its columns")
 
 
@@ -237,4 +243,4 @@ def _floats_or_nan(cells: list[str]) -> np.ndarray:
 
 
 def _exact(cells: list[str]) -> np.ndarray:
-    return text_columns.exact_cells(cells, _floats_or_nan)
+    return number_text.exact_cells(cells, _floats_or_nan)

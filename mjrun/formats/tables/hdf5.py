@@ -93,7 +93,7 @@ def paths(names: Sequence[str]) -> list[str]:
     return places
 
 
-def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.Cells) -> tables.TableContents:
+def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.CellKinds) -> tables.TableContents:
     """Reads the accepted columns."""
     with decoding(path):
         archive = h5py.File(file, "r")
@@ -109,7 +109,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
     def opened(name: str, dataset: h5py.Dataset) -> tables.ArrayReader:
         content = content_name(dataset.dtype)
         text = h5py.check_string_dtype(dataset.dtype)
-        if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.Cells.ANY):
+        if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.CellKinds.ANY):
             raise tables.not_numbers(path, name, "text" if text else content)
         tables.require_vector(path, name, dataset.shape or ())
         if dataset.is_virtual or dataset.external:

@@ -19,8 +19,8 @@ import numpy as np
 import orjson
 
 from mjrun.errors import FileError, clean
-from mjrun.formats import text_columns
-from mjrun.formats.table_contents import Cells, ColumnFilter, TableContents, select, shown
+from mjrun.formats import number_text
+from mjrun.formats.table_contents import CellKinds, ColumnFilter, TableContents, select, shown
 from mjrun.formats.table_writer import RowWriter
 from mjrun.model.table_column import Column
 
@@ -34,18 +34,18 @@ class JsonlWriter(RowWriter):
         self._file = file
         first, *others = (_string(column.name) + b":" for column in columns)
         self._before = [b"}\n{" + first, *(b"," + key for key in others)]
-        self._labels = text_columns.label_text(columns, _string, b"null")
+        self._labels = number_text.label_text(columns, _string, b"null")
         self._integers = [i for i, column in enumerate(columns) if column.integer]
 
     def write(self, block: np.ndarray) -> None:
-        for piece in text_columns.pieces(block):
+        for piece in number_text.pieces(block):
             parts = [b""] * (2 * piece.size)
             parts[::2] = self._before * len(piece)
-            parts[1::2] = text_columns.number_text(piece).replace(b"],[", b",").split(b",")
+            parts[1::2] = number_text.number_text(piece).replace(b"],[", b",").split(b",")
             for index, labels in self._labels.items():
                 parts[2 * index + 1 :: 2 * piece.shape[1]] = labels[piece[:, index].astype(int)].tolist()
             for index in self._integers:
-                parts[2 * index + 1 :: 2 * piece.shape[1]] = text_columns.integer_text(piece[:, index], b"null")
+                parts[2 * index + 1 :: 2 * piece.shape[1]] = number_text.integer_text(piece[:, index], b"null")
             parts[0] = parts[0].removeprefix(b"}\n")
             self._file.write(b"".join(parts) + b"}\n")
 
@@ -54,7 +54,7 @@ def _string(text: str) -> bytes:
     return json.dumps(text, ensure_ascii=clean(text) != text).encode()
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> TableContents:
+def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: CellKinds) -> TableContents:
     """Reads the accepted columns. If gaps are accepted, a key may be missing too."""
     rows = _rows(path, file, cells)
     first = next(rows, None)
@@ -62,15 +62,15 @@ def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: Cells) -> Tabl
         raise FileError(path, "is empty: its first row has the names of the columns")
     names = first[1].keys()
     keys = {name: name for name in select(path, list(names), wanted)}
-    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= Cells.GAPS))
+    alike = itertools.chain([first], _with_keys(path, rows, names, wanted, cells >= CellKinds.GAPS))
     convert = (_floats, _floats_or_nan, _exact)[cells]
-    return TableContents(list(keys), text_columns.number_blocks(path, alike, keys, convert))
+    return TableContents(list(keys), number_text.number_blocks(path, alike, keys, convert))
 
 
-def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[str, Any]]]:
+def _rows(path: Path, file: BinaryIO, cells: CellKinds) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yields every object with its line; skips blank lines, and checks that the keys of the first row are unique."""
     first = True
-    for number, text in enumerate(text_columns.lines(path, file), 1):
+    for number, text in enumerate(number_text.lines(path, file), 1):
         line = text.removeprefix(codecs.BOM_UTF8) if number == 1 else text
         if not line.strip():
             continue
@@ -79,7 +79,7 @@ def _rows(path: Path, file: BinaryIO, cells: Cells) -> Iterator[tuple[int, dict[
             row = orjson.loads(line)
         except orjson.JSONDecodeError as error:
             raise FileError(place, f"cannot be read as JSON: {clean(error.msg)}, character {error.pos + 1}") from None
-        if cells is Cells.ANY and LONG_INTEGER.search(line):  # which orjson reads as a float
+        if cells is CellKinds.ANY and LONG_INTEGER.search(line):  # which orjson reads as a float
             with contextlib.suppress(ValueError, RecursionError):
                 row = json.loads(line)
         if not isinstance(row, dict):
@@ -124,4 +124,4 @@ def _floats_or_nan(cells: list[Any]) -> np.ndarray:
 
 
 def _exact(cells: list[Any]) -> np.ndarray:
-    return text_columns.exact_cells(cells, _floats_or_nan)
+    return number_text.exact_cells(cells, _floats_or_nan)

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.model.archive_files import file_content, file_size, main_mjcf
+from mjrun.model.archive_paths import file_content, file_size, main_mjcf
 from mjrun.model.names import PREFIXES, names
 from mjrun.model.xml_source import scan
 

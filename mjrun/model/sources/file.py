@@ -15,7 +15,7 @@ from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_reada
 from mjrun.confinement.self_confinement import confined_load
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
-from mjrun.model import archive_files
+from mjrun.model import archive_paths
 from mjrun.model.compilation import FAULTS, broken_model, check_model, compile_model
 from mjrun.model.mujoco_globals import without_log
 from mjrun.model.named_files import existing_files, foreign_file, require_regular_files
@@ -97,7 +97,7 @@ class FileSource(Source):
                 path, f"is not a model file; model files end in {', '.join(MODELS)}{lower or task}"
             )
 
-        if path.suffix in archive_files.ARCHIVES and (fault := excess(path, archive_files.unpacked_size(path))):
+        if path.suffix in archive_paths.ARCHIVES and (fault := excess(path, archive_paths.unpacked_size(path))):
             raise BrokenModelError(path, fault, hint=HINT)
 
     def _load_compiled(self) -> mujoco.MjModel:
@@ -134,8 +134,8 @@ class FileSource(Source):
 
     def _main_text(self) -> tuple[bytes | None, str]:
         """Returns the text that MuJoCo parses first, and its path; None and an empty path for a compiled model."""
-        main = str(self.path) if self.path.suffix == ".urdf" else archive_files.main_mjcf(self.path)
-        return (archive_files.file_content(main), main) if main else (None, "")
+        main = str(self.path) if self.path.suffix == ".urdf" else archive_paths.main_mjcf(self.path)
+        return (archive_paths.file_content(main), main) if main else (None, "")
 
     def _parse_checked(self) -> mujoco.MjSpec:
         path = self.path

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjrun.plotting.figure_data import Scale, scale
-from mjrun.plotting.panel_grid import PanelCount, PanelGrid, panel_grid
+from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
 
 CELLS = 8  # maximum number of cells in a row that are all labelled
 EDGE = 0.04  # margin at the ends of an axis, as a share of its range
@@ -192,4 +192,4 @@ def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None) -> PanelGrid
         side = 1
     names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)
     above = min(side, panels) if drawing.above else 0
-    return panel_grid(PanelCount(panels + above, names, bool(drawing.title)), size, min(side, panels))
+    return panel_grid(FigureContents(panels + above, names, bool(drawing.title)), size, min(side, panels))

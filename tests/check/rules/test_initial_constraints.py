@@ -41,7 +41,7 @@ def test_a_direct_spring_is_stiff_exactly_when_its_steps_diverge(stiffness: floa
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     model.opt.timestep = step
     margin = 2 * step * damping + step**2 * stiffness
-    spring = initial_constraints.Spring("geom", 0, "solref", (-stiffness, -damping))
+    spring = initial_constraints.ConstraintSpring("geom", 0, "solref", (-stiffness, -damping))
     if abs(margin / 4 - 1) > 0.05:
         is_stiff = bool(initial_constraints.stiffness_problem(model, spring))
         assert is_stiff == steps_until_it_diverges(spring.solref, step)

@@ -2,7 +2,7 @@
 
 from mjrun.cli.commands.fit import excitation_report, fit_report
 from mjrun.fit.excitation import ExcitationResult, ExpectedParameter, MotionExtent
-from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedQuantity, FittedSignal
+from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
 
 PARAMETERS = [
     FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),
@@ -46,8 +46,8 @@ def test_errors_on_what_was_held_out_are_shown_if_something_was() -> None:
 
 
 def test_inertias_are_shown_in_their_units() -> None:
-    mass = FittedQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)
-    moment = FittedQuantity("moment/1", "kg m²", 0.0028, 0.0028, 0.0028, 0.0028)
+    mass = InertiaQuantity("mass", "kg", 0.7, 1.4, 1.39, 1.42)
+    moment = InertiaQuantity("moment/1", "kg m²", 0.0028, 0.0028, 0.0028, 0.0028)
     text = report(inertias=[FittedInertia("payload", [mass, moment])])
     assert "1.39 … 1.42" in text
     assert "0.0028 … 0.0028" not in text  # it was not looked for

@@ -74,5 +74,5 @@ def test_a_damaged_file_is_an_error_or_sizes(tmp_path: Path, seed: int) -> None:
 
 def test_what_is_no_file_of_arrow_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"")
-    with (tmp_path / "a").open("rb") as file, pytest.raises(ValueError, match="outside of the file"):
+    with (tmp_path / "a").open("rb") as file, pytest.raises(ValueError, match="outside the file"):
         batch_sizes(file)

@@ -16,7 +16,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError, clean
-from mjrun.formats import table_contents, table_writer, text_columns
+from mjrun.formats import number_text, table_contents, table_writer
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import FORMATS
@@ -47,8 +47,8 @@ text_of_a_model = st.text(st.characters(codec="utf-8", exclude_characters="\0"),
 @pytest.fixture
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few rows to a piece of text and to a group of columns, so that small tables have many."""
-    monkeypatch.setattr(text_columns, "PIECE", 10)
-    monkeypatch.setattr(text_columns, "ROWS", 3)
+    monkeypatch.setattr(number_text, "PIECE", 10)
+    monkeypatch.setattr(number_text, "ROWS", 3)
     monkeypatch.setattr(table_contents, "PIECE", 5)
     monkeypatch.setattr(table_writer, "GROUP", 12)
 

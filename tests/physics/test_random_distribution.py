@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError
-from mjrun.physics.distribution import draw_numbers, draw_text, parse_distribution
+from mjrun.physics.random_distribution import draw_numbers, draw_text, parse_distribution
 
 FRACTIONS = np.array([0.001, 0.1, 0.25, 0.5, 0.75, 0.999])
 

@@ -12,7 +12,7 @@ import mjrun
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.view import RENDERERS as NAMES
 from mjrun.options.view import ViewOptions
-from mjrun.outputs.frames import RENDERERS, FrameOutput, check_drawing, check_view, plan_frames
+from mjrun.outputs.frame_output import RENDERERS, FrameOutput, check_drawing, check_view, plan_frames
 from mjrun.outputs.output import Context, SharedRendering
 from mjrun.outputs.video import Video
 from mjrun.physics.stepper import PhysicsStepper

@@ -14,7 +14,7 @@ from mjrun.errors import MjrunWarning, UsageError
 from mjrun.options.view import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.output_files import ReservedFiles, named_files
-from mjrun.outputs.panel_files import DrawingCalibration, output_files, panel_files, panels_of
+from mjrun.outputs.panels import DrawingCalibration, output_files, panel_files, panels_of
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording

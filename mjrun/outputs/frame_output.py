@@ -25,10 +25,10 @@ from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
 from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, RendererRequest, SharedRendering
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
-from mjrun.outputs.panel_files import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
+from mjrun.outputs.panels import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.outputs.scene_decorations import SceneDecorations, scene_decorations
 from mjrun.physics.observe import AnyTap, Tap
-from mjrun.physics.replay import StateBuffer
+from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor

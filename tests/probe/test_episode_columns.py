@@ -6,7 +6,7 @@ import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.probe.assertion import parse
-from mjrun.probe.episode import EpisodeColumns, EpisodeProbe, EpisodeValues
+from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe, EpisodeValues
 from mjrun.probe.row_expression import parse_condition
 from mjrun.probe.select import available_columns, select
 from mjrun.probe.vocabularies import AvailableProbes, TraceVocabulary

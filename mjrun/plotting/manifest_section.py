@@ -14,18 +14,18 @@ _ELSEWHERE = ("path", "paths", "assertions")
 
 
 @dataclass(frozen=True)
-class PageManifest:
+class FileManifest:
     """The manifest of a file, whose content is not validated."""
 
     path: str
     content: Mapping[str, object]
 
-    def is_part_of(self, other: "PageManifest") -> bool:
+    def is_part_of(self, other: "FileManifest") -> bool:
         """Returns whether `other` contains all of it, as a manifest beside a table contains the embedded one."""
         return all(key in other.content and other.content[key] == value for key, value in self.content.items())
 
 
-def manifest_articles(manifests: Sequence[PageManifest]) -> Iterator[Markup]:
+def manifest_articles(manifests: Sequence[FileManifest]) -> Iterator[Markup]:
     """Yields the content of manifests; facts that all share come first, and only once."""
     every = [_facts(manifest) for manifest in manifests]
     common = {key: value for key, value in every[0].items() if all(f.get(key) == value for f in every)} if every else {}
@@ -39,7 +39,7 @@ def manifest_articles(manifests: Sequence[PageManifest]) -> Iterator[Markup]:
         yield element("article", element("h3", manifest.path), terms, *_options(options), *_hashes(outputs))
 
 
-def _facts(manifest: PageManifest) -> dict[str, object]:
+def _facts(manifest: FileManifest) -> dict[str, object]:
     """Returns the most important facts first, then all others but options and hashes; empty ones are omitted."""
     content = {key: value for key, value in manifest.content.items() if key not in ("options", "outputs")}
     result, model = _mapping(content.pop("result", None)), _mapping(content.pop("model", None))

@@ -4,7 +4,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.options.number_kinds import NUMBERS
-from mjrun.options.schema import ExpectedError, Misfit, MisfitError, Misfits, Schema, check
+from mjrun.options.schema_validation import ExpectedError, Misfit, MisfitError, Misfits, Schema, check
 from mjrun.options.setting_kinds import SETTING
 from tests.document.schema_oracle import fits
 

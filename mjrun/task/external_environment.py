@@ -44,7 +44,7 @@ class EnvironmentStep:
     ending: Ending | None
 
 
-class Environment:
+class ExternalEnvironment:
     """A registered Gymnasium environment with a MuJoCo simulation.
 
     Automatic resets of unstable simulations are off.
@@ -226,7 +226,7 @@ class EnvironmentStepper:
       SimulationError: an action is not finite, or the simulation fails.
     """
 
-    def __init__(self, environment: Environment, actor: Actor, seed: int, policy: str = "") -> None:
+    def __init__(self, environment: ExternalEnvironment, actor: Actor, seed: int, policy: str = "") -> None:
         self._policy = policy
         self.environment, self.control_steps = environment, environment.control_steps
         self._actor, self._begin = actor, 0  # the step of the last control instant

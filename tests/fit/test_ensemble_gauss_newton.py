@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjrun.fit.ensemble_search import Scatter
+from mjrun.fit.ensemble_gauss_newton import Scatter
 from mjrun.fit.shooting_problem import together
 from tests.fit.box import FRICTION, box_shooting
 from tests.fit.problems import predictor_of

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from mjrun.model import archive_files
-from mjrun.model.archive_files import file_content, file_size, main_mjcf, unpacked_size
+from mjrun.model import archive_paths
+from mjrun.model.archive_paths import file_content, file_size, main_mjcf, unpacked_size
 
 
 def archive(path: Path, *names: str) -> Path:
@@ -33,7 +33,7 @@ def test_a_file_on_disk_is_itself_and_a_folder_is_none(tmp_path: Path) -> None:
 
 def test_a_file_beyond_what_anybody_writes_by_hand_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.xml").write_bytes(b"12345678")
-    monkeypatch.setattr(archive_files, "MOST", 7)
+    monkeypatch.setattr(archive_paths, "MOST", 7)
     assert file_size(str(tmp_path / "a.xml")) == 8
     assert file_content(str(tmp_path / "a.xml")) is None
 

@@ -12,8 +12,8 @@ from PIL import Image
 
 import mjrun
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.rendering.render_state import CACHED
 from mjrun.rendering.segment_ids import Segmentation
+from mjrun.rendering.single_render import CACHED
 
 SIZE = (48, 32)
 XML = """

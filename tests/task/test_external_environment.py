@@ -16,7 +16,7 @@ from mjrun.model.override import Override
 from mjrun.model.sources.gym import GymSource, quiet
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import EpisodeOver, EpisodeStepper
-from mjrun.task.gymnasium import Environment, EnvironmentStepper
+from mjrun.task.external_environment import EnvironmentStepper, ExternalEnvironment
 from tests.task.environments import registered
 
 ACTION = np.array([0.25])
@@ -25,7 +25,7 @@ DENSE = (Override("geom/cart.density", "2000"),)
 
 @pytest.mark.parametrize("name", ["Ant-v5", "Humanoid-v5", "Swimmer-v5"])
 def test_the_names_of_an_observation_are_the_columns_it_consists_of(name: str) -> None:
-    environment = Environment(GymSource(name))
+    environment = ExternalEnvironment(GymSource(name))
     theirs: Any = gymnasium.make(name)
     assert environment.observation_size == len(environment.observation_names) == theirs.observation_space.shape[0]
     assert environment.episode_steps == theirs.spec.max_episode_steps
@@ -40,14 +40,14 @@ def test_the_names_of_an_observation_are_the_columns_it_consists_of(name: str) -
 
 
 def test_actions_have_the_names_of_controls_and_the_bounds_of_the_environment() -> None:
-    environment = Environment(GymSource("HalfCheetah-v5"))
+    environment = ExternalEnvironment(GymSource("HalfCheetah-v5"))
     assert environment.action_names == ["bthigh", "bshin", "bfoot", "fthigh", "fshin", "ffoot"]
     assert (environment.action_low.tolist(), environment.action_high.tolist()) == ([-1.0] * 6, [1.0] * 6)
     assert (environment.control_steps, float(environment.control_dt)) == (5, 0.05)
 
 
 def test_an_action_of_another_size_is_refused() -> None:
-    environment = Environment(GymSource("InvertedPendulum-v5"))
+    environment = ExternalEnvironment(GymSource("InvertedPendulum-v5"))
     environment.reset(0)
     with pytest.raises(UsageError, match=r"InvertedPendulum-v5 takes actions of 1 numbers, not of 2"):
         environment.step(np.zeros(2))
@@ -58,17 +58,17 @@ def test_actions_that_are_no_vectors_are_refused(tmp_path: Path) -> None:
         registered(tmp_path, "discrete") as name,
         pytest.raises(UsageError, match=r"action space Discrete\(2\)"),
     ):
-        Environment(GymSource(name))
+        ExternalEnvironment(GymSource(name))
 
 
 def test_environments_that_are_not_on_mujoco_are_refused() -> None:
     with pytest.raises(ModelNotFoundError, match="it does not run on MuJoCo"):
-        Environment(GymSource("Pendulum-v1"))
+        ExternalEnvironment(GymSource("Pendulum-v1"))
 
 
 def test_observations_of_several_parts_are_flattened_as_gymnasium_does(tmp_path: Path) -> None:
     with registered(tmp_path, "dict") as name:
-        environment = Environment(GymSource(name))
+        environment = ExternalEnvironment(GymSource(name))
         environment.reset(1)
         seen = environment.step(ACTION).observation
         assert seen.tolist() == [*environment.data.qpos, *environment.data.qvel]
@@ -77,7 +77,7 @@ def test_observations_of_several_parts_are_flattened_as_gymnasium_does(tmp_path:
 
 def test_an_environment_may_hold_the_one_that_simulates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with registered(tmp_path, "held") as name:
-        held, plain = Environment(GymSource(name)), Environment(GymSource(name, overrides=DENSE))
+        held, plain = ExternalEnvironment(GymSource(name)), ExternalEnvironment(GymSource(name, overrides=DENSE))
     assert held.control_steps == plain.control_steps == 4
     assert plain.model.body_mass[1] == 2 * held.model.body_mass[1]
     held.reset(3)
@@ -93,7 +93,7 @@ def test_an_episode_ends_as_the_environment_says(
     tmp_path: Path, fault: str, steps: int, ending: tuple[str, str]
 ) -> None:
     with registered(tmp_path, fault, max_episode_steps=5) as name:
-        environment = Environment(GymSource(name))
+        environment = ExternalEnvironment(GymSource(name))
         environment.reset(0)
         results = [environment.step(ACTION) for _ in range(steps)]
     assert [result.ending for result in results[:-1]] == [None] * (steps - 1)
@@ -104,7 +104,7 @@ def test_an_episode_ends_as_the_environment_says(
 
 def test_an_environment_that_raises_is_told_with_its_traceback(tmp_path: Path) -> None:
     with registered(tmp_path, "raises") as name:
-        environment = Environment(GymSource(name))
+        environment = ExternalEnvironment(GymSource(name))
         environment.reset(0)
         for _ in range(2):
             environment.step(ACTION)
@@ -114,7 +114,7 @@ def test_an_environment_that_raises_is_told_with_its_traceback(tmp_path: Path) -
 
 def test_an_overridden_model_takes_the_place_of_its_own_and_the_control_period_stays() -> None:
     source = GymSource("Hopper-v5", overrides=(Override("opt.timestep", "0.001"), Override("opt.gravity", "0 0 -1")))
-    environment, plain = Environment(source), Environment(GymSource("Hopper-v5"))
+    environment, plain = ExternalEnvironment(source), ExternalEnvironment(GymSource("Hopper-v5"))
     assert environment.control_dt == plain.control_dt
     assert (environment.control_steps, environment.model.opt.gravity[2]) == (8, -1)
     environment.reset(0)
@@ -124,12 +124,12 @@ def test_an_overridden_model_takes_the_place_of_its_own_and_the_control_period_s
 
 def test_a_timestep_that_does_not_divide_the_control_period_is_refused() -> None:
     with pytest.raises(UsageError, match=r"acts every 0\.008 s, which must be a whole number of timesteps"):
-        Environment(GymSource("Hopper-v5", overrides=(Override("opt.timestep", "0.003"),)))
+        ExternalEnvironment(GymSource("Hopper-v5", overrides=(Override("opt.timestep", "0.003"),)))
 
 
 def test_an_episode_starts_where_an_overridden_model_does() -> None:
-    plain = Environment(GymSource("InvertedPendulum-v5"))
-    moved = Environment(GymSource("InvertedPendulum-v5", overrides=(Override("joint/slider.ref", "0.5"),)))
+    plain = ExternalEnvironment(GymSource("InvertedPendulum-v5"))
+    moved = ExternalEnvironment(GymSource("InvertedPendulum-v5", overrides=(Override("joint/slider.ref", "0.5"),)))
     assert moved.reset(4)[0] == plain.reset(4)[0] + 0.5
     assert moved.reset(4)[1] == plain.reset(4)[1]
 
@@ -160,7 +160,9 @@ def actions(name: str) -> list[np.ndarray]:
 
 def started(name: str, *overrides: Override) -> EnvironmentStepper:
     with collected_warnings():
-        return EnvironmentStepper(Environment(GymSource(name, overrides=overrides)), Recorded(actions(name)), SEED)
+        return EnvironmentStepper(
+            ExternalEnvironment(GymSource(name, overrides=overrides)), Recorded(actions(name)), SEED
+        )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -212,7 +214,7 @@ def test_the_steps_in_between_are_those_of_the_physics() -> None:
 
 def test_an_episode_ends_at_a_step_beyond_which_nothing_goes(tmp_path: Path) -> None:
     with registered(tmp_path, "", max_episode_steps=3) as name:
-        environment = Environment(GymSource(name))
+        environment = ExternalEnvironment(GymSource(name))
     stepper = EnvironmentStepper(environment, Recorded([np.array([0.5])] * 3), 0)
     stepper.advance(12)
     ending = stepper.now().ending
@@ -225,7 +227,7 @@ def test_an_episode_ends_at_a_step_beyond_which_nothing_goes(tmp_path: Path) -> 
 
 def test_what_an_environment_does_besides_physics_is_noticed_where_it_matters(tmp_path: Path) -> None:
     with registered(tmp_path, "kicked") as name:
-        environment = Environment(GymSource(name))
+        environment = ExternalEnvironment(GymSource(name))
     stepper = EnvironmentStepper(environment, Recorded([np.array([0.5])] * 9), 0)
     stepper.advance(8)  # the environment's own states
     stepper.advance(9)
@@ -234,7 +236,7 @@ def test_what_an_environment_does_besides_physics_is_noticed_where_it_matters(tm
 
 
 def test_an_action_that_is_no_number_is_told_with_its_step() -> None:
-    environment = Environment(GymSource("InvertedPendulum-v5"))
+    environment = ExternalEnvironment(GymSource("InvertedPendulum-v5"))
     stepper = EnvironmentStepper(environment, Recorded([np.zeros(1), np.array([np.nan])]), 0, "cart.onnx")
     with pytest.raises(
         SimulationError, match=r"cart\.onnx returned non-finite actions at step 2, time 0\.04 s: slide = nan"

@@ -13,11 +13,11 @@ from mjrun.errors import FailedPointsError, FileError, UsageError
 from mjrun.reporter import WarningReporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.executors import ChunkSizes
+from mjrun.study.job_plan import StudyPlan, TaskResult, plan, run_task, task_points
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.preview import StudyPreview
 from mjrun.study.spec import StudyPoint
 from mjrun.study.study import Study
-from mjrun.study.task_plan import StudyPlan, TaskResult, plan, run_task, task_points
 from tests.study.models import BALL
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from mjrun.cli.command_report import Report, annotation
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report, annotation
 
 
 @dataclass(frozen=True)

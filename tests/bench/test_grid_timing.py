@@ -10,7 +10,7 @@ import pytest
 
 from mjrun.bench.bench import Bench
 from mjrun.bench.block_timing import RolloutInputs
-from mjrun.bench.settings_grid import distance_from_finer, position_distance, simulate_to
+from mjrun.bench.grid_timing import distance_from_finer, position_distance, simulate_to
 from mjrun.bench.step_timing import StepTimer
 from mjrun.bench.testspeed_noise import controls
 from mjrun.errors import BadValueError, UnstableError
