@@ -12,7 +12,7 @@ def skill(console: Console, command_line: CommandLine) -> None:
     model without a display.
 
     \b
-    mkdir -p .claude/skills/mjrun && mjrun skill > .claude/skills/mjrun/SKILL.md
+    mkdir -p skills/mjrun && mjrun skill > skills/mjrun/SKILL.md
     """
     console.guard_stdout()
     console.result((Path(__file__).parents[2] / "SKILL.md").read_text("utf-8").rstrip())
