@@ -50,8 +50,8 @@ def main() -> None:
 
 def files() -> dict[Path, int]:
     """Returns the files below the working directory, each with the time of its last change."""
-    found = (path for path in Path.cwd().rglob("*") if ".git" not in path.parts)
-    return {path: path.stat().st_mtime_ns for path in found if path.is_file()}
+    paths = (path for path in Path.cwd().rglob("*") if ".git" not in path.parts)
+    return {path: path.stat().st_mtime_ns for path in paths if path.is_file()}
 
 
 def markdown(words: list[str], code: int, text: str) -> str:

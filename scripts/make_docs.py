@@ -54,7 +54,6 @@ CONTENTS = {
     ),
     "About": ("exactness", "security", "robustness", "contributing", "changelog"),
 }
-SEVERITIES = {"error": "An error", "warning": "A warning", "note": "A note"}
 TOPICS = {
     "0": "The check itself",
     "1": "Loading",
@@ -345,7 +344,7 @@ def rule_pages() -> dict[str, str]:
         lines.append("")
     written = {"rules/index.md": "\n".join([*lines, _toctree("Rules", [r.code for r in rules])])}
     for rule in rules:
-        severity = f"{SEVERITIES[rule.severity]}, unless `mjrun check --fail-on` decides otherwise."
+        severity = f"Severity: {rule.severity}. `mjrun check --ignore {rule.code}` leaves the rule out."
         text = explanations[rule.code]
         written[f"rules/{rule.code}.md"] = "\n".join([f"# {rule.code}: {rule.title}", "", text, "", severity, ""])
     return written

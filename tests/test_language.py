@@ -28,7 +28,7 @@ LONGEST_SENTENCE = 40  # words of a sentence in help
 TOLERATED: dict[str, tuple[int, int, int]] = {
     "cli": (0, 1, 1),
     "evaluation": (0, 0, 1),
-    "fit": (3, 0, 1),
+    "fit": (0, 0, 1),
     "physics": (0, 0, 2),
     "policy": (0, 0, 2),
     "task": (0, 0, 3),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import BashComplete, CompletionItem, add_completion_class, shell_complete, split_arg_string
 
-from mjrun.cli.main import COMPLETE as VARIABLE
+from mjrun.cli.main import COMPLETE
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.suffixes import is_yaml
 
@@ -53,8 +53,8 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
         # Bash replaces only what follows the last character at which it breaks words.
         _, incomplete = self.get_completion_args()
         breaks = re.escape(os.environ.get("COMP_BREAKS", ""))
-        kept = re.match(f".*[{breaks}]", incomplete, re.DOTALL) if breaks else None
-        start = kept.end() if kept and item.value.startswith(kept[0]) else 0
+        finished = re.match(f".*[{breaks}]", incomplete, re.DOTALL) if breaks else None
+        start = finished.end() if finished and item.value.startswith(finished[0]) else 0
         return f"{item.type},{item.value[start:]}"
 
 
@@ -64,7 +64,7 @@ add_completion_class(Bash, "bash")
 def complete(group: click.Group, instruction: str) -> int:
     """Prints what a shell asks for and returns the exit code; a command line that is wrong completes to nothing."""
     try:
-        return shell_complete(group, {}, "mjrun", VARIABLE, instruction)
+        return shell_complete(group, {}, "mjrun", COMPLETE, instruction)
     except Exception:
         return 1
 

@@ -63,7 +63,7 @@ class FreeParameter:
 
     @property
     def is_delay(self) -> bool:
-        """Whether it is a delay rather than a number of the model."""
+        """True if it is a delay, false if it is a number of the model."""
         return bool(self.delayed)
 
     def value(self, coordinate: float) -> float:

@@ -107,12 +107,12 @@ class Improvement:
 
     @property
     def is_silent(self) -> bool:
-        """Whether the measurements do not distinguish the models, whose predictions agree to the noise."""
+        """True if both models predict the same within the noise, so the measurements cannot distinguish them."""
         return abs(self.gain) <= self.uncertainty and self.difference < self.after
 
     @property
     def is_certain(self) -> bool:
-        """Whether the gain exceeds its uncertainty."""
+        """True if the gain exceeds its uncertainty."""
         return self.gain > self.uncertainty
 
 

@@ -21,8 +21,8 @@ def completion(console: Console, command_line: CommandLine) -> None:
     """
     from click.shell_completion import get_completion_class
 
-    from mjrun.cli.completion import SHELLS, VARIABLE
-    from mjrun.cli.main import group
+    from mjrun.cli.completion import SHELLS
+    from mjrun.cli.main import COMPLETE, group
 
     console.guard_stdout()
     shell = command_line.argument("shell")
@@ -30,4 +30,4 @@ def completion(console: Console, command_line: CommandLine) -> None:
         raise UnknownNameError("shell", shell, SHELLS)
     kind = get_completion_class(shell)
     assert kind is not None
-    console.result((kind.source_template % kind(group, {}, "mjrun", VARIABLE).source_vars()).strip())
+    console.result((kind.source_template % kind(group, {}, "mjrun", COMPLETE).source_vars()).strip())
