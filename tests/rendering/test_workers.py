@@ -77,7 +77,7 @@ def _nothing_is_left() -> Iterator[None]:
     assert is_clean()
 
 
-@pytest.mark.parametrize("jobs", [1, 3])
+@pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_frames_come_in_order_whoever_draws_them_and_however_long_it_takes(jobs: int) -> None:
     assert np.array_equal(drawn(Adding(delay=0.003), jobs), FRAMES)
 
@@ -185,7 +185,7 @@ def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.parametrize("when", [0, len(STATES) - 1])
+@pytest.mark.parametrize("when", [0, 7, len(STATES) - 1])
 def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(jobs: int, when: int) -> None:
     with ParallelPainter(Adding(delay=0.002), SHAPE, jobs, np.int64) as pool:
         processes = {os.getpid()} if jobs == 1 else set(children())
@@ -260,7 +260,7 @@ def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_what_a_painter_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
     made = []
     with ParallelPainter(Adding({7: "is unstable", 8: "divides"}, delay=0.002), SHAPE, jobs, np.int64) as pool:
