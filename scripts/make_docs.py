@@ -31,7 +31,6 @@ PAGES = {
     "security.md": "SECURITY.md",
 }
 GENERATED = ("index.md", "gallery.md")
-RULES = "docs/rules.md"  # a section per rule, each of which becomes a page
 # The pages of docs/ in the side bar. A page that is in none of these is an error.
 CONTENTS = {
     "Begin": ("start", "installation", "tutorial", "gallery"),
@@ -53,17 +52,6 @@ CONTENTS = {
         "rules/index",
     ),
     "About": ("exactness", "security", "robustness", "contributing", "changelog"),
-}
-TOPICS = {
-    "0": "The check itself",
-    "1": "Loading",
-    "2": "Names, masses and inertias",
-    "3": "Limits and units",
-    "4": "Keyframes",
-    "5": "Contacts and constraints",
-    "6": "Cameras",
-    "7": "Simulation",
-    "8": "Tasks and policies",
 }
 
 
@@ -99,7 +87,7 @@ def build(source: Path, site: Path, builder: str = "html") -> None:
 
 def pages() -> dict[str, str]:
     """Returns the text of every page, by its path in the source of the site."""
-    files = {str(path.relative_to(DOCS)): path for path in sorted(DOCS.rglob("*.md")) if path != ROOT / RULES}
+    files = {str(path.relative_to(DOCS)): path for path in sorted(DOCS.rglob("*.md"))}
     files |= {page: ROOT / name for page, name in PAGES.items() if page not in GENERATED}
     written = {page: with_site_links(path.read_text("utf-8"), path.parent, page) for page, path in files.items()}
     written |= {"gallery.md": gallery(), **command_pages(), **document_pages(), **rule_pages()}
@@ -328,33 +316,25 @@ def rule_pages() -> dict[str, str]:
     from mjrun.cli.simulation_command import import_mujoco
 
     import_mujoco()
-    from mjrun.check.rule_table import RULES
+    from mjrun.check.rule_table import RULES, TOPICS, explanation, topic
 
-    rules = [RULES[code] for code in sorted(RULES)]
-    explanations = rule_explanations()
+    rules = list(RULES.values())
     lines = [
         "# Rules of mjrun check",
         "",
-        "`mjrun check --select MJ3` applies some of them, `--ignore MJ301` leaves one out.",
+        "`mjrun check --select MJ3` applies some of them, `--ignore MJ301` leaves one out,\n"
+        "`--explain MJ301` prints its page.",
         "",
     ]
-    for digit, topic in TOPICS.items():
-        lines += [f"## {topic}", "", "| rule | severity | finds |", "|---|---|---|"]
-        lines += [f"| [{r.code}]({r.code}.md) | {r.severity} | {r.title} |" for r in rules if r.code[2] == digit]
+    for name in TOPICS.values():
+        lines += [f"## {name}", "", "| rule | severity | finds |", "|---|---|---|"]
+        lines += [f"| [{r.code}]({r.code}.md) | {r.severity} | {r.title} |" for r in rules if topic(r.code) == name]
         lines.append("")
     written = {"rules/index.md": "\n".join([*lines, _toctree("Rules", [r.code for r in rules])])}
     for rule in rules:
-        severity = f"Severity: {rule.severity}. `mjrun check --ignore {rule.code}` leaves the rule out."
-        text = explanations[rule.code]
-        written[f"rules/{rule.code}.md"] = "\n".join([f"# {rule.code}: {rule.title}", "", text, "", severity, ""])
+        head = f"# {rule.code}: {rule.title}\n\nSeverity: {rule.severity}."
+        written[f"rules/{rule.code}.md"] = f"{head}\n\n{explanation(rule.code)}"
     return written
-
-
-def rule_explanations() -> dict[str, str]:
-    """Returns the explanation of each rule, by its code: the sections of docs/rules.md."""
-    text = with_site_links((ROOT / RULES).read_text("utf-8"), DOCS, "rules/index.md")
-    sections = re.split(r"^## (MJ\d+)\n", text, flags=re.MULTILINE)[1:]
-    return {code: text.strip() for code, text in zip(sections[::2], sections[1::2], strict=True)}
 
 
 def llms(written: Mapping[str, str]) -> str:

@@ -1,14 +1,15 @@
-"""The report of a check: findings as text, JSON, SARIF and GitHub annotations."""
+"""The report of a check: findings as text, JSON, SARIF, GitHub annotations and numbers by rule."""
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult
 from mjrun.check.rule import SEVERITIES, Finding, short_path
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_table import RULES, explanation, topic
 from mjrun.cli.report_forms import Report, annotation
 from mjrun.errors import clean
 from mjrun.version import __version__
@@ -25,7 +26,11 @@ def check_report(result: CheckResult) -> Report:
         result,
         text=lambda: "\n".join(lines(result)),
         summary=lambda: summary(result),
-        forms={"sarif": lambda: sarif(result), "github": lambda: "\n".join(annotations(result))},
+        forms={
+            "sarif": lambda: sarif(result),
+            "github": lambda: "\n".join(annotations(result)),
+            "statistics": lambda: "\n".join(statistics(result)),
+        },
     )
 
 
@@ -68,6 +73,14 @@ def annotations(result: CheckResult) -> Iterator[str]:
         yield annotation(ANNOTATIONS[finding.severity], text, finding.file, title, finding.line)
 
 
+def statistics(result: CheckResult) -> Iterator[str]:
+    """Yields a line per rule with the number of its findings, most frequent first."""
+    counts = Counter(finding.code for finding, _ in _all(result))
+    width = len(str(max(counts.values(), default=0)))
+    for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
+        yield f"{count:{width}}  {code}  {RULES[code].severity:7}  {RULES[code].title}"
+
+
 def sarif(result: CheckResult) -> dict[str, object]:
     """Returns a SARIF 2.1.0 document: https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html."""
     codes = list(RULES)
@@ -82,11 +95,15 @@ def sarif(result: CheckResult) -> dict[str, object]:
 
 def _rule(code: str) -> dict[str, object]:
     rule = RULES[code]
+    text = explanation(code)
     name = "".join(word.capitalize() for word in re.findall(r"\w+", rule.title))
     return {
         "id": code,
         "name": name,
         "shortDescription": {"text": rule.title},
+        "fullDescription": {"text": text.partition("\n\n")[0].replace("`", "")},
+        "help": {"text": text, "markdown": text},
+        "properties": {"tags": [topic(code)]},
         "defaultConfiguration": {"level": rule.severity},
     }
 

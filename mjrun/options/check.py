@@ -1,5 +1,6 @@
 """Options of the command `check`."""
 
+import itertools
 from fractions import Fraction
 from typing import ClassVar
 
@@ -54,9 +55,26 @@ class CheckReportOptions(Options):
     """Formats of the report."""
 
     section: ClassVar[str] = "Check"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("sarif", "github"), "both print to standard output"),)
+    exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
+        Exclusion(names, "both print to standard output")
+        for names in itertools.combinations(("sarif", "github", "statistics"), 2)
+    )
 
-    list_: bool = option(converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all codes and exit.")
+    list_: bool = option(
+        converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all rules by topic and exit."
+    )
+    explain: str = option(
+        converter=Text("CODE"),
+        default="",
+        places=FrontEnd.COMMAND,
+        help="Explain a rule and exit: what it finds, why it matters, what to do, and an example.",
+    )
+    statistics: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print the number of findings of each rule instead of the findings.",
+    )
     sarif: bool = option(
         converter=Flag(),
         default=False,

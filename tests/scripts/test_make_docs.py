@@ -49,10 +49,7 @@ def test_every_page_is_in_the_contents_once(pages: dict[str, str]) -> None:
 
 def test_every_command_and_every_rule_has_a_page(pages: dict[str, str]) -> None:
     assert {f"reference/commands/{name}.md" for name in COMMANDS} <= pages.keys()
-
-    explanations = make_docs.rule_explanations()
-    assert explanations.keys() == RULES.keys()
-    assert all(len(text.split()) >= 8 for text in explanations.values())
+    assert {f"rules/{code}.md" for code in RULES} <= pages.keys()
 
 
 def test_a_command_page_has_each_option_of_its_help(pages: dict[str, str], tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ def check(console: Console, command_line: CommandLine) -> None:
     mjrun check models/ --fail-on warning --ignore MJ201,MJ3
     mjrun check models/**/*.xml --sarif > check_report.sarif
     mjrun check task.yaml --policy policy.onnx
+    mjrun check --explain MJ503
 
     A task document is checked for names, sizes and its policy, and simulated under random actions. Each model is
     checked in a separate process with limits on time and memory. Exits with 1 if a finding has at least the severity
@@ -36,9 +37,13 @@ def check(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    form = command_line.form("sarif", "github")
-    if command_line.make(CheckReportOptions).list_:
-        _show_rules(console)
+    form = command_line.form("sarif", "github", "statistics")
+    options = command_line.make(CheckReportOptions)
+    if options.list_:
+        _list_rules(console)
+        return
+    if options.explain:
+        _explain(console, options.explain.upper())
         return
     if not command_line.arguments("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
@@ -52,12 +57,31 @@ def check(console: Console, command_line: CommandLine) -> None:
         console.fail(result.code, "FailedCheck", report.summary())
 
 
-def _show_rules(console: Console) -> None:
-    from mjrun.check.rule_table import RULES
+def _list_rules(console: Console) -> None:
+    from mjrun.check.rule_table import RULES, TOPICS, topic
 
     if console.as_json:
-        rules = [{"code": code, "severity": rule.severity, "title": rule.title} for code, rule in RULES.items()]
+        rules = [
+            {"code": code, "severity": rule.severity, "title": rule.title, "topic": topic(code)}
+            for code, rule in RULES.items()
+        ]
         console.document({"rules": rules})
         return
-    for code, rule in RULES.items():
-        console.result(f"{code}  {rule.severity:7}  {rule.title}")
+
+    sections: list[str] = []
+    for name in TOPICS.values():
+        rules = (rule for rule in RULES.values() if topic(rule.code) == name)
+        sections.append("\n".join([f"{name}:", *(f"  {rule.code}  {rule.severity:7}  {rule.title}" for rule in rules)]))
+    console.result("\n\n".join(sections))
+
+
+def _explain(console: Console, code: str) -> None:
+    from mjrun.check.rule_table import RULES, explanation
+
+    text = explanation(code)
+    rule = RULES[code]
+    if console.as_json:
+        document = {"code": code, "severity": rule.severity, "title": rule.title, "explanation": text}
+        console.document(document)
+    else:
+        console.result(f"# {code}: {rule.title}\n\nSeverity: {rule.severity}.\n\n{text.rstrip()}")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from mjrun.check.rule import SEVERITIES
-from mjrun.check.rule_table import RULES
+from mjrun.check.rule_table import RULES, TOPICS, explanation
 from mjrun.version import __version__
 from tests.processes import PATIENCE, children, command_line_of, wait_until, worker
 
@@ -152,9 +154,35 @@ def test_a_finding_in_another_file_names_the_model_in_every_form(models: Command
 
 def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:
     lines = models("check", "--list").stdout.decode().splitlines()
-    assert [line.split()[0] for line in lines] == list(RULES)
-    assert "MJ302  warning  reversed range" in lines
+    assert [line.split()[0] for line in lines if line.startswith("  ")] == list(RULES)
+    assert [line.rstrip(":") for line in lines if line and not line.startswith(" ")] == list(TOPICS.values())
+    assert "  MJ302  warning  reversed range" in lines
     assert [rule["code"] for rule in json.loads(models("check", "--list", "--json").stdout)["rules"]] == list(RULES)
+
+
+def test_a_rule_is_explained_without_a_model(models: Command) -> None:
+    text = models("check", "--explain", "mj302").stdout.decode()
+    assert text.startswith("# MJ302: reversed range\n\nSeverity: warning.\n\n")
+    assert text.endswith(explanation("MJ302"))
+    assert json.loads(models("check", "--explain", "MJ302", "--json").stdout)["explanation"] == explanation("MJ302")
+
+    unknown = models("check", "--explain", "MJ309")
+    assert unknown.returncode == 2
+    assert b"no rule 'MJ309' (did you mean" in unknown.stderr
+
+
+def test_statistics_count_the_findings_of_each_rule(models: Command) -> None:
+    (models.folder / "worse.xml").write_text(WARNED.replace("</body>", '</body><camera pos="0 -5 0" zaxis="0 -1 0"/>'))
+    listed = models("check", "warned.xml", "worse.xml", "noted.xml")
+    counted = models("check", "warned.xml", "worse.xml", "noted.xml", "--statistics")
+
+    found = re.findall(r": \w+ (MJ\d+): ", listed.stdout.decode())
+    assert counted.stdout.decode().splitlines() == [
+        f"{number}  {code}  {RULES[code].severity:7}  {RULES[code].title}"
+        for code, number in sorted(Counter(found).items(), key=lambda item: (-item[1], item[0]))
+    ]
+    assert len(set(found)) == 2
+    assert listed.stdout.decode().splitlines()[-1] in counted.stderr.decode()
 
 
 def test_a_code_that_is_none_is_answered_with_one_that_is(models: Command) -> None:
