@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from mjrun.errors import FileError, UnknownNameError, UsageError, clean, counted, listing, option
+from mjrun.errors import FileError, UsageError, clean, counted, listing, option
 from mjrun.fit.signal_properties import normalize, rotations
 from mjrun.model.names import control_names
-from mjrun.physics.control import SLACK, require_times
+from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import FieldProbe
-from mjrun.probe.row_expression import RowExpression, parse_row_expression
-from mjrun.probe.scanner import spelled
 from mjrun.probe.select import select
 from mjrun.probe.vocabularies import AvailableProbes
-from mjrun.simulation.column_map import map_entries
+from mjrun.simulation.column_map import TIME, ColumnMap, column_map, time_hint
 from mjrun.simulation.mapped_table import column_names, evaluated
 
-TIME, CONTROLS = "time", "ctrl/"
+CONTROLS = "ctrl/"
 GAP = 5  # multiple of the usual time between rows above which a new segment begins
 FEWEST = 16  # least number of rows of a segment
 SPARSE = 100  # timesteps between rows above which times are probably milliseconds
@@ -140,13 +138,15 @@ class _Table:
 
     def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str], linear: bool) -> None:
         self._path, self._model, self._linear = path, model, linear
-        self._controls = control_names(model)
+        self._commands = [f"{CONTROLS}{name}" for name in control_names(model)]
         names = column_names(path)
-        mapped = self._by_map(texts, names)
-        self._expressions, self._has_time_map = self._by_name(names) | mapped, TIME in mapped
-        if TIME not in self._expressions:
-            likely = next((name for name in names if name.casefold() in ("t", "timestamp", "sec", "seconds")), "COLUMN")
-            raise UsageError(f"{clean(path)} has no column 'time'\n{option('map')} can name another one: time={likely}")
+        mapped = self._mapped(names, texts)
+        if mapped.time is None:
+            raise UsageError(f"{clean(path)} has no column 'time'\n{time_hint(names)}")
+        self._has_time_map = mapped.time_is_mapped
+        in_table = [name for name in names if name in mapped.sources]
+        ordered = {name: mapped.sources[name] for name in in_table} | mapped.sources
+        self._expressions = {TIME: mapped.time, **ordered}
         self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
         if not self.signals:
             valid = listing([*AvailableProbes(model).names][1:4])
@@ -171,7 +171,7 @@ class _Table:
         if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
             remarks.append(f"{clean(self._path)}: {counted(holes, 'sample')} missing and skipped")
         normalize(values, rotations(signals, AvailableProbes(self._model).names), clean(self._path))
-        controls = self._commands(columns, constant, remarks)
+        controls = self._controls(columns, constant, remarks)
         if unknown := int(np.isnan(controls).any(axis=1).sum()):  # at the beginning
             remarks.append(f"{clean(self._path)}: skipped the {counted(unknown, 'row')} before the first command")
             times, values, controls = times[unknown:], values[unknown:], controls[unknown:]
@@ -195,49 +195,39 @@ class _Table:
             remarks.append(f"{clean(self._path)}: gaps in time split it into {len(parts)} segments{left_out}")
         return [Segment(self._path, times[part], values[part], controls[part]) for part in long]
 
-    def _commands(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
+    def _controls(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
         """Returns controls `(count, nu)`: commands hold until the next one; before the first one they are NaN."""
         times = columns[TIME]
-        count, missing = len(times), 0
-        controls = np.tile(constant, (count, 1))
-        for index, actuator in enumerate(self._controls):
-            if (commanded := columns.get(f"{CONTROLS}{actuator}")) is None:
+        missing = 0
+        controls = np.tile(constant, (len(times), 1))
+        for index, name in enumerate(self._commands):
+            if (commanded := columns.get(name)) is None:
                 continue
-            name = f"{CONTROLS}{clean(str(actuator))}"
             bad = np.flatnonzero(np.isinf(commanded))
             if len(bad):
-                raise UsageError(f"{clean(self._path)}, row {bad[0]}: {name} is {commanded[bad[0]]}, not a command")
+                raise UsageError(
+                    f"{clean(self._path)}, row {bad[0]}: {clean(name)} is {commanded[bad[0]]}, not a command"
+                )
             known = np.flatnonzero(np.isfinite(commanded))
             if not len(known):
-                raise UsageError(f"{clean(self._path)}: {name} has no command in any row")
-            missing += count - len(known)
-            rows = np.arange(count)
-            if self._linear:
-                filled = np.interp(times, times[known], commanded[known])
-            else:
-                filled = commanded[known[np.maximum(np.searchsorted(known, rows, side="right") - 1, 0)]]
-            controls[:, index] = np.where(rows < known[0], np.nan, filled)
+                raise UsageError(f"{clean(self._path)}: {clean(name)} has no command in any row")
+            missing += len(times) - len(known)
+            filled = without_gaps(times, commanded, known, self._linear)
+            controls[:, index] = np.where(np.arange(len(times)) < known[0], np.nan, filled)
         if missing:
             filled_by = "linear interpolation" if self._linear else "the one before"
             remarks.append(f"{clean(self._path)}: {counted(missing, 'command')} missing and replaced by {filled_by}")
         return controls
 
-    def _by_name(self, names: Sequence[str]) -> dict[str, RowExpression]:
+    def _mapped(self, names: Sequence[str], texts: Sequence[str]) -> ColumnMap:
+        """Returns the expressions for its times, signals and commands."""
         available = AvailableProbes(self._model)
-        controls = {f"{CONTROLS}{name}" for name in self._controls}
-        known = [n for n in names if n == TIME or n in controls or _is_measured(n, available)]
-        return {name: parse_row_expression(spelled(name), names, option("map")) for name in known}
-
-    def _by_map(self, texts: Sequence[str], names: Sequence[str]) -> dict[str, RowExpression]:
-        available = AvailableProbes(self._model)
-        valid = [TIME, *(f"{CONTROLS}{name}" for name in self._controls), *available.names]
-        expressions: dict[str, RowExpression] = {}
-        for text in texts:
-            for left, right in map_entries(text):
-                if left not in valid:
-                    raise UnknownNameError("column", left, valid, where=f"{option('map')} of this model")
-                expressions[left] = parse_row_expression(right, names, f"{option('map')} {clean(left)}")
-        return expressions
+        measured = [name for name in names if _is_measured(name, available)]
+        others = [name for name in available.names if name != TIME and not name.startswith(CONTROLS)]
+        columns: dict[str, list[str]] = {}
+        for name in dict.fromkeys([*self._commands, *others, *measured]):
+            columns.setdefault(name.partition("/")[0], []).append(name)
+        return column_map(columns, names, texts, self._path, by_name={TIME, *self._commands, *measured})
 
 
 def _is_measured(name: str, available: AvailableProbes) -> bool:

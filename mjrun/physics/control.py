@@ -5,7 +5,7 @@ Controls belong to an instant: those set at step k act from step k to k + 1, and
 
 import inspect
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Protocol
@@ -13,14 +13,13 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 
-from mjrun.errors import ControllerError, UnknownNameError, UsageError, clean, listing, option
+from mjrun.errors import ControllerError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names
+from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import nearest, seconds
 
 NEVER = 2**62  # a step beyond every simulation
-PREFIX = "ctrl/"  # the prefix of columns of controls
-SLACK = 1e-3  # timesteps: the times of a table may be sums of floats
 NOISE_BLOCK = 1024  # steps of noise drawn in one call
 NOISE_STREAM = 1  # separates the noise on controls from other noise of the same seed
 
@@ -193,77 +192,25 @@ class ControlNoise:
 
 
 class ControlTable:
-    """Controls by time: each holds until the next, or changes to it in a straight line.
-
-    The last one holds to the end. Actuators without a column keep their constant control.
+    """Controls by time. Actuators without a column keep their constant control.
 
     Args:
-      model: whose actuators are driven.
-      columns: `time` [s], and `ctrl/ACTUATOR` for each actuator, `(n,)` each; others are ignored.
-      source: the name of the table in messages.
-      linear: interpolate; otherwise hold.
-      constant: indices of controls that need no column.
-
-    Raises:
-      UnknownNameError: a column names an actuator that is not in the model.
-      UsageError: the time is missing, unordered or begins too late, an actuator has no column, or a number is not
-        finite.
+      rows: the controls of the driven actuators.
+      actuators: the indices of these actuators.
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        columns: Mapping[str, np.ndarray],
-        source: str,
-        linear: bool = False,
-        constant: Collection[int] = (),
-    ) -> None:
-        actuators = control_names(model)
-        driven = {name.removeprefix(PREFIX): values for name, values in columns.items() if name.startswith(PREFIX)}
-        for name in driven:
-            if name not in actuators:
-                raise UnknownNameError("actuator", name, actuators, where=f"the columns of {source}")
-        missing = [name for i, name in enumerate(actuators) if name not in driven and i not in constant]
-        if not driven or missing:
-            wanted = listing([f"{PREFIX}{name}" for name in missing or actuators]) or "nothing: it has no actuators"
-            raise UsageError(
-                f"{clean(source)} lacks columns for actuators of the model: {wanted}\n{option('ctrl')} sets the others"
-            )
-        self._time, self._linear = _times(columns, source), linear
-        self._actuators = np.array([actuators.index(name) for name in driven])
-        self._values = np.column_stack(list(driven.values()))
-        bad = np.argwhere(~np.isfinite(self._values))
-        if len(bad):
-            row, column = bad[0]
-            text = f"{PREFIX}{list(driven)[column]} is {self._values[row, column]}"
-            raise UsageError(f"{clean(source)}, row {row}: {clean(text)}; it must be finite")
+    def __init__(self, rows: TimedRows, actuators: Sequence[int]) -> None:
+        self._rows, self._actuators = rows, np.array(actuators)
 
     @property
     def end(self) -> float:
         """The time of the last row [s]."""
-        return float(self._time[-1])
+        return self._rows.end
 
     def apply(self, ctrl: np.ndarray, first: int, timestep: Fraction) -> None:
         """Writes the controls of the steps from `first` into their columns of `ctrl` `(n, nu)`."""
-        time = np.asarray(seconds(np.arange(first, first + len(ctrl)), timestep), float)
-        if self._linear:
-            for actuator, values in zip(self._actuators, self._values.T, strict=True):
-                ctrl[:, actuator] = np.interp(time, self._time, values)
-        else:
-            row = np.searchsorted(self._time, time + SLACK * float(timestep), side="right") - 1
-            ctrl[:, self._actuators] = self._values[row]
-
-
-def _times(columns: Mapping[str, np.ndarray], source: str) -> np.ndarray:
-    if "time" not in columns:
-        raise UsageError(
-            f"{clean(source)} has no column 'time'\nit needs 'time' in seconds, and ctrl/ACTUATOR for each actuator"
-        )
-    time = columns["time"]
-    require_times(time, source)
-    if time[0] > 0:
-        raise UsageError(f"{clean(source)} begins at {time[0]:.9g} s; add a row at time 0")
-    return time
+        times = np.asarray(seconds(np.arange(first, first + len(ctrl)), timestep), float)
+        ctrl[:, self._actuators] = self._rows.at(times, float(timestep))
 
 
 class ControlArray:
@@ -308,20 +255,3 @@ class ControlSources:
         if self.noise:
             ctrl += self.noise.rows(first, count)
         return ctrl
-
-
-def require_times(time: np.ndarray, source: str) -> None:
-    """Checks that `time` `(n,)` [s] of `source` has rows in ascending order.
-
-    Raises:
-      UsageError: it has none, or they do not ascend.
-    """
-    if not len(time):
-        raise UsageError(f"{clean(source)} has no rows")
-    bad = np.flatnonzero(~np.isfinite(time))
-    if len(bad):
-        raise UsageError(f"{clean(source)}, row {bad[0]}: time is {time[bad[0]]}; it must be finite")
-    bad = np.flatnonzero(np.diff(time) <= 0)
-    if len(bad):
-        before, after = time[bad[0]], time[bad[0] + 1]
-        raise UsageError(f"{clean(source)}, row {bad[0] + 1}: time {after:.9g} follows {before:.9g}; times must ascend")

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 
 from mjrun.model import state
-from mjrun.physics.control import SLACK
 from mjrun.physics.kinematic_samples import CompleteSamples, Interpolation, KinematicSamples, slerp
+from mjrun.physics.timed_rows import SLACK
 from mjrun.timeline import rational
 
 

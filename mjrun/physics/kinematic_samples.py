@@ -3,14 +3,13 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import cast
 
 import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, listing
 from mjrun.model.names import BALL, FREE
-from mjrun.physics.control import require_times
+from mjrun.physics.timed_rows import require_times, without_gaps
 
 # The fields of MjData that samples may contain.
 FIELDS = ("qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat")
@@ -117,12 +116,8 @@ class CompleteSamples:
         if field == "qpos" and self._interpolation.unwrap and index in hinges(self._model):
             values = values.copy()
             values[rows] = np.unwrap(values[rows])
-        if len(rows) == len(values):
-            return values
         hold = self._interpolation.hold_controls if field == "ctrl" else self._interpolation.hold
-        if hold:
-            return values[rows[np.searchsorted(rows, np.arange(len(values)), side="right") - 1]]
-        return cast("np.ndarray", np.interp(self.time, self.time[rows], values[rows]))
+        return without_gaps(self.time, values, rows, linear=not hold)
 
     def _quaternions(self, name: str, values: np.ndarray) -> np.ndarray:
         """Returns quaternions `(n, 4)` without gaps, normalized and of continuous sign."""

@@ -1,4 +1,6 @@
-"""Mapping from columns of a table to the state of a model: by name, by number, or by a map of expressions.
+"""Mapping from columns of a table to columns of a model: by name, by number, or by a map of expressions.
+
+States of a replay, controls, and the measurements of a fit all find their columns here.
 
 A map is a list of texts `COLUMN=EXPRESSION`, or `@FILE` for a file of such lines. The left side is a column of the
 model, `time` or `qpos/knee`; the right side is an expression over the table's columns, with one value per row. If the
@@ -9,10 +11,12 @@ In `qpos/{}={}_deg*pi/180`, `{}` represents any text for which both sides are va
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import mujoco
 
@@ -37,35 +41,70 @@ PLACES = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # indices of w, x, y and 
 
 @dataclass
 class ColumnMap:
-    """Sources of the numbers of a state.
+    """Expressions for columns of a model over the columns of a table.
 
     Attributes:
+      columns: names of the model's columns by field, in the order of its numbers.
       time: expression of the times of the rows [s]; None if the table contains no times.
-      columns: names of the columns of each field, in the order of its numbers.
-      sources: expressions by field and index.
-      unknown: columns of the table that are named like positions but that the model lacks.
+      time_is_mapped: whether the map specifies the time.
+      sources: expressions by column of the model: those by name first, then those of the map.
+      unused: columns of the table that are not read by their names.
     """
 
-    time: RowExpression | None
     columns: Mapping[str, Sequence[str]]
-    sources: dict[str, dict[int, RowExpression]] = field(default_factory=dict[str, dict[int, RowExpression]])
-    unknown: Sequence[str] = ()
+    time: RowExpression | None = None
+    time_is_mapped: bool = False
+    sources: dict[str, RowExpression] = dataclass_field(default_factory=dict[str, RowExpression])
+    unused: Sequence[str] = ()
+
+    def lacking(self, field: str) -> list[str]:
+        """Returns the columns of a field without an expression."""
+        return [name for name in self.columns[field] if name not in self.sources]
 
 
-def column_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
-    """Maps the columns `names` of a table to the state of `model`.
+def column_map(
+    columns: Mapping[str, Sequence[str]],
+    names: Sequence[str],
+    texts: Sequence[str],
+    source: str,
+    *,
+    by_name: Collection[str] | None = None,
+    quat: str = "wxyz",
+    quaternions: Mapping[str, Sequence[int]] = MappingProxyType({}),
+) -> ColumnMap:
+    """Maps the columns `names` of a table to columns of a model.
 
     Args:
+      columns: names of the model's columns by field, `qpos`, in the order of its numbers.
       texts: map, which precedes the names.
-      quat: order of the components of quaternions whose components are not named; a key of `PLACES`.
       source: name of the table for messages.
+      by_name: columns that may be read by their names; all by default.
+      quat: order of the components of quaternions whose components are not named; a key of `PLACES`.
+      quaternions: places in fields at which quaternions begin.
 
     Raises:
       UnknownNameError: the left side of a text is not in the model, or its right side is not in the table.
-      UsageError: a text is not an entry of a map; there are no positions, or those of another model.
+      UsageError: a text is not an entry of a map, or numbered columns are those of another model.
       FileError: a file of lines cannot be read.
     """
-    return _Resolver(model, names, quat, source).resolve(texts)
+    resolver = _Resolver(columns, names, source, PLACES[quat], quaternions)
+    resolver.read_names([name for name in names if by_name is None or name in by_name])
+    resolver.read_map(texts)
+    return resolver.map
+
+
+def state_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
+    """Maps the columns `names` of a table to the state of `model`, as in `column_map`.
+
+    Raises:
+      UsageError: as `column_map`; or the table has no positions, or those of another model.
+    """
+    known = offered(model)
+    columns = {f: [c.name for c in field_probe(model, f).columns] if f in known else [] for f in FIELDS}
+    turning = {f: quaternions(model, f) for f in FIELDS}
+    mapped = column_map(columns, names, texts, source, quat=quat, quaternions=turning)
+    _require_positions(mapped, names, source)
+    return mapped
 
 
 def map_files(texts: Sequence[str]) -> list[str]:
@@ -79,64 +118,64 @@ def with_files(texts: Sequence[str], place: Callable[[str], Path]) -> list[str]:
 
 
 class _Resolver:
-    def __init__(self, model: mujoco.MjModel, names: Sequence[str], quat: str, source: str) -> None:
-        self._model, self._names, self._source = model, list(names), source
-        self._by_clean = {clean(name): name for name in names}
-        self._order = PLACES[quat]
-        known = offered(model)
-        self._columns = {f: [c.name for c in field_probe(model, f).columns] if f in known else [] for f in FIELDS}
-        self._places = {name: (f, i) for f in FIELDS for i, name in enumerate(self._columns[f])}
-        self._groups = self._all_groups()
-        self._map = ColumnMap(None, self._columns)
+    """A map in the making.
 
-    def resolve(self, texts: Sequence[str]) -> ColumnMap:
-        self._read_names()
-        self._read_map(texts)
-        self._require_positions()
-        return self._map
+    Attributes:
+      map: the expressions so far.
+    """
+
+    def __init__(
+        self,
+        columns: Mapping[str, Sequence[str]],
+        names: Sequence[str],
+        source: str,
+        order: Sequence[int],
+        quaternions: Mapping[str, Sequence[int]],
+    ) -> None:
+        self.map = ColumnMap(columns)
+        self._columns, self._names, self._source = columns, list(names), source
+        self._by_clean = {clean(name): name for name in names}
+        self._order, self._quaternions = order, quaternions
+        self._known = {name for owned in columns.values() for name in owned}
+        self._groups = self._all_groups()
 
     # --- names ---------------------------------------------------------------------------------------
 
-    def _read_names(self) -> None:
+    def read_names(self, names: Collection[str]) -> None:
+        """Reads the table's columns `names` by their names, or by their numbers in a joint or field."""
+        readable = {clean(name): name for name in names}
         used: set[str] = set()
-        for name, (f, index) in self._places.items():
-            if column := self._by_clean.get(clean(name)):
-                self._set(f, index, column)
-                used.add(column)
-        for group, (f, indices) in sorted(self._groups.items(), key=lambda item: len(item[1][1])):
-            parts = self._numbered(group)
-            whole = group == f
-            if not parts or (whole and f in self._map.sources):
+        for columns in self._columns.values():
+            for name in columns:
+                if column := readable.get(clean(name)):
+                    self.map.sources[name] = self._column(column)
+                    used.add(column)
+        for group, (field, places) in sorted(self._groups.items(), key=lambda item: len(item[1][1])):
+            parts = _numbered(group, readable)
+            targets = [self._columns[field][place] for place in places]
+            if not parts or (group == field and any(name in self.map.sources for name in targets)):
                 continue
-            if len(parts) != len(indices):
-                self._refuse_width(group, parts, len(indices))
-            self._set_all(f, indices, parts)
+            if len(parts) != len(targets):
+                self._refuse_width(group, parts, len(targets))
+            numbers = self._ordered(field, places, [self._column(name) for name in parts])
+            for name, number in numbers.items():
+                self.map.sources.setdefault(name, number)  # named columns precede numbered ones
             used |= set(parts)
-        if TIME in self._by_clean:
-            self._map.time = self._column(self._by_clean[TIME])
-        self._map.unknown = [name for name in self._names if name.startswith("qpos/") and name not in used]
-
-    def _numbered(self, prefix: str) -> list[str]:
-        """Returns the table's columns that are called `prefix` and numbered, from 0 or from 1."""
-        for pattern in NUMBERED:
-            for first in (0, 1):
-                columns: list[str] = []
-                while (name := pattern.format(prefix, first + len(columns))) in self._by_clean:
-                    columns.append(self._by_clean[name])
-                if columns:
-                    return columns
-        return []
+        if TIME in readable:
+            self.map.time = self._column(readable[TIME])
+            used.add(readable[TIME])
+        self.map.unused = [name for name in self._names if name not in used]
 
     def _refuse_width(self, group: str, parts: Sequence[str], expected: int) -> None:
         raise UsageError(
             f"{clean(self._source)} has {len(parts)} columns {clean(parts[0])} … {clean(parts[-1])}, "
             f"and {group} of this model has {expected} numbers: it is a table of another model\n"
-            f"this model has {listing(self._columns[group.partition('/')[0]])}"
+            f"this model has {listing(self._columns[self._groups[group][0]])}"
         )
 
     # --- the map -------------------------------------------------------------------------------------
 
-    def _read_map(self, texts: Sequence[str]) -> None:
+    def read_map(self, texts: Sequence[str]) -> None:
         """Applies entries of fields and joints first, then patterns, then columns: the more specific entry wins."""
         entries: list[tuple[int, str, str]] = []
         for index, text in enumerate(texts):
@@ -161,7 +200,8 @@ class _Resolver:
 
     def _map_pattern(self, left: str, right: str) -> None:
         pattern = re.compile(re.escape(left).replace(re.escape(PLACEHOLDER), "(.+)", 1))
-        matches = {name: match[1] for name in self._places if (match := pattern.fullmatch(name))}
+        names = (name for columns in self._columns.values() for name in columns)
+        matches = {name: match[1] for name in names if (match := pattern.fullmatch(name))}
         if not matches:
             raise UnknownNameError("column", left, self._valid(left), where=f"{option('map')} of this model")
         unknown: list[UnknownNameError] = []
@@ -174,32 +214,31 @@ class _Resolver:
             raise next((error for error in unknown if near(error.name, self._names)), unknown[0])
 
     def _map_column(self, left: str, right: str) -> None:
-        if left != TIME and left not in self._places:
+        if left != TIME and left not in self._known:
             raise UnknownNameError("column", left, self._valid(left), where=f"{option('map')} of this model")
         expression = parse_row_expression(right, self._names, f"{option('map')} {clean(left)}")
         if left == TIME:
-            self._map.time = expression
+            self.map.time, self.map.time_is_mapped = expression, True
         else:
-            f, index = self._places[left]
-            self._map.sources.setdefault(f, {})[index] = expression
+            self.map.sources[left] = expression
 
     def _map_group(self, left: str, right: str) -> None:
-        f, indices = self._groups[left]
+        field, places = self._groups[left]
+        targets = [self._columns[field][place] for place in places]
         parts = list(_side_by_side(right))
-        if len(parts) == 1 and (names := self._with_components(parts[0].strip("'`"), f, indices)):
-            for index, name in zip(indices, names, strict=True):
-                self._set(f, index, name)
+        if len(parts) == 1 and (names := self._with_components(parts[0].strip("'`"), targets)):
+            self.map.sources |= {name: self._column(part) for name, part in zip(targets, names, strict=True)}
             return
         expressions = [expression for part in parts for expression in self._expanded(part)]
-        if len(expressions) != len(indices):
+        if len(expressions) != len(targets):
             raise UsageError(
-                f"{option('map')}: {clean(left)} has {len(indices)} numbers, and {clean(right)} has {len(expressions)}"
+                f"{option('map')}: {clean(left)} has {len(targets)} numbers, and {clean(right)} has {len(expressions)}"
             )
-        self._map.sources.setdefault(f, {}).update(self._ordered(f, indices, expressions))
+        self.map.sources |= self._ordered(field, places, expressions)
 
-    def _with_components(self, prefix: str, f: str, indices: Sequence[int]) -> list[str]:
+    def _with_components(self, prefix: str, targets: Sequence[str]) -> list[str]:
         """Returns the columns called `prefix` with the components of the model; empty if one is missing."""
-        components = [self._columns[f][index].rpartition("/")[2] for index in indices]
+        components = [name.rpartition("/")[2] for name in targets]
         for pattern in NUMBERED:
             wanted = [pattern.format(prefix, component) for component in components]
             if all(name in self._by_clean for name in wanted):
@@ -211,7 +250,7 @@ class _Resolver:
         prefix = part.strip("'`")
         if clean(prefix) in self._by_clean:
             return [self._column(self._by_clean[clean(prefix)])]
-        if names := self._numbered(prefix):
+        if names := _numbered(prefix, self._by_clean):
             return [self._column(name) for name in names]
 
         label, own = option("map"), {name: name for name in self._names}
@@ -228,32 +267,25 @@ class _Resolver:
     def _arrays(self) -> dict[str, list[str]]:
         """Numbered columns of the table, by common name."""
         prefixes = dict.fromkeys(match[1] for name in self._by_clean if (match := _LAST.fullmatch(name)))
-        return {prefix: self._numbered(prefix) for prefix in prefixes if prefix not in self._by_clean}
+        return {prefix: _numbered(prefix, self._by_clean) for prefix in prefixes if prefix not in self._by_clean}
 
     def _valid(self, left: str) -> list[str]:
         """Returns the columns that a map may specify, those of the same field first."""
         first = left.partition("/")[0]
-        return [TIME, *sorted(self._places, key=lambda name: not name.startswith(first))]
+        names = [name for columns in self._columns.values() for name in columns]
+        return [TIME, *sorted(names, key=lambda name: not name.startswith(first))]
 
     # --- sources -------------------------------------------------------------------------------------
 
-    def _set(self, f: str, index: int, name: str) -> None:
-        self._map.sources.setdefault(f, {})[index] = self._column(name)
-
-    def _set_all(self, f: str, indices: Sequence[int], names: Sequence[str]) -> None:
-        """Reads a joint or field from columns without names of components, unless named columns contain its numbers."""
-        taken = self._ordered(f, indices, [self._column(name) for name in names])
-        self._map.sources[f] = {**taken, **self._map.sources.get(f, {})}
-
     def _ordered(
-        self, f: str, indices: Sequence[int], expressions: Sequence[RowExpression]
-    ) -> dict[int, RowExpression]:
-        """Returns the source of each number of a joint or field by index, with quaternions in MuJoCo's order."""
+        self, field: str, places: Sequence[int], expressions: Sequence[RowExpression]
+    ) -> dict[str, RowExpression]:
+        """Returns the expression of each number of a joint or field, with quaternions in MuJoCo's order."""
         ordered = list(expressions)
-        starts = [indices.index(start) for start in quaternions(self._model, f) if start in indices]
+        starts = [places.index(start) for start in self._quaternions.get(field, ()) if start in places]
         for at in starts:
             ordered[at : at + 4] = [expressions[at + offset] for offset in self._order]
-        return dict(zip(indices, ordered, strict=True))
+        return {self._columns[field][place]: each for place, each in zip(places, ordered, strict=True)}
 
     def _column(self, name: str) -> RowExpression:
         return parse_row_expression(spelled(name), self._names, option("map"))
@@ -261,49 +293,62 @@ class _Resolver:
     def _all_groups(self) -> dict[str, tuple[str, list[int]]]:
         """Returns whole fields and objects of several numbers by name: `qpos`, `qpos/root`."""
         groups: dict[str, tuple[str, list[int]]] = {}
-        for f, columns in self._columns.items():
-            if columns:
-                groups[f] = f, list(range(len(columns)))
-            for index, name in enumerate(columns):
+        for field, columns in self._columns.items():
+            if columns and field not in self._known:
+                groups[field] = field, list(range(len(columns)))
+            for place, name in enumerate(columns):
                 owner = name.rpartition("/")[0]
-                if owner != f and owner not in self._places:
-                    groups.setdefault(owner, (f, []))[1].append(index)
+                if owner not in (field, "") and owner not in self._known:
+                    groups.setdefault(owner, (field, []))[1].append(place)
         return groups
 
-    def _require_positions(self) -> None:
-        source, unknown = clean(self._source), self._map.unknown
-        lacking = [name for i, name in enumerate(self._columns["qpos"]) if i not in self._map.sources.get("qpos", {})]
-        if unknown and lacking:
-            raise UsageError(
-                f"{source} is a table of another model: it has {listing(unknown)}, and lacks {listing(lacking)}\n"
-                f"{self._hint()}"
-            )
-        if not any(self._map.sources.get(f) for f in POSITIONS):
-            expected = [TIME, *(name for f in POSITIONS for name in self._columns[f])]
-            raise UsageError(
-                f"{source} has no positions of this model\nit has {listing(self._names) or 'no columns'}\n"
-                f"the model has {listing(expected)}\n{self._hint()}"
-            )
 
-    def _hint(self) -> str:
-        """Suggests an entry of a map."""
-        positions = self._map.sources.get("qpos", {})
-        wanted = [name for i, name in enumerate(self._columns["qpos"]) if i not in positions]
-        others = [name for name in self._names if name != TIME]
-        for name in wanted:
-            leaf = name.partition("/")[2]
-            alike = near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]
-            if alike:
-                degrees = "*pi/180" if "deg" in alike[0].casefold() else ""
-                return f"{option('map')} assigns columns, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
-        return f"{option('map')} assigns columns, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
+def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
+    """Returns the columns among `names` that are called `prefix` and numbered, from 0 or from 1."""
+    for pattern in NUMBERED:
+        for first in (0, 1):
+            columns: list[str] = []
+            while (name := pattern.format(prefix, first + len(columns))) in names:
+                columns.append(names[name])
+            if columns:
+                return columns
+    return []
+
+
+def _require_positions(mapped: ColumnMap, names: Sequence[str], source: str) -> None:
+    """Raises UsageError if a table has no positions of a model, or those of another one."""
+    unknown = [name for name in mapped.unused if name.startswith("qpos/")]
+    lacking = mapped.lacking("qpos")
+    if unknown and lacking:
+        raise UsageError(
+            f"{clean(source)} is a table of another model: it has {listing(unknown)}, and lacks {listing(lacking)}\n"
+            f"{_hint(lacking, names)}"
+        )
+    positions = [name for field in POSITIONS for name in mapped.columns[field]]
+    if not any(name in mapped.sources for name in positions):
+        raise UsageError(
+            f"{clean(source)} has no positions of this model\nit has {listing(names) or 'no columns'}\n"
+            f"the model has {listing([TIME, *positions])}\n{_hint(lacking, names)}"
+        )
+
+
+def _hint(wanted: Sequence[str], names: Sequence[str]) -> str:
+    """Suggests an entry of a map for one of the model's columns `wanted`."""
+    others = [name for name in names if name != TIME]
+    for name in wanted:
+        leaf = name.partition("/")[2]
+        alike = near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]
+        if alike:
+            degrees = "*pi/180" if "deg" in alike[0].casefold() else ""
+            return f"{option('map')} assigns columns, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
+    return f"{option('map')} assigns columns, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
 
 
 def time_hint(names: Sequence[str]) -> str:
     """Suggests what to do about a table whose times are unknown."""
     likely = [name for name in names if name.casefold() in TIMES] or near(TIME, names)
     example = f", as in time={clean(spelled(likely[0]))}" if likely else ""
-    return f"{option('map')} specifies the time{example}, or {option('replay_rate')} the number of rows per second"
+    return f"{option('map')} specifies the time{example}"
 
 
 def _side_by_side(text: str) -> Iterator[str]:

@@ -1,22 +1,25 @@
-"""Tables whose columns are named or mapped: column names, values of expressions, and motions of models."""
+"""Tables whose columns are named or mapped: column names, values of expressions, motions, and controls."""
 
-from collections.abc import Hashable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import TypeVar
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import UsageError, clean, option
-from mjrun.formats.table_reader import open_table
+from mjrun.errors import UnknownNameError, UsageError, clean, listing, option
+from mjrun.formats.table_reader import open_table, read_table
+from mjrun.model.names import control_names
+from mjrun.physics.control import ControlTable
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.kinematic_samples import Interpolation, KinematicSamples
+from mjrun.physics.timed_rows import TimedRows
 from mjrun.probe.row_expression import RowExpression
-from mjrun.simulation.column_map import TIME, column_map, time_hint
+from mjrun.simulation.column_map import TIME, column_map, state_map, time_hint
 from mjrun.timeline import seconds
 
-K = TypeVar("K", bound=Hashable)
+CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
 
 
 def column_names(path: str | Path) -> list[str]:
@@ -35,7 +38,7 @@ def column_names(path: str | Path) -> list[str]:
         return names
 
 
-def evaluated(path: str | Path, expressions: Mapping[K, RowExpression]) -> dict[K, np.ndarray]:
+def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dict[str, np.ndarray]:
     """Evaluates expressions on all rows of a table, `(n,)` each; NaN where a cell is missing.
 
     Columns that no expression reads are not loaded; the others are loaded block by block.
@@ -44,7 +47,7 @@ def evaluated(path: str | Path, expressions: Mapping[K, RowExpression]) -> dict[
       FileError: the table cannot be read.
     """
     evaluators = {key: expression.evaluator() for key, expression in expressions.items()}
-    parts: dict[K, list[np.ndarray]] = {key: [np.empty(0)] for key in expressions}
+    parts: dict[str, list[np.ndarray]] = {key: [np.empty(0)] for key in expressions}
     read = list(dict.fromkeys(name for expression in expressions.values() for name in expression.columns))
     with open_table(path, read or column_names(path)[:1], missing="nan") as table:  # one column, to count the rows
         for block in table.blocks():
@@ -67,7 +70,7 @@ def read_motion(
 
     Args:
       start: state of everything that the table does not contain.
-      texts: map, as in `column_map`.
+      texts: map, as in `state_map`.
       quat: order of quaternions whose components are not named.
       rate: rows per second [Hz] of a table without times.
       interpolation: interpolation between rows.
@@ -77,21 +80,66 @@ def read_motion(
       FileError: the table cannot be read.
     """
     names = column_names(path)
-    mapped = column_map(model, names, texts, quat, str(path))
+    mapped = state_map(model, names, texts, quat, str(path))
     if mapped.time is None and rate is None:
-        raise UsageError(f"{clean(str(path))} has no column 'time'\n{time_hint(names)}")
+        raise UsageError(
+            f"{clean(str(path))} has no column 'time'\n"
+            f"{time_hint(names)}, or {option('replay_rate')} the number of rows per second"
+        )
     if mapped.time is not None and rate is not None:
         raise UsageError(
             f"{clean(str(path))} has a column 'time', and {option('replay_rate')} is for tables without one\n"
             f"{option('map')} can specify another time: time=EXPRESSION"
         )
-    expressions = {(field, i): source for field, sources in mapped.sources.items() for i, source in sources.items()}
-    values = evaluated(path, expressions if mapped.time is None else {**expressions, (TIME, 0): mapped.time})
+    values = evaluated(path, mapped.sources if mapped.time is None else {**mapped.sources, TIME: mapped.time})
     if rate is None:
-        times = values.pop((TIME, 0))
+        times = values.pop(TIME)
     else:
         times = np.array(seconds(np.arange(len(next(iter(values.values())))), 1 / rate), float)
-    by_field = dict[str, dict[int, np.ndarray]]()
-    for (field, index), numbers in values.items():
-        by_field.setdefault(field, {})[index] = numbers
+    by_field = {
+        field: {place: values[name] for place, name in enumerate(columns) if name in values}
+        for field, columns in mapped.columns.items()
+    }
     return KinematicMotion(model, start, KinematicSamples(str(path), times, mapped.columns, by_field), interpolation)
+
+
+def read_controls(
+    path: Path, model: mujoco.MjModel, source: str, constants: Mapping[str, Sequence[int]], *, linear: bool
+) -> ControlTable:
+    """Reads the controls of `model` from a table.
+
+    Args:
+      source: name of the table for messages.
+      constants: indices of the controls that the option `ctrl` sets, by its key; `*` means the others.
+      linear: whether controls change in straight lines; otherwise they hold until the next one.
+
+    Raises:
+      UnknownNameError: a column names an actuator that is not in the model.
+      UsageError: the table lacks times or an actuator, drives one that has a constant, or has invalid numbers.
+      FileError: the table cannot be read.
+    """
+    columns = read_table(path, lambda name: name == TIME or re.match(CONTROL, name) is not None).columns
+    actuators = control_names(model)
+    names = [f"ctrl/{name}" for name in actuators]
+    mapped = column_map({"ctrl": names}, list(columns), (), source)
+
+    driven = [index for index, name in enumerate(names) if name in mapped.sources]
+    twice = [key for key, held in constants.items() if key != "*" and not set(held).isdisjoint(driven)]
+    if twice:
+        raise UsageError(f"{option('ctrl')} and {clean(source)} both drive {listing(twice)}")
+    for name in mapped.unused:
+        if name.startswith("ctrl/"):
+            raise UnknownNameError("actuator", name.removeprefix("ctrl/"), actuators, where=f"the columns of {source}")
+    held = {index for indices in constants.values() for index in indices}
+    missing = [name for index, name in enumerate(names) if index not in driven and index not in held]
+    if not driven or missing:
+        wanted = listing(missing or names) or "nothing: it has no actuators"
+        raise UsageError(
+            f"{clean(source)} lacks columns for actuators of the model: {wanted}\n{option('ctrl')} sets the others"
+        )
+    if mapped.time is None:
+        raise UsageError(
+            f"{clean(source)} has no column 'time'\nit needs 'time' in seconds, and ctrl/ACTUATOR for each actuator"
+        )
+    values = {names[index]: mapped.sources[names[index]].values(columns) for index in driven}
+    return ControlTable(TimedRows(mapped.time.values(columns), values, source, linear), driven)

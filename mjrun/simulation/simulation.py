@@ -13,7 +13,7 @@ import mujoco
 from mjrun.errors import ModelError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.manifest import fingerprint
 from mjrun.formats.recording import RecordingReader, is_recording
-from mjrun.formats.table_reader import STDIN, read_table
+from mjrun.formats.table_reader import STDIN
 from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
@@ -23,7 +23,7 @@ from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.option import Exclusion, is_given, options
 from mjrun.options.policy import is_code
 from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
-from mjrun.physics.control import PREFIX, ControlNoise, ControlSources, ControlTable, PeriodicController
+from mjrun.physics.control import ControlNoise, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.push_forces import PushForces
 from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require_model, require_timestep
@@ -314,7 +314,7 @@ class Simulation(SimulationOptions):
                 require_model(model, states, states.facts.get("sizes"))
                 require_timestep(model, states)
             elif not states.has_controls:
-                expected = listing([f"{PREFIX}{name}" for name in control_names(model)]) or "none: it has no actuators"
+                expected = listing([f"ctrl/{name}" for name in control_names(model)]) or "none: it has no actuators"
                 raise UsageError(
                     f"{clean(str(self.replay))} has no controls to replay; those of the model are {expected}"
                 )
@@ -355,16 +355,11 @@ class Simulation(SimulationOptions):
         return ControlNoise(self.ctrl_noise, self.ctrl_noise_time, self.seed, model.opt.timestep, model.nu)
 
     def _table(self, model: mujoco.MjModel) -> ControlTable:
-        path = Path(str(self.ctrl_from))
-        columns = read_table(self._stored(path), lambda name: name == "time" or name.startswith(PREFIX)).columns
-        names = control_names(model)
+        from mjrun.simulation.mapped_table import read_controls
+
+        path, linear = str(self.ctrl_from), self.ctrl_interpolation == "linear"
         held = {n: [i for part in control_slices(model, n) for i in range(part.start, part.stop)] for n in self.ctrl}
-        # `*` means the others.
-        twice = [name for name, of in held.items() if name != "*" and any(PREFIX + names[i] in columns for i in of)]
-        if twice:
-            raise UsageError(f"{option('ctrl')} and {clean(str(path))} both drive {listing(twice)}")
-        constant = {i for of in held.values() for i in of}
-        return ControlTable(model, columns, str(path), self.ctrl_interpolation == "linear", constant)
+        return read_controls(self._stored(path), model, path, held, linear=linear)
 
 
 def require_simulation(value: object) -> None:

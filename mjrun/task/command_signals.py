@@ -8,8 +8,8 @@ import numpy as np
 
 from mjrun.errors import UsageError, clean, concerning, option
 from mjrun.formats.table_reader import read_table
-from mjrun.physics.control import SLACK, require_times
 from mjrun.physics.random_distribution import draw_numbers
+from mjrun.physics.timed_rows import TimedRows
 from mjrun.task.random_streams import COMMANDS, stream
 from mjrun.task.task import Command
 
@@ -105,17 +105,7 @@ def _table(file: str, times: np.ndarray, linear: bool, control_dt: float) -> np.
     if TIME not in columns or len(columns) == 1:
         raise UsageError(f"{clean(file)}: a table of commands needs a column time [s], and one for each value")
     known = columns.pop(TIME)
-    require_times(known, file)
-    if known[0] > 0:
-        raise UsageError(f"{clean(file)} begins at {known[0]:.9g} s; add a row at time 0")
-    values = np.column_stack([*columns.values()]).astype(float)
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        row, column = bad[0]
-        raise UsageError(f"{clean(file)}, row {row}: {clean([*columns][column])} is {values[row, column]}")
-    if linear:
-        return np.column_stack([np.interp(times, known, column) for column in values.T])
-    return values[np.searchsorted(known, times + SLACK * control_dt, side="right") - 1]
+    return TimedRows(known, columns, file, linear).at(times, control_dt)
 
 
 def _periods(every: Fraction, control_dt: Fraction) -> int:

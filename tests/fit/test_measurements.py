@@ -173,3 +173,15 @@ def test_a_delay_of_whole_steps_moves_commands(linear: bool) -> None:
     else:
         values = each.controls[np.maximum(np.searchsorted(each.times, times, side="right") - 1, 0), 0]
     np.testing.assert_allclose(late, values.reshape(12, fine).mean(axis=1), atol=2e-3)
+
+
+def test_maps_know_patterns_joints_and_files_as_those_of_replays_do(tmp_path: Path) -> None:
+    (tmp_path / "names.map").write_text("time = t\n")
+    columns = {"t": TIMES, "hinge_deg": np.degrees(np.sin(TIMES)), "motor_cmd": TIMES, "all_0": np.cos(TIMES)}
+    maps = (f"@{tmp_path}/names.map", "qpos/{}={}_deg*pi/180", "ctrl/{}={}_cmd", "qvel=all_0")
+    mapped = read(tmp_path, columns, maps)
+    assert mapped.signals == ["qvel/hinge", "qpos/hinge"]
+    np.testing.assert_allclose(mapped.segments[0].values, np.column_stack([np.cos(TIMES), np.sin(TIMES)]))
+    assert mapped.segments[0].controls[:, 0].tolist() == TIMES.tolist()
+    with pytest.raises(UsageError, match="map specifies qpos/hinge twice"):
+        read(tmp_path, columns, ("time=t", "qpos/hinge=hinge_deg", "qpos/hinge=all_0"))

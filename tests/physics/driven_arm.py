@@ -9,6 +9,7 @@ import numpy as np
 from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.control import Controller, ControlSources, ControlTable, PeriodicController
 from mjrun.physics.stepper import PhysicsStepper
+from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import rational
 
 ARM = """
@@ -42,9 +43,9 @@ def periodic(controller: Controller, period: str) -> PeriodicController:
     return PeriodicController(controller, Fraction(period), Fraction("0.002"))
 
 
-def table(model: mujoco.MjModel, time: Sequence[float], m: Sequence[float], linear: bool = False) -> ControlTable:
-    columns = {"time": np.array(time), "ctrl/m": np.array(m, float), "ctrl/g": -np.array(m, float)}
-    return ControlTable(model, columns, "t.csv", linear)
+def table(time: Sequence[float], m: Sequence[float], linear: bool = False) -> ControlTable:
+    columns = {"ctrl/m": np.array(m, float), "ctrl/g": -np.array(m, float)}
+    return ControlTable(TimedRows(np.array(time), columns, "t.csv", linear), [0, 1])
 
 
 def bare(model: mujoco.MjModel, steps: int, ctrl: Callable[[int, mujoco.MjData], object]) -> dict[str, np.ndarray]:

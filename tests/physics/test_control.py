@@ -12,15 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.errors import ControllerError, UnknownNameError, UnstableError, UsageError
+from mjrun.errors import ControllerError, UnstableError, UsageError
 from mjrun.model import state
 from mjrun.physics.control import (
     NOISE_BLOCK,
     ControlArray,
     ControlNoise,
-    ControlTable,
     PeriodicController,
-    require_times,
 )
 from mjrun.timeline import nearest
 from tests.physics.driven_arm import arm, bare, by_instants, periodic, same, stepped_in_c, stepper, table
@@ -54,7 +52,7 @@ def test_an_instability_under_varying_controls_is_found_at_its_step() -> None:
         mujoco.mj_step(model, data)
         first += 1
     with pytest.raises(UnstableError) as caught:
-        stepper(model, table=table(model, [0.0, 0.074], [0.0, 1e9])).advance(200)
+        stepper(model, table=table([0.0, 0.074], [0.0, 1e9])).advance(200)
     assert caught.value.step == first - 1 == 37
 
 
@@ -98,49 +96,16 @@ def test_a_table_drives_as_a_bare_loop_does(integrator: str, taken: Callable, li
         held = values[max(i for i, t in enumerate(time) if t <= at)]
         data.ctrl[:] = np.interp(at, time, values) * np.array([1, -1]) if linear else (held, -held)
 
-    run = stepper(model, table=table(model, time, values, linear))
+    run = stepper(model, table=table(time, values, linear))
     assert same(taken(run, 260), bare(model, 260, ctrl))
 
 
 def test_a_table_s_times_may_be_sums_of_floats() -> None:
-    model = arm()
     time = np.cumsum([0.002] * 100) - 0.002
     assert any(time[k] > k / 500 for k in range(100))  # which would be a step late
     ctrl = np.zeros((100, 2))
-    table(model, time.tolist(), list(range(100))).apply(ctrl, 0, Fraction(1, 500))
+    table(time.tolist(), list(range(100))).apply(ctrl, 0, Fraction(1, 500))
     assert np.array_equal(ctrl[:, 0], np.arange(100))
-
-
-def test_actuators_without_a_column_keep_their_control() -> None:
-    model = arm()
-    driven = ControlTable(model, {"time": np.zeros(1), "ctrl/g": np.ones(1)}, "t.csv", constant=[0])
-    ctrl = np.full((3, 2), 7.0)
-    driven.apply(ctrl, 0, Fraction(1, 500))
-    assert ctrl.tolist() == [[7, 1]] * 3
-
-
-GOOD = {"time": np.array([0, 1.0]), "ctrl/m": np.zeros(2), "ctrl/g": np.zeros(2)}
-
-
-@pytest.mark.parametrize(
-    ("columns", "kind", "said"),
-    [
-        ({**GOOD, "ctrl/q": np.zeros(2)}, UnknownNameError, "no actuator 'q' in the columns of t.csv"),
-        (
-            {k: v for k, v in GOOD.items() if k != "ctrl/g"},
-            UsageError,
-            "t.csv lacks columns for actuators of the model: ctrl/g",
-        ),
-        ({"time": np.zeros(1)}, UsageError, "lacks columns for actuators of the model: ctrl/m, ctrl/g"),
-        ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
-        ({**GOOD, "time": np.array([1.0, 0])}, UsageError, "row 1: time 0 follows 1; times must ascend"),
-        ({**GOOD, "time": np.array([0.5, 1])}, UsageError, "begins at 0.5 s"),
-        ({**GOOD, "ctrl/g": np.array([0, np.inf])}, UsageError, "row 1: ctrl/g is inf"),
-    ],
-)
-def test_a_table_that_does_not_fit_is_refused(columns: dict[str, np.ndarray], kind: type, said: str) -> None:
-    with pytest.raises(kind, match=said):
-        ControlTable(arm(), columns, "t.csv")
 
 
 def test_a_sequence_has_a_row_for_each_step_and_holds_the_last() -> None:
@@ -271,23 +236,3 @@ def test_a_controller_that_fails_says_how(controller: Callable, said: str) -> No
 def test_a_controller_cannot_be_called_between_steps() -> None:
     with pytest.raises(UsageError, match=r"control_dt 0.001 is shorter than the timestep, 0.002 s"):
         periodic(lambda model, data: None, "0.001")
-
-
-@pytest.mark.parametrize(
-    ("time", "message"),
-    [
-        ([], r"^t\.csv has no rows$"),
-        ([0, np.nan], r"^t\.csv, row 1: time is nan; it must be finite$"),
-        ([-np.inf, 1], r"^t\.csv, row 0: time is -inf; it must be finite$"),
-        ([0, 0.1, 0.1], r"^t\.csv, row 2: time 0\.1 follows 0\.1; times must ascend$"),
-        ([3, 2], r"^t\.csv, row 1: time 2 follows 3; times must ascend$"),
-    ],
-)
-def test_times_that_are_none_are_refused_at_the_first_bad_row(time: list[float], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        require_times(np.array(time), "t.csv")
-
-
-def test_times_ascend_from_anywhere() -> None:
-    require_times(np.array([5.0]), "t.csv")
-    require_times(np.array([-1, -0.5, np.nextafter(-0.5, 1)]), "t.csv")

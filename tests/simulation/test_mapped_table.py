@@ -14,12 +14,12 @@ import pytest
 import scipy.io
 from scipy.spatial.transform import Rotation
 
-from mjrun.errors import FileError, MjrunError, UsageError
+from mjrun.errors import FileError, MjrunError, UnknownNameError, UsageError
 from mjrun.formats.recording import is_recording
 from mjrun.model import state
 from mjrun.outputs.recording import Recording
 from mjrun.physics.kinematic_motion import KinematicMotion
-from mjrun.simulation.mapped_table import read_motion
+from mjrun.simulation.mapped_table import read_controls, read_motion
 from mjrun.simulation.simulation import Simulation
 from tests.physics.tumbler import column_names, model, tumble
 
@@ -216,3 +216,55 @@ def test_recordings_are_told_from_tables_by_what_is_in_them(tmp_path: Path) -> N
     (tmp_path / "r.bin").write_bytes((tmp_path / "r.npz").read_bytes())
     names = ("r.npz", "r.bin", "broken.npz", "none.npz", "t.npz", "t.csv", "none.csv")
     assert [is_recording(tmp_path / name) for name in names] == [True, True, True, True, False, False, False]
+
+
+DRIVEN = mujoco.MjModel.from_xml_string("""
+<mujoco>
+  <worldbody><body><joint name="a"/><joint name="b" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+  <actuator><motor name="m" joint="a"/><motor name="g" joint="b"/></actuator>
+</mujoco>
+""")
+GOOD = {"time": [0.0, 1.0], "ctrl/m": [0.0, 0.0], "ctrl/g": [2.0, 3.0]}
+
+
+def controls(path: Path, columns: dict[str, list[float]], constants: dict[str, list[int]] | None = None) -> np.ndarray:
+    """Returns the controls of the steps at 0 s and at 1 s; actuators without a column have 7."""
+    pd.DataFrame(columns).to_csv(path, index=False)
+    ctrl = np.full((2, 2), 7.0)
+    read_controls(path, DRIVEN, "t.csv", constants or {}, linear=False).apply(ctrl, 0, Fraction(1))
+    return ctrl
+
+
+def test_controls_are_read_by_name_or_by_number(tmp_path: Path) -> None:
+    expected = [[0, 2], [0, 3]]
+    assert controls(tmp_path / "t.csv", {**GOOD, "else": [9.0, 9.0]}).tolist() == expected
+    for names in (("ctrl/0", "ctrl/1"), ("ctrl_1", "ctrl_2"), ("ctrl[0]", "ctrl[1]")):
+        numbered = dict(zip(("time", *names), GOOD.values(), strict=True))
+        assert controls(tmp_path / "t.csv", numbered).tolist() == expected
+
+
+def test_actuators_without_a_column_keep_their_control(tmp_path: Path) -> None:
+    columns = {"time": [0.0], "ctrl/g": [1.0]}
+    assert controls(tmp_path / "t.csv", columns, {"m": [0]}).tolist() == [[7, 1]] * 2
+    assert controls(tmp_path / "t.csv", columns, {"*": [0, 1]}).tolist() == [[7, 1]] * 2
+
+
+@pytest.mark.parametrize(
+    ("columns", "kind", "message"),
+    [
+        ({**GOOD, "ctrl/q": [0.0, 0.0]}, UnknownNameError, "no actuator 'q' in the columns of t.csv"),
+        (
+            {k: v for k, v in GOOD.items() if k != "ctrl/g"},
+            UsageError,
+            "t.csv lacks columns for actuators of the model: ctrl/g",
+        ),
+        ({"time": [0.0]}, UsageError, "lacks columns for actuators of the model: ctrl/m, ctrl/g"),
+        ({k: v for k, v in GOOD.items() if k != "time"}, UsageError, "has no column 'time'"),
+        ({"time": [0.0], "ctrl/0": [0.0]}, UsageError, "has 1 columns ctrl/0 … ctrl/0, and ctrl of this model has 2"),
+    ],
+)
+def test_controls_that_do_not_fit_are_refused(
+    tmp_path: Path, columns: dict[str, list[float]], kind: type, message: str
+) -> None:
+    with pytest.raises(kind, match=message):
+        controls(tmp_path / "t.csv", columns)
