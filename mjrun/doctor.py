@@ -154,7 +154,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
         if table.extra:
             extras.setdefault(table.extra, ([table.library], []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = ([figure_writer.LIBRARY], ["plots"])
-    declared = sweep.EXTRAS | fit.EXTRAS | evaluation.EXTRAS | task.EXTRAS
+    declared = {**sweep.EXTRAS, **fit.EXTRAS, **evaluation.EXTRAS, **task.EXTRAS}
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
@@ -164,7 +164,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
 
 
 def _extras() -> list[Diagnostic]:
-    findings = []
+    findings = list[Diagnostic]()
     for extra, (libraries, uses) in extras().items():
         try:
             versions = require(", ".join(uses), extra, *libraries)
@@ -181,7 +181,7 @@ def _extras() -> list[Diagnostic]:
 
 def _collections() -> list[Diagnostic]:
     """Yields the state of the collections of models, such as `scene:` and `menagerie:`."""
-    findings = []
+    findings = list[Diagnostic]()
     for prefix, collection in sorted(model_collections().items()):
         try:
             count = len(collection.descriptions())
@@ -231,7 +231,7 @@ def _nothing(variables: Mapping[str, str]) -> str:
 
 
 def _backends(results: Mapping[str, Backend | str], used: str | None, default: bool) -> list[Diagnostic]:
-    findings = []
+    findings = list[Diagnostic]()
     for name, result in results.items():
         if isinstance(result, Backend):
             kind = "software" if result.software else "GPU"
@@ -247,7 +247,7 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
     """Yields the EGL devices, each tested. MuJoCo uses the numbering of CUDA if the driver reports it."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
     trials = [BackendTrialProcess("egl", draw=True, device=number) for number in numbers]
-    findings = []
+    findings = list[Diagnostic]()
     for device, number, trial in zip(devices, numbers, trials, strict=True):
         result, cuda = trial.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
         where = f"MUJOCO_EGL_DEVICE_ID={number}{cuda}" + (f", {device['file']}" if device["file"] else "")

@@ -10,7 +10,7 @@ import re
 import signal
 import traceback
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -258,7 +258,7 @@ class UsageError(MjrunError):
 
 
 @contextmanager
-def concerning(*path: str | int) -> Iterator[None]:
+def concerning(*path: str | int) -> Generator[None]:
     """Adds the option, and the part of its value, to a UsageError that is raised in the `with` block."""
     try:
         yield

@@ -1,7 +1,7 @@
 """Signals that end the process, and sections that they must not interrupt."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 _depth = 0
@@ -9,7 +9,7 @@ _waiting: BaseException | None = None
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def uninterrupted() -> Generator[None]:
     """Delays errors from `interrupt` to the end of the `with` block, which should be short."""
     global _depth, _waiting
     if threading.current_thread() is not threading.main_thread():  # handlers of signals run in the main thread

@@ -9,13 +9,13 @@ import mmap
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
-from mjrun.platform.system import send_promise
+from mjrun.platform import system
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
 MARKS = 8  # bytes before them
@@ -123,7 +123,7 @@ def write_on(board: SharedStatus | None) -> None:
 
 
 @contextmanager
-def doing(activity: Activity, model: Path | str = "") -> Iterator[None]:
+def doing(activity: Activity, model: Path | str = "") -> Generator[None]:
     """Records an action on a model, by default the last one, for the `with` block."""
     before = _notice.activity
     with _noting() as notice:
@@ -175,7 +175,7 @@ def make_promise(promise: Promise) -> None:
         notice.promise = promise
     deadline = time.monotonic() + PATIENCE
     if os.getppid() == _board.reader:
-        send_promise(_board.reader)
+        system.send_promise(_board.reader)
     while not _board.believed:
         if os.getppid() != _board.reader or time.monotonic() > deadline:
             raise OSError("the monitoring process does not respond")
@@ -200,7 +200,7 @@ def note_answered() -> None:
 
 
 @contextmanager
-def completing() -> Iterator[None]:
+def completing() -> Generator[None]:
     """Records that the `with` block must be completed even if the process is to end."""
     if _board:
         _board.completing = True
@@ -226,7 +226,7 @@ def _parsed(values: dict[str, Any]) -> ProcessStatus:
 
 
 @contextmanager
-def _noting() -> Iterator[ProcessStatus]:
+def _noting() -> Generator[ProcessStatus]:
     with _lock:
         yield _notice
         if _board:

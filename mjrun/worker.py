@@ -20,7 +20,7 @@ from importlib import import_module
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, Listener, Pipe
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
 from mjrun.closable import Closable
@@ -249,7 +249,7 @@ def serve(server: str, connection: str, *descriptors: str) -> None:
 def serve_by_address(server: str) -> None:
     """Runs a worker that connects to the address on its standard input, which stays open while its parent lives."""
     address, key = json.loads(sys.stdin.readline())
-    address = tuple(address) if isinstance(address, list) else address  # pyright: ignore[reportUnknown]
+    address = address if isinstance(address, str) else (address[0], address[1])  # JSON has no tuples
     _serve(server, Client(address, authkey=bytes.fromhex(key)), sys.stdin.fileno(), ())
 
 
@@ -286,7 +286,7 @@ def _answer(parent: Connection, methods: object, name: str, arguments: tuple[Any
             method: Callable[..., object] = getattr(methods, name)
             value = method(*arguments)
             if isinstance(value, Iterator):
-                for item in value:
+                for item in cast("Iterator[object]", value):
                     parent.send((item, None, (), False))
                 value = None
     except Exception as error:

@@ -166,7 +166,7 @@ def read_base(path: str | Path) -> Document:
     """
     path = Path(path)
     try:
-        document = json.loads(path.read_text("utf-8"))
+        document: Document = json.loads(path.read_text("utf-8"))
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from None
     except ValueError as error:

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
+from mujoco.batch import Batch  # pyright: ignore[reportMissingTypeStubs]
 
 from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources
@@ -69,7 +69,7 @@ class RolloutInputs:
         Raises:
           SimulationError: a step fails.
         """
-        stepper, states = self._stepper(), []
+        stepper, states = self._stepper(), list[np.ndarray]()
         for step in steps:
             stepper.advance(step)
             states.append(stepper.state())
@@ -82,7 +82,7 @@ class RolloutInputs:
         if self.controls is None or not self.model.nu:
             return None
         timestep = rational(self.model.opt.timestep)
-        return ControlSources(timestep, np.zeros(self.model.nu), ControlArray(self.controls))
+        return ControlSources(timestep, np.zeros(int(self.model.nu)), ControlArray(self.controls))
 
 
 class WarnedRolloutError(Exception):
@@ -122,7 +122,7 @@ class BatchRoller:
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
         self._batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         self._batch.state[:] = self._run.start
-        times = []
+        times = list[float]()
         for first, count in blocks_of(steps, block):
             controls = self._controls(first, count)
             before = clock()
@@ -152,7 +152,7 @@ class WarnedRunRoller:
         model, data, controls = self._run.model, self._data, self._run.controls
         mujoco.mj_resetData(model, data)
         state.restore(model, data, self._run.start)
-        times = []
+        times = list[float]()
         for first, count in blocks_of(steps, block):
             before = clock()
             if controls is None:

@@ -216,7 +216,7 @@ def _first_line(error: SimulationError) -> str:
 
 def notes_on(results: Sequence[GridPointResult], grid: Sequence[GridPoint]) -> list[str]:
     """Returns remarks on these results."""
-    notes = []
+    notes = list[str]()
     fewer = sorted({result.steps for result in results if result.step and result.steps < MOST_STEPS})
     if fewer and all(point.steps is None for point in grid):
         shown = ", ".join(map(str, fewer))

@@ -35,7 +35,7 @@ class MachineInfo:
     @property
     def disturbances(self) -> Sequence[str]:
         """Sentences on conditions that distort figures."""
-        causes = []
+        causes = list[str]()
         if self.load is not None and self.load > BUSY * self.cores:
             causes.append(f"other processes keep this machine busy: load average {self.load:.2f} on {self.cores} cores")
         if self.governor not in (None, "performance"):

@@ -74,7 +74,7 @@ def _timed_load(source: Source, clock: Clock) -> tuple[mujoco.MjModel, LoadTimin
 
     if source.main_file is None or source.main_file.suffix not in XML:
         return model, LoadTiming(first)
-    parses, compiles = [], []
+    parses, compiles = list[float](), list[float]()
     for _ in range(REPEATS):
         before = clock()
         spec = mujoco.MjSpec.from_file(str(source.main_file))

@@ -169,7 +169,7 @@ class StepTimer:
         workload.fit(rollout)
         self._rolled(roller, min(self.steps, 2 * self.block), self.block)  # wakes the threads up
 
-        rollouts = []
+        rollouts = list[np.ndarray]()
         for _ in range(self._affordable(THREADS, rollout)):
             # Threads meet at the end of each block: fewer, longer ones.
             rollouts.append(self._rolled(roller, self.steps, 10 * self.block))

@@ -82,7 +82,7 @@ class WarpRoller:
 
     def seconds(self, steps: int, block: int, clock: Clock) -> np.ndarray:
         """Times each block of all worlds together [s]; see `Roller`."""
-        times = []
+        times = list[float]()
         with self._worlds.active():
             self._worlds.restart()
             for first, count in blocks_of(steps, block):

@@ -122,7 +122,7 @@ class ArcLength:
     """
 
     def __init__(self, knots: np.ndarray, position: Callable[[np.ndarray], np.ndarray]) -> None:
-        parts = [np.linspace(a, b, SAMPLES, endpoint=False) for a, b in pairwise(knots)]
+        parts = [np.linspace(a, b, SAMPLES, endpoint=False) for a, b in pairwise(map(float, knots))]
         self._x = np.concatenate([*parts, knots[-1:]])
         steps = np.linalg.norm(np.diff(position(self._x), axis=0), axis=1)
         self._lengths = np.concatenate([[0.0], np.cumsum(steps)])

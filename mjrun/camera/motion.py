@@ -199,9 +199,9 @@ def _crossfade(
     still turning while it is blended out does not reverse.
     """
     starts, ends = (_continued(np.array([p.angles for p in poses]), join) for poses in (before, after))
-    ends -= 360 * np.round((ends[join] - starts[join]) / 360)
+    ends -= 360 * np.rint((ends[join] - starts[join]) / 360)
     angles = starts + weights[:, None] * (ends - starts)
-    poses = []
+    poses = list[Pose]()
     for a, b, share, (azimuth, elevation, roll) in zip(before, after, weights, angles, strict=True):
         turn = rotation(azimuth, elevation, roll)
         distance = a.distance + share * (b.distance - a.distance)

@@ -135,7 +135,7 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
 
 def _inside(model: mujoco.MjModel, root: int) -> np.ndarray:
     """Returns for each body whether it is `root` or attached to it `(nbody,)`."""
-    inside = np.arange(model.nbody) == root
+    inside = np.arange(int(model.nbody)) == root
     for body in range(1, model.nbody):  # parents come first
         inside[body] |= inside[model.body_parentid[body]]
     return inside
@@ -196,7 +196,8 @@ class ObjectTrajectory:
 
     def speeds(self, times: np.ndarray) -> np.ndarray:
         """Returns speeds `(m,)` [m/s] at `times` `(m,)`, linear in between."""
-        return np.interp(times, self.times, np.linalg.norm(self.velocities, axis=1))
+        speeds: np.ndarray = np.linalg.norm(self.velocities, axis=1)
+        return np.interp(times, self.times, speeds)
 
 
 def object_paths(
@@ -217,7 +218,7 @@ def object_paths(
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         times.append(data.time)
-        row = []
+        row = list[np.ndarray]()
         for kind, index in objects:
             mujoco.mj_objectVelocity(model, data, FRAMES[kind].value, index, velocity, 0)
             row.append(np.concatenate([getattr(data, TARGETS[kind])[index], velocity[3:]]))

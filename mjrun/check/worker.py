@@ -24,7 +24,7 @@ from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
-from mjrun.platform.system import end_after
+from mjrun.platform import system
 
 ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly ever filled
 GRACE = 10  # [s] after which the process ends itself if its parent has not
@@ -35,7 +35,7 @@ def main(task: str) -> None:
     channel = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape")
     os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
     checker = _checker(WorkerTask(**json.loads(task)), channel)
-    end_after(int(checker.task.timeout) + GRACE)
+    system.end_after(int(checker.task.timeout) + GRACE)
     # These limit addresses; the parent watches the memory in use, and reports it.
     limit_this_process(memory=checker.task.memory * MIB, file_size=0, core=0)
     checker.run()

@@ -26,7 +26,7 @@ from mjrun.errors import (
     quoted,
 )
 from mjrun.interruption import interrupt
-from mjrun.platform.system import SIGNALS, release_signals
+from mjrun.platform import system
 from mjrun.shared_status import note_heard
 from mjrun.suffixes import MODELS
 from mjrun.version import __version__
@@ -116,7 +116,7 @@ def run(arguments: Sequence[str]) -> int:
         from mjrun.cli.completion import complete
 
         return complete(group, os.environ[COMPLETE])
-    for number in SIGNALS:
+    for number in system.SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of nohup
             signal.signal(number, _end)
     console = Console(shlex.join(["mjrun", *arguments]), as_json=asks_for_json(arguments))
@@ -129,7 +129,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _invoke(console: Console, arguments: Sequence[str]) -> int:
-    release_signals()
+    system.release_signals()
     # Not `group.main`, which would turn Ctrl-C and a closed pipe into exit code 1.
     with group.make_context("mjrun", list(arguments), obj=console) as ctx:
         group.invoke(ctx)
@@ -203,7 +203,7 @@ def _bug_message(error: Exception) -> str:
 def _end(number: int, frame: FrameType | None) -> None:
     """Ends the work once; further signals during the cleanup, such as a second Ctrl-C, have no effect."""
     global _ended_by
-    for each in SIGNALS:
+    for each in system.SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     _ended_by = number
     note_heard()

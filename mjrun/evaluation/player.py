@@ -185,7 +185,7 @@ class TaskPlayer(EpisodePlayer):
                 running[world].add(float(step.rewards[index]), step.reward_terms[index])
             for index in np.flatnonzero(step.over).tolist():
                 world = ids[index]
-                yield running.pop(world).ended(step.endings[step.codes[index]], self.rewards, control_dt)
+                yield running.pop(world).ended(step.endings[int(step.codes[index])], self.rewards, control_dt)
                 self._begin_next(world, seeds, waiting, running, observations, failure)
         failure.throw()
 

@@ -108,7 +108,7 @@ def summarized(
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters: Clusters = None) -> Interval:
     """Returns Student's t interval of the mean of `values` `(n,)`; undefined for fewer than two cases or clusters."""
-    from scipy.special import stdtrit
+    from scipy.special import stdtrit  # pyright: ignore[reportMissingTypeStubs]
 
     members = _members(len(values), clusters)
     count = int(members.max(initial=-1)) + 1
@@ -124,7 +124,7 @@ def median_interval(values: np.ndarray, confidence: float = CONFIDENCE, clusters
 
     A cluster counts as one case.
     """
-    from scipy.special import bdtr
+    from scipy.special import bdtr  # pyright: ignore[reportMissingTypeStubs]
 
     count = int(_members(len(values), clusters).max(initial=-1)) + 1
     ranks = np.arange(count // 2)

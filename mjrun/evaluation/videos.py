@@ -72,7 +72,7 @@ def chosen_videos(groups: Sequence[PlayedEpisodes], count: int) -> list[VideoCho
     """
     where = [(g, e) for g, group in enumerate(groups) for e in range(len(group.episodes))]
     returns = np.array([groups[g].episodes[e].total for g, e in where])
-    order = np.argsort(np.where(np.isnan(returns), -np.inf, returns), kind="stable")
+    order: list[int] = np.argsort(np.where(np.isnan(returns), -np.inf, returns), kind="stable").tolist()
     last, middle = len(order) - 1, (len(order) - 1) // 2
     count = min(count, len(order))
     ranks = [middle if 2 * k == count - 1 else round(k * last / (count - 1)) for k in range(count)]

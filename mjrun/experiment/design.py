@@ -124,7 +124,7 @@ def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str
 
 
 def _sobol(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
-    from scipy.stats import qmc
+    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
     # The first of a power of two: points stay the same when there are more of them.
     exponent = max(0, (count - 1).bit_length())
@@ -132,7 +132,7 @@ def _sobol(count: int, dimensions: int, generator: np.random.Generator) -> np.nd
 
 
 def _latin_hypercube(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
-    from scipy.stats import qmc
+    from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
     return qmc.LatinHypercube(dimensions, rng=generator).random(count)
 

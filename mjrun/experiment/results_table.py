@@ -15,7 +15,7 @@ from mjrun.formats.atomic_output import OutputWriter, publish_together, written_
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
 from mjrun.model.table_column import Column
-from mjrun.probe.assertion import parse
+from mjrun.probe.assertion import Assertion, parse
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.metric import Metric, parse_metric
 from mjrun.probe.scanner import Vocabulary
@@ -124,7 +124,7 @@ class Requirements:
     ) -> None:
         names = TableNames(numbers, flags)
         self._columns = names.names
-        self._assertions = []
+        self._assertions = list[Assertion]()
         for index, text in enumerate(texts):
             with concerning("require", index):
                 self._assertions.append(replace(parse(rewrite(text), names, "require"), text=text))

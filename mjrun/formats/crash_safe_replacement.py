@@ -6,6 +6,7 @@ the next process that sees it finishes. Older files are kept until all outputs o
 """
 
 import contextlib
+import ctypes
 import errno
 import os
 import stat
@@ -13,10 +14,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from mjrun.formats.temporary_output import remove, unused_name
-from mjrun.platform.exchange import exchange
-from mjrun.platform.system import effective_user, hard_link
+from mjrun.platform import system
 
 NEW, OLD, MOVING = "new", "old", "moving"
+AT_FDCWD, RENAME_EXCHANGE = -100, 2  # constants of Linux: paths relative to the working folder; swap both names
 
 Place = Callable[[int], Path]  # returns the path of a frame, given its number
 
@@ -35,7 +36,7 @@ def replace_file(new: Path, target: Path) -> Path | None:
     _require_replaceable(target)
     older = unused_name(target)
     try:
-        hard_link(target, older)
+        system.hard_link(target, older)
     except OSError:
         new.replace(target)
         return None
@@ -55,7 +56,7 @@ def _require_replaceable(target: Path) -> None:
     Raises:
       PermissionError: it may not be replaced.
     """
-    folder, user = target.parent.stat(), effective_user()
+    folder, user = target.parent.stat(), system.effective_user()
     is_sticky = bool(folder.st_mode & stat.S_ISVTX)
     if is_sticky and user not in (0, folder.st_uid, target.lstat().st_uid):
         raise PermissionError(errno.EPERM, "another user's file, in a folder where each replaces only their own")
@@ -130,7 +131,7 @@ def finish_frames(temporary: Path, place: Place) -> None:
             if target.is_dir() and not target.is_symlink():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
             try:
-                hard_link(target, older)
+                system.hard_link(target, older)
             except OSError:  # a file system without links
                 target.rename(older)
         frame.replace(target)
@@ -158,3 +159,12 @@ def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> Non
 def frame_number(path: Path) -> int:
     """Returns the number of a frame, which is the stem of its name."""
     return int(path.stem)
+
+
+def exchange(one: Path, other: Path) -> bool:
+    """Exchanges two names in one step, and returns whether that worked: only some file systems of Linux support it."""
+    try:
+        renameat2 = ctypes.CDLL(None).renameat2
+    except (AttributeError, TypeError):  # not Linux
+        return False
+    return renameat2(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE) == 0

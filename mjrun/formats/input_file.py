@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, TypeVar
 
 from mjrun.confinement.confinement import OUTSIDE, advice, is_readable
 from mjrun.errors import FileError, MjrunError, clean, suggestion
-from mjrun.platform.system import READ_FLAGS
+from mjrun.platform import system
 
 SHOWN = 80  # longest text from a file that a message shows [characters]
 
@@ -63,7 +63,7 @@ def opened(path: Path, what: str, suffixes: Collection[str], hint: str = "") -> 
     """
     with _readable(path, suffixes, hint):
         # A pipe without a writer would block.
-        number = os.open(path, READ_FLAGS)
+        number = os.open(path, system.READ_FLAGS)
         try:
             _check(path, os.fstat(number).st_mode, what, hint)
             with os.fdopen(number, "rb", closefd=False) as file:

@@ -6,7 +6,7 @@ ones; if the process is killed, the process that monitors it removes them.
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -58,7 +58,7 @@ class ParentFolders:
             self._use()
 
     @contextmanager
-    def opening(self) -> Iterator[None]:
+    def opening(self) -> Generator[None]:
         """Wraps the rest of an output's constructor: a failure releases the folders."""
         try:
             yield

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mjrun.errors import FileError
-from mjrun.platform.system import locked, machine_name
+from mjrun.platform import system
 
 NAME = re.compile(r"\..+\.mjrun-([0-9a-f]{8})[0-9a-f]{8}\.part(\.\w+)?")
 NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # a file system without locks
@@ -47,7 +47,7 @@ class TemporaryOutput:
             else:
                 os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             try:
-                self._lock = locked(self.path)
+                self._lock = system.locked(self.path)
             except OSError as error:
                 if error.errno in NO_LOCKS:  # then nothing counts as left behind
                     return
@@ -148,7 +148,7 @@ def left_behind(folder: Path, target: Path | None = None) -> Iterator[list[Path]
             path = folder / match[0]
             with contextlib.suppress(OSError):
                 is_ours = target is not None or match[1] == _machine() or time.time() - path.stat().st_mtime > WEEK
-                if is_ours and match[0].startswith(prefix) and (lock := locked(path, wait=False)) is not None:
+                if is_ours and match[0].startswith(prefix) and (lock := system.locked(path, wait=False)) is not None:
                     stack.callback(os.close, lock)
                     leftovers.append(path)
         yield leftovers
@@ -176,7 +176,7 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
         return
     lock: int | None = None
     with contextlib.suppress(OSError):
-        lock = locked(folder)
+        lock = system.locked(folder)
     entered.add(place)
     try:
         yield
@@ -192,4 +192,4 @@ def _prefix(target: Path) -> str:
 
 
 def _machine() -> str:
-    return f"{zlib.crc32(machine_name().encode()):08x}"
+    return f"{zlib.crc32(system.machine_name().encode()):08x}"

@@ -2,7 +2,7 @@
 
 import ctypes
 import warnings
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -13,7 +13,7 @@ from mjrun.errors import MjrunWarning
 
 
 @contextmanager
-def without_log() -> Iterator[None]:
+def without_log() -> Generator[None]:
     """Prevents MuJoCo from writing MUJOCO_LOG.TXT into the working directory."""
     log = mujoco.MjLogConfig.get()
     to_file, log.logto_file = log.logto_file, False
@@ -52,7 +52,7 @@ def _clock() -> ctypes.c_void_p | None:
 
 
 @contextmanager
-def collected_warnings() -> Iterator[list[str]]:
+def collected_warnings() -> Generator[list[str]]:
     """Collects MuJoCo's warnings inside the block, each text once, in order; the list is filled when the block ends.
 
     These are the warnings of the engine, and those that the bindings raise as Python warnings. Within the block MuJoCo

@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -67,7 +67,7 @@ class Source(ABC):
         return self.compile()[1]
 
     @contextmanager
-    def named_in_errors(self) -> Iterator[None]:
+    def named_in_errors(self) -> Generator[None]:
         """Makes errors about the model within the `with` block begin with this source."""
         try:
             yield

@@ -16,7 +16,7 @@ from mjrun.options.trace import PROBES
 from mjrun.options.view import QUALITIES
 
 # The extras of studies, with the libraries that each installs and the feature that needs them.
-EXTRAS = {
+EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
     "sweep": (("scipy", "pyarrow"), "mjrun sweep"),
     "dask": (("distributed",), "mjrun sweep on Dask"),
     "slurm": (("submitit",), "mjrun sweep on Slurm"),

@@ -13,7 +13,7 @@ from mjrun.options.setting_kinds import DISTRIBUTION, NamedNumbers, VariedSettin
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
 
 # The extras of policies and tasks, with the libraries that each installs and the feature that needs them.
-EXTRAS = {
+EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
     "policy": (("onnxruntime",), "policies in ONNX"),
     "gym": (("gymnasium",), "Gymnasium's environments and mjrun.gym"),
 }

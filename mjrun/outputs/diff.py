@@ -1,5 +1,6 @@
 """Comparison of two results: tables, recordings, videos, images or models."""
 
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import field
 from functools import partial
@@ -8,19 +9,23 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.diff import file_kind
 from mjrun.diff.result import DiffResult
 from mjrun.diff.sentences import table_sentences
+from mjrun.diff.table_files import is_results
 from mjrun.diff.tolerances import Tolerance, Tolerances
 from mjrun.errors import UsageError, clean, option
-from mjrun.formats import codecs, image_reader
+from mjrun.formats import codecs, image_reader, tables
 from mjrun.formats.image_format import image_format
 from mjrun.formats.input_file import is_folder, require_file
+from mjrun.formats.recording import ARRAYS
+from mjrun.formats.table_reader import STDIN
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
 from mjrun.reporter import Reporter, WarningReporter, pass_on
+
+TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
 
 
 @options
@@ -43,8 +48,8 @@ class Diff(DiffOptions):
           UsageError: the inputs are of different kinds, or an option does not apply to their kind.
         """
         a, b = _name(self.a), _name(self.b)
-        if a is None or b is None or (kind := file_kind.common_kind(a, b)) == file_kind.MODEL:
-            self._require_applicable(file_kind.MODEL)
+        if a is None or b is None or (kind := common_kind(a, b)) == MODEL:
+            self._require_applicable(MODEL)
             return _models(self, self.a, self.b, reporter)
         self._require_applicable(kind)
         return COMPARISONS[kind](self, a, b)
@@ -73,7 +78,7 @@ def _tables(diff: Diff, a: str, b: str) -> DiffResult:
 
     table, notes = compare_tables(a, b, diff)
     differences = table_sentences(table, clean(a), clean(b), common=diff.common)
-    return DiffResult(file_kind.TABLE, a, b, not differences, differences, notes, table)
+    return DiffResult(TABLE, a, b, not differences, differences, notes, table)
 
 
 def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
@@ -82,7 +87,7 @@ def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
     model = None if diff.model is None else source_of(diff.model).load()
     table, differences, notes = compare_recordings(a, b, diff, model)
     differences += table_sentences(table, clean(a), clean(b), "state", common=diff.common) if table else []
-    return DiffResult(file_kind.RECORDING, a, b, not differences, differences, notes, table)
+    return DiffResult(RECORDING, a, b, not differences, differences, notes, table)
 
 
 def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -> DiffResult:
@@ -92,7 +97,7 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
     tolerances = Tolerances(Tolerance(diff.atol, diff.rtol), diff.tol)
     model = compare_models(source_of(a), source_of(b), tolerances)
     pass_on(model.warnings, reporter or WarningReporter())
-    return DiffResult(file_kind.MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
+    return DiffResult(MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
 
 
 def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
@@ -106,7 +111,7 @@ def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
     require_library(diff)
     if diff.output is not None:
         image_format(diff.output, "rgb")
-    compare = compare_videos if kind == file_kind.VIDEO else compare_images
+    compare = compare_videos if kind == VIDEO else compare_images
     picture, worst = compare(a, b, Tolerance(diff.atol, diff.rtol))
     differences = picture_sentences(picture, clean(a), clean(b), diff)
     if diff.output is not None and worst is not None:
@@ -118,17 +123,71 @@ def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
 TOLERANCE = {"atol", "rtol"}
 LIMITS = {"min_psnr", "min_ssim", "max_changed", "output"}
 APPLICABLE = {
-    file_kind.TABLE: TOLERANCE | {"tol", "columns", "align", "common"},
-    file_kind.RECORDING: TOLERANCE | {"tol", "columns", "model", "common"},
-    file_kind.VIDEO: TOLERANCE | LIMITS,
-    file_kind.IMAGE: TOLERANCE | LIMITS,
-    file_kind.MODEL: TOLERANCE | {"tol"},
+    TABLE: TOLERANCE | {"tol", "columns", "align", "common"},
+    RECORDING: TOLERANCE | {"tol", "columns", "model", "common"},
+    VIDEO: TOLERANCE | LIMITS,
+    IMAGE: TOLERANCE | LIMITS,
+    MODEL: TOLERANCE | {"tol"},
 }
 
 # The function that compares files of each kind.
 COMPARISONS: Mapping[str, Callable[[Diff, str, str], DiffResult]] = {
-    file_kind.TABLE: _tables,
-    file_kind.RECORDING: _recordings,
-    file_kind.VIDEO: partial(_pictures, file_kind.VIDEO),
-    file_kind.IMAGE: partial(_pictures, file_kind.IMAGE),
+    TABLE: _tables,
+    RECORDING: _recordings,
+    VIDEO: partial(_pictures, VIDEO),
+    IMAGE: partial(_pictures, IMAGE),
 }
+
+
+def common_kind(a: str, b: str) -> str:
+    """Returns the kind of both files.
+
+    Raises:
+      UsageError: they are of different kinds.
+    """
+    kinds = kind_of(a), kind_of(b)
+    if kinds[0] != kinds[1]:
+        facts = [f"{clean(path)} is {_with_article(kind)}" for path, kind in zip((a, b), kinds, strict=True)]
+        raise UsageError(f"{' and '.join(facts)}: only results of the same kind can be compared")
+    return kinds[0]
+
+
+def kind_of(name: str) -> str:
+    """Returns the kind of a file by its suffix, and of an archive or a .webp by its content.
+
+    Any other file is a model. A folder is that of a study or an evaluation, or contains the frames of a video.
+    """
+    path, suffix = Path(name), Path(name).suffix.lower()
+    if name == STDIN:
+        return TABLE
+    if suffix == ".npz":
+        return RECORDING if _is_recording(path) else TABLE
+    if suffix in tables.suffixes():
+        return TABLE
+    if is_folder(path):
+        return TABLE if is_results(path) else VIDEO
+    if suffix in image_reader.SUFFIXES and not (suffix == ".webp" and _is_animated(path)):
+        return IMAGE
+    return VIDEO if suffix in codecs.suffixes() else MODEL
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {f"{name}.npy" for name in ARRAYS} <= set(archive.namelist())
+    except (OSError, ValueError, zipfile.BadZipFile):
+        return False  # reading it as a table reports the fault
+
+
+def _is_animated(path: Path) -> bool:
+    """Returns whether a WebP file is animated: https://developers.google.com/speed/webp/docs/riff_container."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(21)
+    except OSError:
+        return False
+    return head[12:16] == b"VP8X" and len(head) == 21 and bool(head[20] & 2)
+
+
+def _with_article(kind: str) -> str:
+    return f"{'an' if kind == IMAGE else 'a'} {kind}"

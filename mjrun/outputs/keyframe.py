@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
-from mjrun.formats.keyframe_writer import KeyframeWriter
-from mjrun.model.keyframe_text_edits import key_names
+from mjrun.formats.keyframe_writer import KeyframeWriter, key_names
 from mjrun.model.names import names
 from mjrun.options.option import options
 from mjrun.options.output import KeyframeOptions

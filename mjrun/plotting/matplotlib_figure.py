@@ -1,6 +1,6 @@
 """A figure that matplotlib lays out: its style, and text that fits and that its font supports."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -25,7 +25,7 @@ TITLE = 1.25  # size of letters of a figure's title [em]
 
 
 @contextmanager
-def settings(theme: Theme, em: float) -> Iterator[None]:
+def settings(theme: Theme, em: float) -> Generator[None]:
     """Applies mjrun's style to matplotlib, with letters of `em` pixels, instead of the user's settings."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()

@@ -1,6 +1,6 @@
 """Renderers that measure the cost of each part of rendering an image."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -29,7 +29,7 @@ class Stopwatch:
         self._inside: list[str] = []
 
     @contextmanager
-    def part(self, name: str) -> Iterator[None]:
+    def part(self, name: str) -> Generator[None]:
         """Counts the time of the block towards `name`."""
         self._switch()
         self._inside.append(name)

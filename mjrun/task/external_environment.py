@@ -2,7 +2,7 @@
 
 import copy
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
@@ -188,7 +188,7 @@ class ExternalEnvironment:
         self.control_steps = int(steps)
 
     @contextmanager
-    def _errors_of(self, what: str) -> Iterator[None]:
+    def _errors_of(self, what: str) -> Generator[None]:
         """Converts errors of the environment, and of MuJoCo in it, to those of mjrun."""
         try:
             with redirect_stdout(sys.stderr):  # standard output carries the payload alone

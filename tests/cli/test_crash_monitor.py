@@ -22,7 +22,7 @@ import os, signal, sys, time
 from mjrun import shared_status
 from mjrun.shared_status import ProcessStatus, Promise, completing, doing, make_promise, note_child, note_heard
 from mjrun.cli.crash_monitor import watched
-from mjrun.platform.system import release_signals
+from mjrun.platform import system
 def die(number):
     os.kill(os.getpid(), number)
 def work():
@@ -302,7 +302,7 @@ def end(number, frame):
         print("completed", flush=True)
         os._exit(143)
 signal.signal(signal.SIGTERM, end)
-release_signals()
+system.release_signals()
 print(flush=True)
 time.sleep(1000)
 """
@@ -321,7 +321,7 @@ output = StagedFile(Path("table.csv"))
 def end(number, frame):
     note_heard()
 signal.signal(signal.SIGTERM, end)
-release_signals()
+system.release_signals()
 print(flush=True)
 while True:
     time.sleep(1000)
@@ -342,7 +342,7 @@ def end(number, frame):
     note_heard()
     os._exit(143)
 signal.signal(signal.SIGTERM, end)
-release_signals()
+system.release_signals()
 print(flush=True)
 time.sleep(1000)
 """

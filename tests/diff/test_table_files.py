@@ -15,7 +15,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mjrun.diff import row_alignment
-from mjrun.diff.file_kind import TABLE, VIDEO, kind_of
 from mjrun.diff.result import CellDifference, TableDifference, UnmatchedRows
 from mjrun.diff.sentences import table_sentences
 from mjrun.diff.table_files import ResultTable, compare_tables, is_results, result_manifest, table_path
@@ -26,6 +25,7 @@ from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import csv as csv_format
 from mjrun.model.table_column import Column
 from mjrun.options.diff import TableDiffOptions
+from mjrun.outputs.diff import TABLE, VIDEO, kind_of
 from mjrun.study.results import study_table
 from mjrun.study.spec import PointResult
 from tests.formats.table_files import write

@@ -7,12 +7,11 @@ import pytest
 from PIL import Image
 
 import mjrun
-from mjrun.diff import file_kind
 from mjrun.diff.pictures import WorstFrames
 from mjrun.diff.result import FrameDifference
 from mjrun.errors import ModelNotFoundError, UnknownNameError, UsageError
 from mjrun.model.sources import parse_source
-from mjrun.outputs.diff import APPLICABLE, COMPARISONS
+from mjrun.outputs.diff import APPLICABLE, COMPARISONS, IMAGE, MODEL, RECORDING, TABLE, VIDEO
 from mjrun.outputs.worst_frame_image import BACKGROUND, GAP, worst_frame, write_worst_frame
 from tests.diff.models import CRATE, spec, xml
 from tests.formats.table_files import columns, write
@@ -30,7 +29,7 @@ def test_two_tables_agree_or_not(tmp_path: Path) -> None:
 
 
 def test_a_kind_of_files_is_told_before_anything_is_read() -> None:
-    assert set(COMPARISONS) <= {file_kind.TABLE, file_kind.RECORDING, file_kind.VIDEO, file_kind.IMAGE, file_kind.MODEL}
+    assert set(COMPARISONS) <= {TABLE, RECORDING, VIDEO, IMAGE, MODEL}
     with pytest.raises(UsageError, match="only results of the same kind can be compared"):
         mjrun.Diff("a.csv", "b.mp4").run()
 

@@ -25,8 +25,7 @@ from mjrun.plotting.study.figure_data import (
     study_grid,
 )
 from mjrun.plotting.study.figure_painter import BANDS as BAND_NAMES
-from mjrun.plotting.study.figure_painter import paint_study
-from mjrun.plotting.study.heat_map import COLOUR_MAP
+from mjrun.plotting.study.figure_painter import COLOUR_MAP, paint_study
 from mjrun.plotting.theme import THEMES
 from tests.plotting.test_figure_painter import require_room, words
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mjrun.diff.file_kind import common_kind, kind_of
 from mjrun.errors import UsageError
+from mjrun.outputs.diff import common_kind, kind_of
 
 
 @pytest.mark.parametrize(
