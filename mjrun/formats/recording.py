@@ -32,7 +32,11 @@ from mjrun.formats.input_file import decoding, require_file
 FACTS = 2**24  # characters of facts, at most
 LOCAL = 26  # bytes in the header of an archive's member before the lengths of its name and extra field
 TEXT = "unicode text"
-ARRAYS = {"states": ("float64", ("n", "size")), "steps": ("int64", ("n",)), "facts": (TEXT, ())}
+ARRAYS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "states": ("float64", ("n", "size")),
+    "steps": ("int64", ("n",)),
+    "facts": (TEXT, ()),
+}
 HINT = f"{option('recording')} FILE.npz makes one"
 SUFFIX = ".npz"
 PIECE = 2**20  # bytes handled at a time
