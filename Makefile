@@ -57,6 +57,7 @@ types: setup-python ## check the code's types
 check: lint types test ## lint, types and test
 
 bench: setup ## time videos and traces against their baselines, and views
+	.venv/bin/python -m pip install --quiet --group bench
 	.venv/bin/python benchmarks/video.py
 	.venv/bin/python benchmarks/trace.py
 	.venv/bin/python benchmarks/views.py

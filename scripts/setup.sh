@@ -108,7 +108,8 @@ usable() { # can pip bring .venv up to date, or is it half-made, moved or foreig
 }
 
 pip_install() {
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input "$@" >"$log" 2>&1 && return
+  # Python compiles a module when it first imports it; pip would spend half of its time on modules that nothing imports.
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-input --no-compile "$@" >"$log" 2>&1 && return
   rm -f "$STAMP" # pip has tidied up behind itself: go on from here the next time
   grep -v '^WARNING' "$log" | tail -n 20 >&2
   if grep -q 'Retrying (Retry(' "$log"; then
