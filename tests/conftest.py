@@ -22,7 +22,7 @@ from hypothesis import HealthCheck, settings
 
 import mjrun.cli.main as cli
 from mjrun.errors import NoRendererError
-from mjrun.platform import cores
+from mjrun.platform import cores, system
 from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
 from tests.processes import PATIENCE, without_progress
 
@@ -242,7 +242,7 @@ def mjrun_here(mjrun: Command, capfdbinary: pytest.CaptureFixture[bytes], monkey
     """The command, run in this process and in an empty folder."""
     monkeypatch.chdir(mjrun.folder)
     monkeypatch.delenv("COLUMNS", raising=False)
-    monkeypatch.setattr(cli, "SIGNALS", ())  # which are pytest's here
+    monkeypatch.setattr(system, "SIGNALS", ())  # which are pytest's here
     return CommandInProcess(mjrun.folder, capfdbinary)
 
 

@@ -139,7 +139,7 @@ def test_without_any_extra_the_rest_works(
 
 # Modules that import a library of an extra at their top, and are themselves imported within functions.
 DRAWING = ("axis_ticks", "matplotlib_figure", "figure_painter")
-STUDIES = ("figure_painter", "heat_map")
+STUDIES = ("figure_painter",)
 EAGER = {
     "mjrun.gym",
     "mjrun.formats.arrow_columns",
