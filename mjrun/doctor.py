@@ -36,6 +36,7 @@ from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
+from mjrun.platform.installation import install_command, pip
 from mjrun.plotting import figure_writer
 from mjrun.rendering.backend import (
     DEVICE,
@@ -169,7 +170,7 @@ def _extras() -> list[Diagnostic]:
         try:
             versions = require(", ".join(uses), extra, *libraries)
         except MissingExtraError as error:
-            remedy = f"pip install 'mjrun[{extra}]' for {', '.join(uses)}"
+            remedy = f"for {', '.join(uses)}: {install_command(f'mjrun[{extra}]')}"
             findings.append(Diagnostic("extras", extra, WARNING, f"{error.library} is not installed", remedy))
         except WrongVersionError as error:
             findings.append(_wrong_version("extras", extra, WARNING, error))
@@ -286,7 +287,7 @@ def _studio() -> Diagnostic:
     """Returns whether `mjrun view` can serve a page."""
     if importlib.util.find_spec("mujoco.studio") and importlib.util.find_spec(WEBSOCKETS):
         return Diagnostic("view", "browser", OK, f"MuJoCo Studio {importlib.metadata.version(STUDIO)}")
-    return Diagnostic("view", "browser", MISSING, f"{STUDIO} is not installed", f"pip install {STUDIO}")
+    return Diagnostic("view", "browser", MISSING, f"{STUDIO} is not installed", install_command(STUDIO))
 
 
 def _untrusted() -> list[Diagnostic]:
@@ -307,7 +308,8 @@ def _encoder() -> list[Diagnostic]:
     try:
         version = encoder_version()
     except EncoderError as error:
-        return [Diagnostic("encoder", "ffmpeg", MISSING, str(error), "pip install --force-reinstall imageio-ffmpeg")]
+        remedy = f"{pip('install')} --force-reinstall imageio-ffmpeg"
+        return [Diagnostic("encoder", "ffmpeg", MISSING, str(error), remedy)]
     codecs = working_codecs()
     working = [codec for codec, works in codecs.items() if works]
     failing = [codec for codec, works in codecs.items() if not works]

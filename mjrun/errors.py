@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+from mjrun.platform.installation import install_command, pip
+
 LISTED = 24  # names shown before a list is cut
 LOGGED = 8  # lines of an encoder's log that are shown
 NEAR = 0.6  # least similarity of a suggested name
@@ -324,8 +326,8 @@ SHARING = {"mujoco": "mujoco-core mujoco-studio"}
 
 def installation(package: str, specifier: str) -> str:
     """Returns the command that installs a version of a package over any installed one."""
-    removal = f"pip uninstall -y {package} {SHARING[package]} && " if package in SHARING else ""
-    return f"{removal}pip install '{package}{specifier}'"
+    removal = f"{pip('uninstall')} -y {package} {SHARING[package]} && " if package in SHARING else ""
+    return f"{removal}{pip('install')} '{package}{specifier}'"
 
 
 class MissingExtraError(UsageError):
@@ -333,8 +335,8 @@ class MissingExtraError(UsageError):
 
     def __init__(self, what: str, library: str, extra: str = "") -> None:
         self.library = library
-        install = f"'mjrun[{extra}]'" if extra else library
-        super().__init__(f"{what} needs {library}, which is not installed\npip install {install}")
+        command = install_command(f"mjrun[{extra}]" if extra else library)
+        super().__init__(f"{what} needs {library}, which is not installed\n{command}")
 
 
 class DamagedPackageError(UsageError):

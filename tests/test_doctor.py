@@ -48,7 +48,7 @@ def test_an_extra_that_is_not_installed_is_a_warning_with_its_command(monkeypatc
     monkeypatch.setattr(mjrun.doctor, "extras", lambda: {"parquet": (["no_such_library"], [".parquet", ".feather"])})
     (diagnostic,) = mjrun.doctor._extras()
     assert (diagnostic.status, diagnostic.value) == ("warning", "no-such-library is not installed")
-    assert diagnostic.remedy == "pip install 'mjrun[parquet]' for .parquet, .feather"
+    assert diagnostic.remedy == "for .parquet, .feather: pip install 'mjrun[parquet]'"
 
 
 def test_a_package_of_a_wrong_version_is_marked_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,7 +125,7 @@ def test_it_says_whether_a_window_opens_and_why_not(monkeypatch: pytest.MonkeyPa
 
 def test_it_says_whether_a_page_is_served(monkeypatch: pytest.MonkeyPatch) -> None:
     assert mjrun.doctor._studio().value.startswith("MuJoCo Studio ")
-    monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", {"pip": "installed"}.get)
     assert mjrun.doctor._studio().remedy == "pip install mujoco-studio"
 
 

@@ -33,6 +33,7 @@ class _Ruleset(ctypes.Structure):
 
 class _PathRule(ctypes.Structure):
     _pack_ = 1
+    _layout_ = "ms"  # Python 3.19 will require it with _pack_
     _fields_ = (("access", ctypes.c_uint64), ("folder", ctypes.c_int32))
 
 

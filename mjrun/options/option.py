@@ -1,6 +1,7 @@
 """Declarations of options, and classes of them."""
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Flag, auto
@@ -266,11 +267,11 @@ def _is_given(each: Option, value: object) -> bool:
 def _declared(home: type, cls: type[Options]) -> Iterator[Option]:
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     section = vars(home).get("section", cls.section)
-    for attribute in vars(home).get("__annotations__", {}):
+    for attribute in inspect.get_annotations(home):
         field = fields.get(attribute)
         if field is None or "kind" not in field.metadata:
             continue
         default = field.default_factory() if callable(field.default_factory) else field.default
         name = attribute.rstrip("_")
-        facts = {**field.metadata, "key": field.metadata["key"] or name}
+        facts: dict[str, Any] = {**field.metadata, "key": field.metadata["key"] or name}
         yield Option(name, attribute, default=default, section=section, **facts)

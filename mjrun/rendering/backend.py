@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from mjrun.child_process import ChildProcess
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError, option
+from mjrun.platform.installation import as_root
 from mjrun.rendering.worker_process import memory_file
 
 AUTO = "auto"
@@ -25,26 +26,30 @@ ALIASES = {"": AUTO, "enable": AUTO, "enabled": AUTO, "on": AUTO, "true": AUTO, 
 OFF = ("disable", "disabled", "off", "false", "0")
 SOFTWARE = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software rasterizer")
 
-# Commands that install each library, by family of distribution.
+# The beginnings of commands that install packages, by family of distribution; lists of packages may be empty or old.
+INSTALLERS = {
+    "debian": "apt-get update && apt-get install",
+    "fedora": "dnf install",
+    "arch": "pacman -S",
+}
+# The packages of each library, by family of distribution; without a family, the advice.
 OPENGL = {
-    "debian": "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri",
-    "fedora": "sudo dnf install mesa-libEGL mesa-dri-drivers libglvnd-opengl",
-    "arch": "sudo pacman -S mesa libglvnd",
+    "debian": "libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri",
+    "fedora": "mesa-libEGL mesa-dri-drivers libglvnd-opengl",
+    "arch": "mesa libglvnd",
     "": "install your distribution's packages for libEGL, libOpenGL and Mesa's software renderer (llvmpipe)",
 }
 OSMESA = {
-    "debian": "sudo apt-get install libosmesa6 (gone from Mesa 25.1 on)",
-    "fedora": "sudo dnf install mesa-libOSMesa (gone from Mesa 25.1 on)",
-    "": "install your distribution's package for libOSMesa (gone from Mesa 25.1 on)",
+    "debian": "libosmesa6",
+    "fedora": "mesa-libOSMesa",
+    "": "install your distribution's package for libOSMesa",
 }
-DISPLAY = {"": "run it in a desktop session, or under xvfb-run"}
 VULKAN = {
-    "debian": "sudo apt-get install mesa-vulkan-drivers libvulkan1",
-    "fedora": "sudo dnf install mesa-vulkan-drivers vulkan-loader",
-    "arch": "sudo pacman -S vulkan-swrast vulkan-icd-loader",
+    "debian": "mesa-vulkan-drivers libvulkan1",
+    "fedora": "mesa-vulkan-drivers vulkan-loader",
+    "arch": "vulkan-swrast vulkan-icd-loader",
     "": "install your distribution's packages for the Vulkan loader and Mesa's software driver (lavapipe)",
 }
-ADVICE = {"egl": OPENGL, "osmesa": OSMESA, "glfw": DISPLAY}
 TIMEOUT = 60  # [s], for a driver that hangs
 
 
@@ -83,9 +88,19 @@ class Backend:
 
     def context(self, width: int, height: int) -> OpenGLContext:
         """Creates an OpenGL context and makes it current in this thread; the caller frees it."""
+        _require_shader_cache()
         context: OpenGLContext = importlib.import_module(f"mujoco.{self.name}").GLContext(width, height)
         context.make_current()
         return context
+
+
+def _require_shader_cache() -> None:
+    """Switches Mesa's cache of shaders off where it cannot be made: Mesa would print a message for each process."""
+    variables = map(os.environ.get, ("MESA_SHADER_CACHE_DIR", "XDG_CACHE_HOME"))
+    cache = Path(next(filter(None, variables), None) or os.path.expanduser("~/.cache"))  # noqa: PTH111 – never fails
+    nearest = next((folder for folder in (cache, *cache.parents) if os.path.isdir(folder)), cache)  # noqa: PTH112
+    if not os.access(nearest, os.W_OK):
+        os.environ["MESA_SHADER_CACHE_DISABLE"] = "true"
 
 
 def candidates() -> tuple[str, ...]:
@@ -244,7 +259,9 @@ def repair_advice(name: str) -> str:
     """Returns advice on how to make the backend `name` work."""
     if name == "egl" and _draws_on_another_device():
         return f"unset {DEVICE}: egl draws on another device"
-    return install_advice(ADVICE.get(name, OPENGL))
+    if name == "glfw":
+        return "run it in a desktop session, or under xvfb-run"
+    return f"until Mesa 25.0: {install_advice(OSMESA)}" if name == "osmesa" else install_advice()
 
 
 def _draws_on_another_device() -> bool:
@@ -252,13 +269,14 @@ def _draws_on_another_device() -> bool:
     return DEVICE in os.environ and isinstance(BackendTrialProcess("egl", unset=(DEVICE,)).result(), Backend)
 
 
-def install_advice(commands: Mapping[str, str] = OPENGL) -> str:
-    """Returns the command among `commands` for this system's distribution."""
+def install_advice(packages: Mapping[str, str] = OPENGL) -> str:
+    """Returns the command that installs `packages` on this system's distribution."""
     if platform.system() != "Linux":
         return "install a graphics driver"
     try:
         system = platform.freedesktop_os_release()
     except OSError:
         system = {}
-    family = next((name for name in [system.get("ID"), *system.get("ID_LIKE", "").split()] if name in commands), "")
-    return commands[family or ""]
+    families = [system.get("ID", ""), *system.get("ID_LIKE", "").split()]
+    family = next((name for name in families if name in INSTALLERS and name in packages), "")
+    return as_root(f"{INSTALLERS[family]} {packages[family]}") if family else packages[""]

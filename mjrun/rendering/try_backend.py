@@ -16,7 +16,7 @@ import re
 import sys
 import types
 
-LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa", "vulkan": "vulkan"}
+LIBRARIES = {"egl": "EGL", "osmesa": "OSMesa", "glfw": "GL", "vulkan": "vulkan"}
 # Fields of VkPhysicalDeviceProperties, which is smaller than PROPERTIES.
 API_VERSION, DEVICE_NAME, LARGEST_IMAGE = slice(0, 4), slice(20, 276), slice(300, 304)
 PROPERTIES = 1024  # bytes
@@ -182,7 +182,7 @@ def stand_in() -> None:
 def reason(name: str, error: BaseException) -> str:
     """Returns the reason why the backend `name` does not work; a missing library may raise any kind of error."""
     library = LIBRARIES.get(name)
-    if library and not ctypes.util.find_library(library):
+    if library and (name != "glfw" or sys.platform == "linux") and not ctypes.util.find_library(library):
         return f"lib{library} is not installed"
     return f"{type(error).__name__}: {error}".splitlines()[0]
 

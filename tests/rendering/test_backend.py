@@ -1,5 +1,6 @@
 """Backends: which there are, how each is tried, and the detection of one that works."""
 
+import os
 import platform
 import sys
 import tempfile
@@ -75,6 +76,28 @@ def test_a_requested_backend_is_the_only_one_tried(backend: Backend) -> None:
     assert BackendDetection(backend.name).result() == backend
 
 
+@pytest.mark.parametrize(
+    ("variables", "folder"),
+    [
+        ({"HOME": "/no/where"}, "/"),
+        ({"HOME": "/usr"}, "/usr"),
+        ({"HOME": "/usr", "XDG_CACHE_HOME": "/etc/x"}, "/etc"),
+        ({"XDG_CACHE_HOME": "/usr", "MESA_SHADER_CACHE_DIR": "/etc"}, "/etc"),
+    ],
+)
+def test_shaders_are_cached_where_they_can_be(
+    monkeypatch: pytest.MonkeyPatch, variables: dict[str, str], folder: str
+) -> None:
+    monkeypatch.setattr(os, "environ", variables)
+    tried: list[str] = []
+    monkeypatch.setattr(os, "access", lambda path, mode: tried.append(str(path)))
+    backend_module._require_shader_cache()
+    assert (tried, variables.pop("MESA_SHADER_CACHE_DISABLE")) == ([folder], "true")
+    monkeypatch.setattr(os, "access", lambda path, mode: True)
+    backend_module._require_shader_cache()
+    assert "MESA_SHADER_CACHE_DISABLE" not in variables
+
+
 def test_mujoco_gl_is_honoured_when_nothing_is_requested(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
     monkeypatch.setenv("MUJOCO_GL", backend.name.upper())
     assert BackendDetection().result() == backend
@@ -91,7 +114,7 @@ def test_a_backend_that_does_not_work_is_reported_with_its_reason_and_the_packag
         BackendDetection("glfw").result()
     message = str(caught.value)
     assert "glfw: made no OpenGL context (it needs a display)" in message
-    assert "sudo apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri" in message
+    assert "apt-get update && apt-get install libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri" in message
 
 
 @pytest.mark.parametrize(
@@ -164,7 +187,7 @@ def test_a_vulkan_without_a_driver_is_reported_with_the_packages_and_the_other_r
         VulkanDetection().result()
     message = str(caught.value)
     assert "vulkan: no driver works (vkCreateInstance: -9)" in message
-    assert "sudo apt-get install mesa-vulkan-drivers libvulkan1" in message
+    assert "apt-get update && apt-get install mesa-vulkan-drivers libvulkan1" in message
     assert "renderer classic" in message
 
 

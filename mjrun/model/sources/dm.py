@@ -10,9 +10,9 @@ from typing import ClassVar
 
 from mjrun.errors import ModelNotFoundError
 from mjrun.model.sources.file import FileCollectionSource
+from mjrun.platform.installation import install_command
 
 PACKAGE, SUITE = "dm_control", "suite"
-HOW = "pip install dm_control; mjrun reads its model files and does not import it"
 # Domains with tasks whose Python code changes the XML before compilation: all tasks, or those listed.
 CHANGED: Mapping[str, tuple[str, ...]] = {
     "cartpole": ("two_poles", "three_poles"),
@@ -72,7 +72,8 @@ def _installed_domains(text: str) -> Mapping[str, tuple[str, ...]]:
     """Returns the tasks of each domain; raises ModelNotFoundError about `text` if dm_control is not installed."""
     if domains := _domains():
         return domains
-    raise ModelNotFoundError(text, f"{PACKAGE} is not installed\n{HOW}")
+    advice = f"{install_command(PACKAGE)}; mjrun reads its model files and does not import it"
+    raise ModelNotFoundError(text, f"{PACKAGE} is not installed\n{advice}")
 
 
 @cache

@@ -70,12 +70,13 @@ def _clones() -> list[Path]:
     Raises:
       ModelNotFoundError: the value of the variable is not a folder.
     """
+    # Unlike pathlib, these functions accept users without a home and folders that may not be searched.
     chosen = os.environ.get(VARIABLE)
-    if chosen and not Path(chosen).expanduser().is_dir():
+    if chosen and not os.path.isdir(os.path.expanduser(chosen)):  # noqa: PTH111, PTH112
         raise ModelNotFoundError(f"{VARIABLE}={chosen}", "is not a folder")
     cache = os.environ.get(CACHE_VARIABLE) or CACHE
     clones = [*([chosen] if chosen else []), CLONE, f"~/{CLONE}", f"{cache}/{CLONE}"]
-    return [folder for clone in clones if (folder := Path(clone).expanduser()).is_dir()]
+    return [Path(folder) for folder in map(os.path.expanduser, clones) if os.path.isdir(folder)]  # noqa: PTH112
 
 
 def _in_packages() -> Iterator[Path]:

@@ -59,6 +59,18 @@ def test_the_variable_comes_first_and_must_name_a_folder(tmp_path: Path, monkeyp
         parse_source("menagerie:unitree_go2").load()
 
 
+@pytest.mark.parametrize("cache", ["", "/" + 300 * "x"], ids=["default", "cannot be searched"])
+def test_a_user_without_a_home_has_none(monkeypatch: pytest.MonkeyPatch, cache: str) -> None:
+    def unknown(user: int) -> None:
+        raise KeyError(user)
+
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("pwd.getpwuid", unknown)
+    monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", cache)
+    with pytest.raises(ModelNotFoundError, match="no clone of MuJoCo Menagerie was found"):
+        parse_source("menagerie:unitree_go2").load()
+
+
 @pytest.mark.parametrize("name", ["unitree_go2", "unitree_go2/scene", "unitree_go2/scene.xml"])
 def test_a_robot_alone_is_its_scene(tmp_path: Path, name: str) -> None:
     folder = clone(tmp_path / "here" / "mujoco_menagerie")
