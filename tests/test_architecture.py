@@ -107,7 +107,7 @@ def imported(tree: ast.Module, home: str) -> Iterator[tuple[int, str]]:
                     yield node.lineno, mjrun._HOMES.get(alias.name, f"mjrun.{alias.name}")
                 else:
                     yield node.lineno, base
-        elif isinstance(node, ast.Constant) and re.fullmatch(r"mjrun(\.\w+)+", str(node.value)):
+        elif isinstance(node, ast.Constant) and re.fullmatch(r"mjrun(\.(?!toml)\w+)+", str(node.value)):
             yield node.lineno, str(node.value)
 
 

@@ -5,15 +5,17 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
+from mjrun.check.baseline import Baseline, write_baseline
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
-from mjrun.errors import Spelling, UnknownNameError, UsageError, clean, option, spelled
+from mjrun.errors import BadValueError, Spelling, UnknownNameError, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource
 from mjrun.model.sources import names_task, source_of
@@ -42,11 +44,15 @@ class ModelResult:
       model: the path of the model, as given.
       loads: true if it loads, and the process that checked it survived.
       findings: the selected findings, in the order of their discovery.
+      suppressed: the number of findings that comments in the model suppress.
+      known: the number of findings that are in the baseline.
     """
 
     model: str
     loads: bool
     findings: tuple[Finding, ...]
+    suppressed: int = 0
+    known: int = 0
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,9 @@ class CheckResult:
       mjrun: the version that checked them.
       models: the result for each model.
       skipped: the number of files that are not models by themselves, such as files that models include.
-      code: the exit code: 3 if a model does not load, 1 if a finding is at or above `fail_on`, else 0.
+      gone: the number of findings in the baseline that are no longer there.
+      code: the exit code: 3 if a model does not load, unless that is known; 1 if a finding is at or above `fail_on`;
+        else 0.
       errors, warnings, notes: the number of findings of each severity.
     """
 
@@ -65,6 +73,7 @@ class CheckResult:
     models: tuple[ModelResult, ...]
     skipped: int
     code: int
+    gone: int = 0
     errors: int = field(default=0, init=False)
     warnings: int = field(default=0, init=False)
     notes: int = field(default=0, init=False)
@@ -98,7 +107,13 @@ class Check(PolicyOptions, CheckOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.codes
+        _ = self.codes, self._ignored_codes
+        for code, severity in self.severity:
+            matching_codes([code])
+            if severity not in SEVERITIES:
+                raise BadValueError(option("severity"), f"{code}={severity}", f"one of {', '.join(SEVERITIES)}")
+        if self.update_baseline and self.baseline is None:
+            raise UsageError(f"{option('update_baseline')} requires {option('baseline')}")
         if self.policy is not None and not isinstance(self.policy, str):
             raise UsageError(f"{option('policy')}: each task is checked in a separate process; give the policy as text")
 
@@ -107,6 +122,14 @@ class Check(PolicyOptions, CheckOptions):
         """The codes of the rules to apply."""
         selected = matching_codes(self.select) if self.select else frozenset(RULES)
         return selected - matching_codes(self.ignore)
+
+    @cached_property
+    def _ignored_codes(self) -> list[tuple[str, frozenset[str]]]:
+        """The patterns of files, and the codes to ignore in each."""
+        return [
+            (os.path.abspath(pattern), matching_codes(codes.replace(",", " ").split()))  # noqa: PTH100
+            for pattern, codes in self.ignore_in
+        ]
 
     def run(self, reporter: Reporter | None = None, spelling: Spelling = str) -> CheckResult:
         """Checks all models.
@@ -119,14 +142,23 @@ class Check(PolicyOptions, CheckOptions):
           UsageError: `models` are folders without any model.
         """
         reporter = reporter or WarningReporter()
+        known = None if self.baseline is None or self.update_baseline else Baseline.read(Path(self.baseline))
         paths, skipped = find_models(self.models, skip_other=self.skip_other)
         if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("no model to check: give model files, or folders that contain some")
-        results = []
+        results: list[ModelResult] = []
         for result in self._check_all(paths, spelling):
             results.append(result)
             reporter.progress("models", len(results), len(paths))
-        return CheckResult(tuple(results), skipped, self._exit_code(results))
+
+        if self.baseline is not None and known is None:
+            write_baseline(Path(self.baseline), (finding for result in results for finding in result.findings))
+            known = Baseline.read(Path(self.baseline))
+        gone = 0
+        if known is not None:
+            results = [_without_known(result, known) for result in results]
+            gone = known.gone([result.model for result in results], self.codes)
+        return CheckResult(tuple(results), skipped, self._exit_code(results), gone)
 
     def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
         """Yields the results for `paths` in their order; several are checked at once."""
@@ -148,8 +180,25 @@ class Check(PolicyOptions, CheckOptions):
             loads = False
         loads = loads and all(finding.code != OUT_OF_MEMORY.code for finding in findings)
 
-        selected = (f for f in findings if f.code in self.codes or (f.severity == "error" and not loads))
-        return ModelResult(path, loads, tuple(_spelled(finding, spelling) for finding in selected))
+        reported: list[Finding] = []
+        for finding in findings:
+            if finding.severity == "error" and not loads:  # always reported as it is
+                reported.append(finding)
+            elif finding.code in self.codes and not self._is_ignored(finding):
+                reported.append(replace(finding, severity=self._severity(finding)))
+
+        suppressed = sum(message.get("suppressed", 0) for message in output.messages)
+        return ModelResult(path, loads, tuple(_spelled(finding, spelling) for finding in reported), suppressed)
+
+    def _is_ignored(self, finding: Finding) -> bool:
+        """Returns whether `ignore_in` excludes a finding."""
+        file = os.path.abspath(finding.file)  # noqa: PTH100
+        return any(fnmatchcase(file, pattern) and finding.code in codes for pattern, codes in self._ignored_codes)
+
+    def _severity(self, finding: Finding) -> str:
+        """Returns the severity of a finding; of several codes in `severity` that match, the longest applies."""
+        matching = [(len(code), severity) for code, severity in self.severity if finding.code.startswith(code.upper())]
+        return max(matching)[1] if matching else finding.severity
 
     def _task(self, path: str) -> WorkerTask:
         limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
@@ -179,10 +228,20 @@ class Check(PolicyOptions, CheckOptions):
         return INTERNAL_ERROR.in_model(model, f"mjrun failed while {stage}{detail}", "please report it")
 
     def _exit_code(self, results: Sequence[ModelResult]) -> int:
-        if not all(result.loads for result in results):
+        if any(not (result.loads or _is_known_not_to_load(result)) for result in results):
             return 3
         least = SEVERITIES.index(self.fail_on)
         return int(any(SEVERITIES.index(f.severity) >= least for result in results for f in result.findings))
+
+
+def _without_known(result: ModelResult, known: Baseline) -> ModelResult:
+    """Returns a result without the findings of a baseline."""
+    new = known.new(result.findings)
+    return replace(result, findings=new, known=len(result.findings) - len(new))
+
+
+def _is_known_not_to_load(result: ModelResult) -> bool:
+    return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
 def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:

@@ -2,7 +2,7 @@
 
 import importlib
 import pkgutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -69,9 +69,15 @@ def ignored_xml(source: XmlSource) -> list[Finding]:
     return _by_place(findings, source.path)
 
 
-def apply(code: str, context: LintContext) -> list[Finding]:
-    """Returns the findings of the rule `code` in a model that loads; none if it does not apply to such a model."""
-    return capped(list(RULES[code].findings(context)))
+def apply(
+    code: str, context: LintContext, selected: Callable[[Iterable[Finding]], Iterable[Finding]] = iter
+) -> list[Finding]:
+    """Returns the findings of the rule `code` in a model that loads; none if it does not apply to such a model.
+
+    Args:
+      selected: selects the findings to report, before repeated ones are merged.
+    """
+    return capped(list(selected(RULES[code].findings(context))))
 
 
 def _by_place(findings: Iterable[Finding], model: Path) -> list[Finding]:

@@ -19,6 +19,7 @@ from mjrun.check import rule_table
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
+from mjrun.check.rules.ignore_comments import IgnoreComments
 from mjrun.check.worker_pool import MEMORY_REMEDY, MIB, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError
@@ -79,7 +80,7 @@ class Checker(ABC):
             self.write(finding=asdict(finding))
 
     def write(self, **message: Any) -> None:
-        """Writes one message: `stage`, `finding`, `loaded` or `done`."""
+        """Writes one message: `stage`, `finding`, `loaded`, `suppressed` or `done`."""
         self.channel.write(json.dumps(message) + "\n")
         self.channel.flush()
 
@@ -90,6 +91,7 @@ class ModelChecker(Checker):
     def __init__(self, task: WorkerTask, channel: TextIO) -> None:
         super().__init__(task, channel)
         self.mujoco_failed = False
+        self.comments = IgnoreComments(())
 
     def check(self) -> None:
         self.write(stage="reading its XML")
@@ -101,6 +103,7 @@ class ModelChecker(Checker):
             return
         self.write(loaded=True)
         limit_this_process(memory=self.task.memory * MIB + ARENAS * context.model.narena)
+        self.comments = IgnoreComments(source.comments)
         self.write_findings(rule_table.ignored_xml(source))
 
         with collected_warnings():
@@ -109,10 +112,18 @@ class ModelChecker(Checker):
                     self.write(stage=f"applying {code}, {rule.title}")
                     self._apply(code, context)
 
-        if simulation.CODES.intersection(self.task.codes):
+        applied = set(self.task.codes)
+        if applied & simulation.CODES:
             self.write(stage=f"taking {self.task.steps} steps")
             with without_timers():
                 self.write_findings(simulation.simulate(context, self.task.steps))
+
+        self.write(suppressed=self.comments.suppressed)
+        applied -= set() if self.task.steps else simulation.CODES
+        self.write_findings(self.comments.unused(applied, rule_table.RULES))
+
+    def write_findings(self, findings: Iterable[Finding]) -> None:
+        super().write_findings(self.comments.remaining(findings))
 
     def _load(self, source: XmlSource) -> LintContext | None:
         try:
@@ -129,7 +140,7 @@ class ModelChecker(Checker):
     def _apply(self, code: str, context: LintContext) -> None:
         """Applies one rule; if MuJoCo or a bug in mjrun aborts it, the other rules still run."""
         try:
-            self.write_findings(rule_table.apply(code, context))
+            self.write_findings(rule_table.apply(code, context, self.comments.remaining))
         except MemoryError:
             raise
         except mujoco.FatalError as error:

@@ -51,6 +51,12 @@ def summary(result: CheckResult) -> str:
     parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {findings}"]
     if unloaded:
         parts.append(f"{unloaded} {'does' if unloaded == 1 else 'do'} not load")
+    if suppressed := sum(model.suppressed for model in result.models):
+        parts.append(f"{suppressed} ignored by comments")
+    if known := sum(model.known for model in result.models):
+        parts.append(f"{known} known")
+    if result.gone:
+        parts.append(f"{result.gone} of the baseline no longer found")
     if result.skipped:
         are = "is not a model" if result.skipped == 1 else "are not models"
         parts.append(f"{_counted(result.skipped, 'file')} skipped that {are}")

@@ -30,6 +30,7 @@ class Element:
       text: its text without that of its children, stripped; it begins at `text_line`.
       offset: the byte in its file at which the start tag begins.
       closing: the byte at which the end tag begins.
+      last_line: the line of the end tag.
     """
 
     tag: str
@@ -42,6 +43,7 @@ class Element:
     text_line: int = 0
     offset: int = 0
     closing: int = 0
+    last_line: int = 0
 
     def walk(self) -> "Iterator[Element]":
         """Yields this element and all elements below it, in the order of the file."""
@@ -63,6 +65,20 @@ class Element:
         return f"<{self.tag}>" if name is None else f'<{self.tag} name="{name}">'
 
 
+@dataclass(eq=False)
+class Comment:
+    """A comment, and the element that it belongs to: one that starts earlier on its line, or else the next one.
+
+    Attributes:
+      element: None for a comment after the last element.
+    """
+
+    text: str
+    file: Path
+    line: int
+    element: Element | None = None
+
+
 class XmlError(NamedTuple):
     """The reason why a file is not well-formed XML."""
 
@@ -82,6 +98,7 @@ class XmlSource:
       attached: the roots of the models that it attaches, directly or indirectly; their includes are not followed.
       circular: true if one of these attaches itself again, which crashes MuJoCo.
       errors: an error for each file that is not well-formed.
+      comments: the comments of the model and of its includes.
     """
 
     path: Path
@@ -89,6 +106,7 @@ class XmlSource:
     attached: list[Element] = field(default_factory=list)
     circular: bool = False
     errors: list[XmlError] = field(default_factory=list)
+    comments: list[Comment] = field(default_factory=list)
 
     def elements(self) -> Iterator[Element]:
         """Yields all elements in order, those of included files in place of the include."""
@@ -99,7 +117,7 @@ def read_xml(path: Path) -> XmlSource:
     """Reads the XML of the model `path` as far as possible; it has no elements for an archive or a binary."""
     source = XmlSource(path)
     if path.suffix in XML:
-        source.root = _parsed(path, source.errors)
+        source.root = _parsed(path, source.errors, source.comments)
     if source.root:
         _follow(source, source.root)
         _attach(source)
@@ -144,7 +162,7 @@ def _follow(source: XmlSource, root: Element) -> None:
             continue
 
         seen.add(path.resolve())
-        inner = _parsed(path, source.errors)
+        inner = _parsed(path, source.errors, source.comments)
         if inner is None:
             continue
 
@@ -163,7 +181,7 @@ def _attach(source: XmlSource) -> None:
         path, above = waiting.pop()
         real = path.resolve()
         source.circular |= real in above
-        root = _parsed(path, []) if real not in seen and path.suffix in XML else None
+        root = _parsed(path, [], []) if real not in seen and path.suffix in XML else None
         seen.add(real)
         if root:
             source.attached.append(root)
@@ -176,8 +194,8 @@ def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
     return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
 
 
-def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
-    """Parses one file; returns its root up to the first error, which is added to `errors`."""
+def _parsed(path: Path, errors: list[XmlError], comments: list[Comment]) -> Element | None:
+    """Parses one file; returns its root up to the first error, and adds the error and the comments to the lists."""
     if not is_regular(path):
         return None
     try:
@@ -191,6 +209,7 @@ def _parsed(path: Path, errors: list[XmlError]) -> Element | None:
         errors.append(parser.explain(error, text))
     except (ValueError, LookupError) as error:  # an encoding unknown to Python
         errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
+    comments += parser.comments
     return parser.root
 
 
@@ -215,11 +234,15 @@ class XmlParser:
         self.path = path
         self.root: Element | None = None
         self.open: list[Element] = []
+        self.comments: list[Comment] = []
+        self._last: Element | None = None
+        self._waiting: list[Comment] = []  # for the next element
         self.expat = expat.ParserCreate(encoding)
         self.expat.buffer_text = True
         self.expat.StartElementHandler = self._start
         self.expat.EndElementHandler = self._end
         self.expat.CharacterDataHandler = self._text
+        self.expat.CommentHandler = self._comment
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         parent = self.open[-1] if self.open else None
@@ -229,9 +252,23 @@ class XmlParser:
             parent.children.append(element)
         self.root = self.root or element
         self.open.append(element)
+        self._last = element
+        for comment in self._waiting:
+            comment.element = element
+        self._waiting.clear()
 
     def _end(self, tag: str) -> None:
-        self.open.pop().closing = self.expat.CurrentByteIndex
+        element = self.open.pop()
+        element.closing, element.last_line = self.expat.CurrentByteIndex, self.expat.CurrentLineNumber
+
+    def _comment(self, text: str) -> None:
+        line = self.expat.CurrentLineNumber
+        comment = Comment(text.strip(), self.path, line)
+        self.comments.append(comment)
+        if self._last is not None and self._last.line == line:
+            comment.element = self._last
+        else:
+            self._waiting.append(comment)
 
     def _text(self, text: str) -> None:
         if not (self.open and text.strip()):

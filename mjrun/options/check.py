@@ -1,12 +1,12 @@
 """Options of the command `check`."""
 
-import itertools
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
-from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.setting_kinds import Settings
 
 SEVERITIES = ("error", "warning", "note")
 
@@ -27,10 +27,31 @@ class CheckOptions(Options):
         default=(),
         help="Do not report findings with these codes. Errors that prevent a model from loading are always reported.",
     )
+    ignore_in: tuple[tuple[str, str], ...] = option(
+        converter=Settings("PATTERN=CODES", "tests/*=MJ2,MJ301"),
+        default=(),
+        help="Do not report findings with these codes in files whose path matches a pattern; * also matches slashes.",
+    )
+    severity: tuple[tuple[str, str], ...] = option(
+        converter=Settings("CODE=SEVERITY", "MJ301=warning"),
+        default=(),
+        help="Severity of findings with this code, or codes that begin with it: error, warning or note.",
+    )
     fail_on: str = option(
         converter=Choice(SEVERITIES),
         default="error",
         help="Exit with code 1 if a finding has at least this severity.",
+    )
+    baseline: str | None = option(
+        converter=Optional(File()),
+        default=None,
+        usual="none",
+        help="Report only findings that are not in this file of known findings; their lines and numbers may change.",
+    )
+    update_baseline: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Create or replace the baseline with the present findings.",
     )
     skip_other: bool = option(
         converter=Flag(),
@@ -52,14 +73,17 @@ class CheckOptions(Options):
 
 @options
 class CheckReportOptions(Options):
-    """Formats of the report."""
+    """Formats of the report, and the source of defaults."""
 
     section: ClassVar[str] = "Check"
-    exclusions: ClassVar[tuple[Exclusion, ...]] = tuple(
-        Exclusion(names, "both print to standard output")
-        for names in itertools.combinations(("sarif", "github", "statistics"), 2)
-    )
 
+    config: str | None = option(
+        converter=Optional(File()),
+        default=None,
+        usual="the nearest mjrun.toml or pyproject.toml with such a section",
+        places=FrontEnd.COMMAND,
+        help="TOML file with defaults of these options, in its section [check] or [tool.mjrun.check].",
+    )
     list_: bool = option(
         converter=Flag(), default=False, places=FrontEnd.COMMAND, help="List all rules by topic and exit."
     )

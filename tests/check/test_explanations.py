@@ -15,7 +15,7 @@ SECTIONS = ["Why it matters", "What to do", "Example", "When to ignore it", "See
 OPTIONAL = {"See also"}
 # Errors of MuJoCo while stepping, and bugs of single versions, are not reproducible by a small model.
 WITHOUT_EXAMPLE = {"MJ704", "MJ705"}
-SIMULATED = re.compile("MJ7|MJ115")  # found only by the process that checks a model
+BY_PROCESS = re.compile("MJ006|MJ115|MJ7")  # found only by the process that checks a model
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 MANUAL = Path(mujoco.__file__).parent / "doc"
 LINK = re.compile(r"\(https://mujoco\.readthedocs\.io/en/stable/([\w/]+)\.html(?:#([\w-]+))?\)")
@@ -32,7 +32,7 @@ def found(code: str, language: str, text: str) -> list[str]:
     """The codes of the findings in an example."""
     if language == "yaml":
         return [finding.code for finding in tasks.checked(head=text)]
-    if SIMULATED.match(code):
+    if BY_PROCESS.match(code):
         return codes(checked(write("model.xml", text)).models[0])
     return [finding.code for finding in lint(text)]
 

@@ -47,9 +47,11 @@ def check(console: Console, command_line: CommandLine) -> None:
         return
     if not command_line.arguments("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
+    from mjrun.cli.check_config import configured
     from mjrun.cli.check_report import check_report
     from mjrun.document.check import Check
 
+    command_line = command_line.with_defaults(**configured(options.config))
     result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
     report = check_report(result)
     console.answer(report, form)

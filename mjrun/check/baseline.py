@@ -1,0 +1,105 @@
+"""Baselines: files of known findings, so that only new ones are reported."""
+
+import json
+import os
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+from mjrun.check.rule import Finding
+from mjrun.errors import FileError, option
+from mjrun.formats.atomic_output import publish_together, written_file
+from mjrun.formats.input_file import exists, opened
+
+SCHEMA = "mjrun-baseline-1"
+LARGEST = 2**26  # bytes
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+class KnownFinding(NamedTuple):
+    """A finding without its line and its numbers, which change when other parts of a model do.
+
+    Attributes:
+      file: the path of the file relative to the folder of the baseline, with slashes.
+      message: the message with `#` for each number.
+    """
+
+    file: str
+    rule: str
+    object: str
+    message: str
+
+
+class Baseline:
+    """Known findings, each with its number of occurrences."""
+
+    def __init__(self, folder: Path, known: Counter[KnownFinding]) -> None:
+        self.folder, self.known = folder, known
+
+    @classmethod
+    def read(cls, path: Path) -> "Baseline":
+        """Reads a baseline.
+
+        Raises:
+          FileError: it does not exist, or is not a baseline.
+        """
+        if not exists(path):
+            raise FileError(path, "the baseline does not exist", f"{option('update_baseline')} creates it")
+        with opened(path, "baseline", [path.suffix]) as file:
+            text = file.read(LARGEST)
+        try:
+            document = json.loads(text)
+            if document["schema"] != SCHEMA:
+                raise ValueError(document["schema"])
+            known = Counter[KnownFinding]()
+            for entry in document["findings"]:
+                known[KnownFinding(*(str(entry[name]) for name in KnownFinding._fields))] += int(entry["count"])
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            raise FileError(
+                path, "is not a baseline of mjrun check", f"{option('update_baseline')} replaces it"
+            ) from error
+        return cls(path.parent, known)
+
+    def new(self, findings: Iterable[Finding]) -> tuple[Finding, ...]:
+        """Returns the findings that are not known, and counts down the known ones."""
+        new: list[Finding] = []
+        for finding in findings:
+            known = known_finding(finding, self.folder)
+            if self.known[known] > 0:
+                self.known[known] -= 1
+            else:
+                new.append(finding)
+        return tuple(new)
+
+    def gone(self, files: Collection[str], codes: Collection[str]) -> int:
+        """Returns the number of known findings of these rules in these files that `new` has not met."""
+        names = {_relative(file, self.folder) for file in files}
+        return sum(count for known, count in self.known.items() if known.file in names and known.rule in codes)
+
+
+def write_baseline(path: Path, findings: Iterable[Finding]) -> None:
+    """Writes a baseline of `findings`.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    counts = Counter(known_finding(finding, path.parent) for finding in findings)
+    entries = [{**known._asdict(), "count": count} for known, count in sorted(counts.items())]
+    text = json.dumps({"schema": SCHEMA, "findings": entries}, indent=1, ensure_ascii=False)
+    with written_file(path, f"{text}\n".encode()) as output:
+        publish_together([output])
+
+
+def known_finding(finding: Finding, folder: Path) -> KnownFinding:
+    """Returns a finding as a baseline in `folder` stores it."""
+    message = NUMBER.sub("#", finding.message)
+    return KnownFinding(_relative(finding.file, folder), finding.code, finding.object, message)
+
+
+def _relative(file: str, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # on another drive
+        return Path(file).as_posix()
