@@ -4,7 +4,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from mjrun.platform.system import effective_user
+from mjrun.platform import system
 
 OWN = "mjrun["  # of a requirement of mjrun with extras
 
@@ -39,7 +39,7 @@ def as_root(command: str) -> str:
     """Returns a shell command whose programs, joined by `&&`, run as root; containers often lack `sudo`."""
     import shutil
 
-    if effective_user() == 0:
+    if system.effective_user() == 0:
         return command
     if shutil.which("sudo"):
         return " && ".join(f"sudo {each}" for each in command.split(" && "))

@@ -83,6 +83,6 @@ def test_an_environment_without_pip_is_that_of_uv(monkeypatch: pytest.MonkeyPatc
 def test_packages_of_the_system_are_installed_by_root(
     monkeypatch: pytest.MonkeyPatch, user: int, sudo: str | None, command: str
 ) -> None:
-    monkeypatch.setattr(installation, "effective_user", lambda: user)
+    monkeypatch.setattr(installation.system, "effective_user", lambda: user)
     monkeypatch.setattr(shutil, "which", lambda name: sudo)
     assert as_root("apt-get update && apt-get install libegl1") == command
