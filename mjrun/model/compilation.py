@@ -34,12 +34,17 @@ def non_finite_number(model: mujoco.MjModel) -> str | None:
     diverges. Bounds may be infinite. Keyframes are not checked: they do no harm unless a simulation starts from them.
     """
     for name in _numbers(mujoco.MjOption):
-        if (bad := _bad(np.asarray(getattr(model.opt, name)), name)) is not None:
+        if (bad := invalid_number(np.asarray(getattr(model.opt, name)), name)) is not None:
             return f"opt.{name} must be finite, not {bad[1]}"
-    for name in _numbers(mujoco.MjModel):
-        if (bad := _bad(getattr(model, name), name)) is not None:
+    for name in checked_arrays():
+        if (bad := invalid_number(getattr(model, name), name)) is not None:
             return f"{name}{_owner(model, name, bad[0])} must be finite, not {bad[1]}"
     return None
+
+
+def checked_arrays() -> list[str]:
+    """Returns the names of the arrays of a model whose numbers affect the motion."""
+    return _numbers(mujoco.MjModel)
 
 
 @cache
@@ -57,8 +62,8 @@ def _numbers(of: type) -> list[str]:
     return sorted(names, key=lambda name: name.endswith(DERIVED) and name != "qpos0")
 
 
-def _bad(values: np.ndarray, name: str) -> tuple[int, float] | None:
-    """Returns the row and the value of the first invalid number."""
+def invalid_number(values: np.ndarray, name: str) -> tuple[int, float] | None:
+    """Returns the row and the value of the first invalid number in an array; None if all are valid."""
     if np.isfinite(values).all():
         return None
     wrong = np.isnan(values) if name.endswith(BOUNDS) else ~np.isfinite(values)

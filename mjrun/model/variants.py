@@ -1,50 +1,48 @@
-"""Variants of one model, compiled fast: overrides of fields that the compiler only copies share a compilation.
+"""Variants of one model, compiled fast: overrides of numbers share a compilation.
 
-These fields are numbers in `opt`, the contact parameters of geoms, and the gains of simple actuators. All other
-overrides are compiled, as are negative and infinite values, which the compiler may refuse. In every case the model is
-byte for byte the one that compiling the source with all overrides gives.
+Fields that the compiler only copies are written into a copy of the model: numbers in `opt`, the contact parameters of
+geoms, and the gains of simple actuators. For other numbers of elements, such as positions, sizes and masses, a
+specification that is parsed once is recompiled; the first models are compared with compilations of the source. All
+other overrides are compiled, as are values that the compiler may refuse. In every case the model is byte for byte the
+one that compiling the source with all overrides gives.
 """
 
 import copy
-import math
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from mjrun.errors import MjrunError
-from mjrun.model.override import PARTIAL, RELATIVE, Override, elements_at
+from mjrun.model.copied_fields import CopiedFields, Rows, field_of, may_be_copied, read_array, write_array
+from mjrun.model.derived_numbers import DerivedNumbers
+from mjrun.model.element_numbers import ElementNumbers
+from mjrun.model.override import Override
+from mjrun.model.partial_compilation import PartialCompiler
+from mjrun.model.recompilation import Recompiler, may_be_recompiled
 from mjrun.model.source import Source
 
-VECTORS = ("gravity", "wind", "magnetic")
-OPTIONS = ("timestep", "density", "viscosity", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance")
-OPTIONS += ("ccd_tolerance", *VECTORS)
-# Fields of elements, and the arrays of the compiled model that hold them.
-COPIED = {f"geom.{name}": f"geom_{name}" for name in ("friction", "solref", "solimp")}
-COPIED |= {f"actuator.{name}": f"actuator_{name}" for name in ("gainprm", "biasprm")}
-COPIED |= {f"opt.{name}": f"opt.{name}" for name in OPTIONS}
+PROOFS = 2  # recompilations with the same paths that are compared with compilations of the source
 REMEMBERED = 8  # compilations
 BYTES = 2**27  # memory for models: of remembered compilations, and of simulations side by side
 SPEC_SIZE = 3  # a specification with its processed meshes takes up to 2.4 times the memory of its model, as measured
 
-AFFINE = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
-
 
 @dataclass(frozen=True, eq=False)
 class ModelVariant:
-    """A model, and the compilation from which it differs only in copied numbers.
+    """A model, and the compilation from which it differs only in numbers.
 
     Attributes:
-      copied: the arrays of the model with other numbers.
+      copied: the arrays of the model with other numbers, except those of a recompilation.
+      is_recompiled: whether it was recompiled, so that any array may differ.
     """
 
     model: mujoco.MjModel
     compilation: "SharedCompilation"
     copied: frozenset[str] = frozenset()
+    is_recompiled: bool = False
 
     @property
     def compiled(self) -> mujoco.MjModel:
@@ -58,12 +56,14 @@ class ModelVariants:
     The latest compilation is cached whatever its size.
 
     Args:
-      prepare: a function that changes each model after its compilation.
+      prepare: a function that sets flags of each model after its compilation.
     """
 
     def __init__(self, prepare: Callable[[mujoco.MjModel], None] | None = None) -> None:
         self._prepare = prepare
         self._compilations = OrderedDict[Source, SharedCompilation]()
+        self._compiled_once = dict[Source, Source]()  # the last source that was compiled, by that without overrides
+        self._copied_over = dict[Source, Source]()  # likewise the last one whose copied fields vary
 
     def load(self, source: Source) -> ModelVariant:
         """Returns the model of `source`; it must not be changed, because others may share it.
@@ -72,14 +72,8 @@ class ModelVariants:
           ModelError: it cannot be found or read, or MuJoCo refuses it.
           UsageError: an override refers to nothing, or its value does not fit.
         """
-        copied = [_may_be_copied(override) for override in source.overrides]
-        to_copy = [override for override, is_copied in zip(source.overrides, copied, strict=True) if is_copied]
-        rest = tuple(override for override, is_copied in zip(source.overrides, copied, strict=True) if not is_copied)
-        if to_copy and {_field(override) for override in to_copy}.isdisjoint(map(_field, rest)):
-            # Otherwise the last override of a field counts.
-            shared = self._compilation(replace(source, overrides=rest))
-            if variant := shared.with_values(to_copy):
-                return variant
+        if source not in self._compilations and (variant := self._copied(source) or self._recompiled(source)):
+            return variant
         compilation = self._compilation(source)
         return ModelVariant(compilation.model, compilation)
 
@@ -88,7 +82,40 @@ class ModelVariants:
         home = variant.compilation
         is_copy = variant.model is not home.model
         if is_copy and home.spec and self._bytes + home.size <= BYTES:
-            home.unused.append(_UnusedCopy(variant.model, variant.copied))
+            home.unused.append(variant)
+
+    def _copied(self, source: Source) -> ModelVariant | None:
+        """Returns a model that differs from a compilation, which is cached, in copied fields; None without one."""
+        to_copy, rest = _parted(source.overrides, may_be_copied)
+        if not to_copy:
+            return None
+        shared, bare = replace(source, overrides=rest), replace(source, overrides=())
+        is_worth_it = not rest or shared in self._compilations or self._copied_over.get(bare) == shared
+        self._copied_over[bare] = shared
+        return self._compilation(shared).with_values(to_copy) if is_worth_it else None
+
+    def _recompiled(self, source: Source) -> ModelVariant | None:
+        """Returns a model that is recompiled with numbers that vary; None if it must be compiled from the source."""
+        options, rest = _parted(source.overrides, _is_copied_option)
+        if not rest or not all(map(may_be_recompiled, rest)):
+            return None
+        bare = replace(source, overrides=())
+        if self._compiled_once.setdefault(bare, source) == source:  # the next one shows whether overrides vary
+            return None
+        try:
+            compilation = self._compilation(bare)
+        except MjrunError:  # overrides may make it valid
+            return None
+        reference: bytes | None = None
+        for make in (SharedCompilation.with_parts, SharedCompilation.recompiled):
+            proof = compilation.proofs.setdefault((make.__name__, _paths(rest)), _Proof())
+            variant = make(compilation, options, rest) if proof.can_succeed else None
+            if variant and not proof.is_complete:
+                reference = reference or _content(self._compile(source).model)
+                proof.add(_content(variant.model) == reference)
+            if variant and proof.can_succeed:
+                return variant
+        return None
 
     @property
     def _bytes(self) -> int:
@@ -110,20 +137,21 @@ class ModelVariants:
         return SharedCompilation(spec, model)
 
 
-@dataclass(frozen=True)
-class _UnusedCopy:
-    """A copy of a compiled model with other numbers in some arrays, which may be overwritten."""
+@dataclass
+class _Proof:
+    """The comparisons of models made in one way from overrides of the same fields with compilations of the source."""
 
-    model: mujoco.MjModel
-    copied: frozenset[str]
+    same: int = 0
+    can_succeed: bool = True
 
+    @property
+    def is_complete(self) -> bool:
+        return self.same >= PROOFS
 
-@dataclass(frozen=True)
-class _Place:
-    """An array of the compiled model, and the rows of it that a path refers to."""
-
-    array: str
-    rows: list[int]
+    def add(self, is_same: bool) -> None:
+        """Adds a comparison."""
+        self.same += is_same
+        self.can_succeed = self.can_succeed and is_same
 
 
 class SharedCompilation:
@@ -134,15 +162,20 @@ class SharedCompilation:
 
     Attributes:
       size: the size of the model [bytes].
-      unused: copies of the model that may be overwritten.
+      unused: variants of the model that may be overwritten.
+      proofs: by the way in which models are made and the paths of the overrides.
     """
 
     def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:
         self.spec, self.model = spec, model
         self.size = mujoco.mj_sizeModel(model)
-        self.unused: list[_UnusedCopy] = []
-        self._places: dict[str, _Place | None] = {}
-        self._source_values: dict[str, np.ndarray] = {}
+        self.unused: list[ModelVariant] = []
+        self._copied = CopiedFields(spec, model) if spec else None
+        self._recompiler: Recompiler | None = None
+        self._partial: PartialCompiler | None = None
+        self._elements: ElementNumbers | None = None
+        self._derived: DerivedNumbers | None = None
+        self.proofs = dict[object, _Proof]()
 
     @property
     def bytes(self) -> int:
@@ -151,156 +184,108 @@ class SharedCompilation:
 
     def forget_source(self) -> None:
         """Drops everything except the model."""
-        self.spec = None
+        self.spec = self._copied = self._recompiler = self._partial = self._elements = self._derived = None
         self.unused.clear()
 
     def with_values(self, overrides: Sequence[Override]) -> ModelVariant | None:
         """Returns the model with overrides of copied fields; None if it must be compiled."""
-        if self.spec is None:
+        changed = self._copied.changed(overrides) if self._copied else None
+        if changed is None:
             return None
-        changed: dict[str, np.ndarray] = {}
-        rows: dict[str, list[int]] = {}
-        for override in overrides:
-            place = self._place(override)
-            if place is None:
-                return None
-            values = changed.setdefault(place.array, self._in_source(place.array).copy())
-            new = _new_values(values[place.rows], override)
-            if new is None:
-                return None
-            values[place.rows] = new
-            rows.setdefault(place.array, []).extend(place.rows)
-
-        unused = self.unused.pop() if self.unused else None
-        model = unused.model if unused else copy.copy(self.model)
-        for array in unused.copied - changed.keys() if unused else ():
-            _write(model, array, _read(self.model, array))
-        for array, values in changed.items():
-            merged = _read(self.model, array)
-            merged[rows[array]] = values[rows[array]]
-            _write(model, array, merged)
+        model = self._copy(changed)
+        self._write(changed, model)
         return ModelVariant(model, self, frozenset(changed))
 
-    def _place(self, override: Override) -> _Place | None:
-        """Returns the place that an override changes; None if anything else in this model depends on it."""
-        if override.target not in self._places:
-            self._places[override.target] = self._found_place(override)
-        return self._places[override.target]
-
-    def _found_place(self, override: Override) -> _Place | None:
-        assert self.spec
-        array, field = COPIED[_name(override)], _field(override)
-        if array.startswith("opt."):
-            return _Place(array, [0]) if field != "timestep" or self._has_free_timestep else None
-        try:
-            elements, fields = elements_at(self.spec, override)
-        except MjrunError:  # the compilation raises it again
+    def with_parts(self, options: Sequence[Override], rest: Sequence[Override]) -> ModelVariant | None:
+        """Returns the model with overrides of copied options and of numbers in a few bodies; None if that fails."""
+        changed = self._copied.changed(options) if self._copied else None
+        if changed is None or self.spec is None:
             return None
-        if array.startswith("geom"):
-            is_copied = self._has_simple_contacts
-        else:
-            is_copied = all(_has_plain_gains(element) for element in elements)
-        return _Place(array, [element.id for element in elements]) if is_copied and fields == [field] else None
+        self._elements = self._elements or ElementNumbers(self.spec, self.model)
+        of_bodies = self._elements.changed(rest)
+        has_effects = of_bodies is None or self._elements.have_effects(rest)
+        if of_bodies is None:
+            of_bodies = self._part_compiler.changed(rest)
+        if of_bodies is None:
+            return None
+        model = self._copy(())
+        self._write(changed | of_bodies, model)
+        if not has_effects:
+            return ModelVariant(model, self, frozenset([*changed, *of_bodies]))
+        self._derived = self._derived or DerivedNumbers(self.spec, self.model)
+        if not self._derived.compute(model):
+            return None
+        return ModelVariant(model, self, frozenset(changed), is_recompiled=True)
 
-    def _in_source(self, array: str) -> np.ndarray:
-        """Returns the values in the specification, `(rows, size)`; one row for options."""
-        if array not in self._source_values:
+    def recompiled(self, options: Sequence[Override], rest: Sequence[Override]) -> ModelVariant | None:
+        """Returns the model with overrides of copied options, recompiled with all others; None if that fails."""
+        changed = self._copied.changed(options) if self._copied else None
+        compiled = self._whole_compiler.model(rest) if self.spec else None
+        if changed is None or compiled is None:
+            return None
+        model = self._copy(changed, of_arrays=False)
+        self._whole_compiler.write(compiled, model)
+        self._write(changed, model)
+        return ModelVariant(model, self, frozenset(changed), is_recompiled=True)
+
+    @property
+    def _whole_compiler(self) -> Recompiler:
+        if self._recompiler is None:
             assert self.spec
-            kind, field = array.replace(".", "_").split("_", 1)
-            owners: Any = {"geom": self.spec.geoms, "actuator": self.spec.actuators, "opt": [self.spec.option]}[kind]
-            values = np.array([np.atleast_1d(getattr(owner, field)) for owner in owners], float)
-            order = [0] if kind == "opt" else [owner.id for owner in owners]
-            self._source_values[array] = values[np.argsort(order)]
-        return self._source_values[array]
+            self._recompiler = Recompiler(self.spec, self.model)
+        return self._recompiler
 
-    @cached_property
-    def _has_simple_contacts(self) -> bool:
-        """True if the contact parameters of geoms are only copied to their own arrays."""
-        return self.model.npair == 0 and self.model.nplugin == 0
+    @property
+    def _part_compiler(self) -> PartialCompiler:
+        if self._partial is None:
+            whole = self._whole_compiler
+            self._partial = PartialCompiler(whole.spec, self.model, whole.is_number)
+        return self._partial
 
-    @cached_property
-    def _has_free_timestep(self) -> bool:
-        """True if the timestep is only copied to the options."""
-        return self.model.nplugin == 0 and self.model.nhistory == 0
+    def _copy(self, overwritten: Container[str], *, of_arrays: bool = True) -> mujoco.MjModel:
+        """Returns a copy of the model, if possible one that is no longer used, where some arrays may differ.
 
+        Args:
+          overwritten: the arrays and options that may differ.
+          of_arrays: whether arrays that a recompilation has changed are restored.
+        """
+        if not self.unused:
+            return copy.copy(self.model)
+        unused = self.unused.pop()
+        if unused.is_recompiled and of_arrays:
+            self._whole_compiler.write(self.model, unused.model)
+        for array in unused.copied:
+            if array not in overwritten:
+                write_array(unused.model, array, read_array(self.model, array))
+        return unused.model
 
-def _field(override: Override) -> str:
-    return override.target.rpartition(".")[2]
-
-
-@lru_cache(1024)
-def _name_of(target: str) -> str:
-    """Returns the kind and the field of a target, `geom.friction` or `opt.timestep`; empty for other targets."""
-    kind, slash, _ = target.partition("/")
-    if slash:
-        return f"{kind}.{target.rpartition('.')[2]}" if kind != "opt" else ""
-    return target if target.startswith("opt.") else ""
-
-
-def _name(override: Override) -> str:
-    return _name_of(override.target)
-
-
-def _numbers(override: Override) -> list[float]:
-    return [float(part) for part in override.value.replace(",", " ").split()]
+    def _write(self, changed: Mapping[str, Rows], model: mujoco.MjModel) -> None:
+        """Writes changed rows of arrays, whose other rows are those of the compiled model."""
+        for array, (rows, values) in changed.items():
+            merged = read_array(self.model, array)
+            merged[rows] = values
+            write_array(model, array, merged)
 
 
-def _may_be_copied(override: Override) -> bool:
-    """Returns whether an override may be of a copied field, judged by its path and value."""
-    if _name(override) not in COPIED:
-        return False
-    field = _field(override)
-    if field == "biasprm" and override.index not in (0, 1):
-        return False  # the third is a damping ratio if it is positive
-    try:
-        numbers = _numbers(override)
-    except ValueError:
-        return False
-    any_sign = field in VECTORS or field == "biasprm"
-    is_positive = override.operation != "add" and all(number > 0 for number in numbers)
-    return all(map(math.isfinite, numbers)) and (any_sign or is_positive)
+def _parted(
+    overrides: Sequence[Override], is_chosen: Callable[[Override], bool]
+) -> tuple[tuple[Override, ...], tuple[Override, ...]]:
+    """Parts overrides into chosen and other ones; chooses none if both are of one field, where the last one counts."""
+    chosen = tuple(override for override in overrides if is_chosen(override))
+    others = tuple(override for override in overrides if not is_chosen(override))
+    is_clear = {field_of(override) for override in chosen}.isdisjoint(map(field_of, others))
+    return (chosen, others) if is_clear else ((), tuple(overrides))
 
 
-def _has_plain_gains(actuator: Any) -> bool:
-    # A positive third bias is a damping ratio, which the compiler turns into a damping; muscles have computed gains.
-    is_fixed = int(actuator.gaintype) == int(mujoco.mjtGain.mjGAIN_FIXED) and int(actuator.biastype) in AFFINE
-    return is_fixed and not actuator.biasprm[2] > 0 and int(actuator.dyntype) != int(mujoco.mjtDyn.mjDYN_MUSCLE)
+def _paths(overrides: Sequence[Override]) -> frozenset[str]:
+    return frozenset(override.path for override in overrides)
 
 
-def _new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
-    """Returns `values` `(rows, size)` after an override, as in `mjrun.model.override`; None if it does not fit."""
-    numbers, size = _numbers(override), values.shape[1]
-    field, index, operation = _field(override), override.index, override.operation
-    is_single = field in OPTIONS and field not in VECTORS
-    if index is None and not operation:
-        fits = 0 < len(numbers) <= size if field in PARTIAL else len(numbers) == size
-        if not fits or (is_single and "," in override.value):
-            return None
-        values[:, : len(numbers)] = numbers
-        return values
-
-    chosen = slice(None) if index is None else slice(index, index + 1)
-    old = values[:, chosen]
-    fits = len(numbers) == 1 or (operation and len(numbers) == old.shape[1])
-    if not old.size or not fits or (index is not None and is_single) or np.isnan(old).any():
-        return None
-    values[:, chosen] = RELATIVE[operation](old, np.array(numbers)) if operation else numbers[0]
-    return values
+def _content(model: mujoco.MjModel) -> bytes:
+    content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return content.tobytes()
 
 
-def _read(model: mujoco.MjModel, array: str) -> np.ndarray:
-    """Returns a copy of an array, `(rows, size)`."""
-    if array.startswith("opt."):
-        return np.array(getattr(model.opt, array.removeprefix("opt.")), float).reshape(1, -1)
-    return getattr(model, array).copy()
-
-
-def _write(model: mujoco.MjModel, array: str, values: np.ndarray) -> None:
-    """Writes an array, the reverse of `_read`."""
-    field = array.removeprefix("opt.")
-    if array == field:
-        getattr(model, field)[...] = values
-    elif field in VECTORS:
-        getattr(model.opt, field)[:] = values[0]
-    else:
-        setattr(model.opt, field, float(values[0, 0]))
+def _is_copied_option(override: Override) -> bool:
+    return override.target.startswith("opt.") and may_be_copied(override)

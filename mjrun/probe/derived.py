@@ -102,7 +102,7 @@ def momentum(model: mujoco.MjModel) -> FieldProbe:
         angular = np.einsum("...ij,...j->...i", frames, inertia * spin) + np.cross(arm, linear)
         return np.concatenate([linear.sum(axis=-2), angular.sum(axis=-2)], axis=-1)
 
-    return FieldProbe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute)
+    return FieldProbe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute, reads_model=True)
 
 
 def contact_force(model: mujoco.MjModel) -> InstantProbe:

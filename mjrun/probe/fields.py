@@ -60,12 +60,14 @@ class FieldProbe:
       compute: returns `(*instants, len(columns))`, given fields `{name: (*instants, …)}`, whose leading axes are any
         number of instants, and the same fields at step 0 of each simulation, which broadcast against them.
       needs_initial: whether it uses the latter.
+      reads_model: whether `compute` also reads numbers of the model, such as masses.
     """
 
     columns: Sequence[Column]
     fields: Sequence[str]
     compute: Callable[[Fields, Fields], np.ndarray]
     needs_initial: bool = False
+    reads_model: bool = False
 
     def only(self, indices: Sequence[int]) -> "FieldProbe":
         """Returns the probe with only these of its columns."""

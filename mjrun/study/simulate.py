@@ -228,12 +228,16 @@ class _CompiledModel:
         self.world_group = ""
         self._model, self._sampler = model, dict[Timeline, ProbeSampler]()
 
-    def sampler(self, timeline: Timeline) -> ProbeSampler:
-        """Returns the sampler of the columns of all metrics, which is the same for all variants."""
+    def sampler(self, variant: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
+        """Returns the sampler of the columns of all metrics; variants share it if it does not read their numbers."""
         if timeline not in self._sampler:
-            columns = metric_columns(self.metrics)
-            self._sampler = {timeline: ProbeSampler(self._model, columns, timeline, self._episode)}
-        return self._sampler[timeline]
+            self._sampler = {timeline: self._new_sampler(self._model, timeline)}
+        sampler = self._sampler[timeline]
+        reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in sampler.probes)
+        return self._new_sampler(variant, timeline) if reads_model else sampler
+
+    def _new_sampler(self, model: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
+        return ProbeSampler(model, metric_columns(self.metrics), timeline, self._episode)
 
 
 class _ReadyPoint:
@@ -249,7 +253,7 @@ class _ReadyPoint:
     ) -> None:
         self.point, self.simulation, self.variant = point, simulation, variant
         self.timeline = simulation.timeline(variant.model)
-        self.sampler = compiled.sampler(self.timeline)
+        self.sampler = compiled.sampler(variant.model, self.timeline)
         self.metrics = MetricEvaluation(compiled.metrics, [column.name for column in self.sampler.columns])
         self.kind: tuple[object, ...] | None = None
         if self._can_share():

@@ -14,6 +14,7 @@ from mjrun.errors import MjrunError, UnknownNameError
 from mjrun.model import variants
 from mjrun.model.override import Override
 from mjrun.model.sources import parse_source
+from mjrun.model.sources.file import FileSource
 from mjrun.model.variants import ModelVariant, ModelVariants, SharedCompilation
 from tests.model.model_files import content
 
@@ -23,6 +24,7 @@ MODEL = """<mujoco><option timestep="0.003"/><default><geom friction=".9 .01 .00
 <body name="leg" pos="0 1 0"><joint name="hip"/><geom name="toe" size=".1"/></body></worldbody>
 <actuator><position name="plain" joint="knee" kp="20" kv="1"/><position name="damped" joint="hip" kp="9" dampratio="1"/>
 <motor name="motor" joint="hip" gear="3"/></actuator>EXTRA</mujoco>"""
+MODELS = Path(__file__).resolve().parents[2] / "../shared/models"
 PATHS = ["opt.timestep", "scale:opt.timestep", "opt.gravity[2]", "opt.wind[0]", "opt.impratio", "opt.density"]
 PATHS += [
     "geom/floor.friction",
@@ -107,7 +109,7 @@ def test_forgotten_compilations_are_freed_at_once(tmp_path: Path, monkeypatch: p
     gc.disable()  # it would run now and then, after many objects that take little memory
     try:
         for index in range(20):
-            overrides = [Override("geom/tip.margin", str(index)), Override("geom/floor.friction[0]", str(index + 1))]
+            overrides = [Override("opt.iterations", str(index + 1)), Override("geom/floor.friction[0]", str(index + 1))]
             variant = shared.load(parse_source(path, overrides))
             compilations.append(ref(variant.compilation))
             shared.reuse(variant)
@@ -126,7 +128,7 @@ def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(variants, "BYTES", 10 * size)
     shared, loaded = ModelVariants(), list[ModelVariant]()
     for index in range(12):
-        overrides = [Override("geom/tip.margin", str(index % 3)), Override("geom/floor.friction[0]", str(index + 1))]
+        overrides = [Override("opt.iterations", str(index % 3 + 1)), Override("geom/floor.friction[0]", str(index + 1))]
         loaded.append(shared.load(parse_source(str(path), overrides)))
         if index % 3 == 2:
             for variant in loaded:
@@ -150,3 +152,139 @@ def test_compiled_models_are_shared_as_they_are(tmp_path: Path) -> None:
     assert shared.load(parse_source(str(path))).model is shared.load(parse_source(str(path))).model
     with pytest.raises(MjrunError):
         shared.load(parse_source(str(path), [Override("opt.timestep", "1")]))
+
+
+# --- numbers that the compiler scales, or that others depend on -------------------------------------------------------
+
+ARM = """<mujoco><compiler autolimits="true"/>
+<asset><texture name="sky" type="skybox" builtin="gradient" rgb1="1 1 1" rgb2="0 0 1" width="32" height="192"/>
+<texture name="grid" type="2d" builtin="checker" width="64" height="64" rgb1="1 1 1" rgb2="0 0 0"/>
+<material name="grid" texture="grid" rgba=".5 .5 .5 1"/></asset>
+<worldbody><light pos="0 0 3"/><camera name="eye" pos="1 1 1" mode="trackcom"/>
+<geom name="floor" type="plane" size="2 2 .1" material="grid"/><site name="goal" pos=".3 .2 .5" size=".02"/>
+<body name="box" pos="0 1 .5"><freejoint/><geom name="box" type="box" size=".1 .2 .3"/></body>
+<body name="arm" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping=".5 .1" armature=".01" stiffness="2"/>
+<inertial pos=".1 0 0" mass="2" diaginertia=".01 .02 .02"/>
+<geom name="upper" type="capsule" fromto="0 0 0 .4 0 0" size=".04"/>
+<geom name="pad" pos=".2 .1 0" size=".05" quat=".9 .1 .2 .3"/><site name="wrist" pos=".4 0 .05"/>
+<body name="hand" pos=".4 0 0"><joint name="elbow" axis="0 1 0" range="-1 1" damping=".2" frictionloss=".1"/>
+<geom name="palm" type="box" size=".05 .03 .02" pos=".05 0 0" euler="10 20 30"/>
+<geom name="thumb" size=".02" pos=".1 .03 0"/>
+<geom name="nail" type="ellipsoid" size=".01 .02 .01" pos=".12 .03 .01" mass=".01"/><site name="tip" pos=".12 0 0"/>
+<frame pos="0 .1 0"><geom name="ring" type="cylinder" size=".01 .02" pos=".01 0 0"/></frame></body></body>
+</worldbody>
+<tendon><spatial name="cord" stiffness="3"><site site="goal"/><site site="tip"/></spatial></tendon>
+<equality><weld body1="box" body2="world"/></equality>
+<actuator><position name="elbow" joint="elbow" kp="5" dampratio="1"/><motor name="pull" tendon="cord"/></actuator>
+<keyframe><key name="up" ctrl=".1 .2"/></keyframe></mujoco>"""
+NUMBERS = [
+    *(
+        "body/box.pos",
+        "body/arm.pos[2]",
+        "body/hand.pos",
+        "add:body/hand.pos[0]",
+        "body/arm.mass",
+        "scale:body/arm.mass",
+    ),
+    *("site/goal.pos", "site/tip.pos[2]", "scale:site/*.pos", "site/*.size[0]", "geom/pad.pos", "geom/floor.pos[2]"),
+    *("geom/pad.size[0]", "geom/floor.size[0]", "scale:geom/box.size", "geom/palm.size[1]", "geom/thumb.size[0]"),
+    *("geom/thumb.mass", "geom/palm.density", "scale:geom/*.density", "geom/nail.pos", "geom/ring.pos[2]"),
+    *("geom/*.margin", "geom/upper.fromto[3]", "joint/*.damping", "joint/elbow.damping[0]", "joint/shoulder.damping"),
+    *("scale:joint/*.armature", "joint/elbow.frictionloss", "joint/elbow.range[1]", "joint/shoulder.stiffness"),
+    *(
+        "joint/elbow.ref",
+        "joint/elbow.pos[0]",
+        "camera/eye.pos",
+        "camera/eye.fovy",
+        "light/light:0.pos",
+        "body/hand.quat",
+    ),
+    *("tendon/cord.stiffness[0]", "actuator/elbow.gear[0]", "geom/geom:1.pos[0]", "body/1.pos[2]", "opt.gravity[2]"),
+    *("material/grid.reflectance", "actuator/elbow.gainprm[0]", "geom/thumb.rgba[0]", "body/hand.gravcomp"),
+]
+
+
+@pytest.mark.slow
+@given(
+    st.sets(st.sampled_from(NUMBERS), min_size=1, max_size=3),
+    st.lists(st.lists(st.floats(0.001, 1.5), min_size=3, max_size=3), min_size=4, max_size=5),
+)
+@settings(max_examples=120, deadline=None)
+def test_numbers_that_vary_give_the_compiled_model(
+    tmp_path_factory: pytest.TempPathFactory, paths: set[str], points: list[list[float]]
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "arm.xml"
+    path.write_text(ARM)
+    shared = ModelVariants()
+    for numbers in points:
+        overrides = [Override(name, _value(name, numbers)) for name in sorted(paths)]
+        varied = parse_source(str(path), overrides)
+        try:
+            expected = content(varied.load())
+        except MjrunError as error:
+            with pytest.raises(type(error)):
+                shared.load(varied)
+            continue
+        variant = shared.load(varied)
+        assert content(variant.model) == expected
+        shared.reuse(variant)
+
+
+def _value(path: str, numbers: list[float]) -> str:
+    """One number, or three for a vector of three."""
+    is_vector = path.endswith((".pos", "box.size")) and not path.startswith("scale:")
+    return ",".join(map(repr, numbers if is_vector else numbers[:1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [
+        ("humanoid/humanoid.xml", "scale:geom/torso.size"),
+        ("humanoid/humanoid.xml", "scale:body/*.pos"),
+        ("humanoid/humanoid.xml", "scale:geom/*.density"),
+        ("car/car.xml", "body/car.pos[2]"),
+        ("car/car.xml", "scale:geom/*.size"),
+        ("car/car.xml", "geom/chasis.mass"),
+        ("sleep/dominos.xml", "geom/*.margin"),
+        ("replicate/tendon.xml", "scale:site/*.pos"),
+        ("slider_crank/slider_crank.xml", "scale:geom/*.size"),
+        ("mug/mug.xml", "scale:geom/*.pos"),
+        ("balloons/balloons.xml", "scale:body/*.pos"),
+        ("flex/flag.xml", "scale:geom/*.pos"),
+        ("plugin/actuator/pid.xml", "joint/*.damping"),
+        ("adhesion/active_adhesion.xml", "scale:joint/*.armature"),
+    ],
+)
+def test_numbers_of_real_models_give_the_compiled_model(name: str, path: str) -> None:
+    model = MODELS / name
+    if not model.exists():
+        pytest.skip("the models are not here")
+    shared = ModelVariants()
+    for number in ("0.01", "0.9", "1.1", "1.2345678", "0.7", "0.01"):
+        varied = parse_source(str(model), [Override(path, number)])
+        try:
+            expected = content(varied.load())
+        except MjrunError:
+            continue
+        variant = shared.load(varied)
+        assert content(variant.model) == expected
+        shared.reuse(variant)
+
+
+def test_numbers_that_vary_are_not_compiled_from_the_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    compilations: list[str] = []
+    compile_source = FileSource.compile
+
+    def counted(self: FileSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        compilations.append(str(self.overrides))
+        return compile_source(self)
+
+    monkeypatch.setattr(FileSource, "compile", counted)
+    shared = ModelVariants()
+    for index in range(10):
+        for name in ("site/wrist.pos[0]", "geom/thumb.mass", "joint/elbow.range[1]"):
+            shared.load(parse_source(str(path), [Override(name, str(0.1 + index / 100))]))
+    # The first, the common one, and those that prove two values of each path.
+    assert len(compilations) <= 2 + 3 * variants.PROOFS + 1
