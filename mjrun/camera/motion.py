@@ -7,11 +7,10 @@ from itertools import groupby
 import mujoco
 import numpy as np
 
-from mjrun.camera.easing import blend_weight
+from mjrun.camera.animation import ShakeNoise, blend_weight
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
-from mjrun.camera.shake import ShakeNoise
 from mjrun.camera.targets import Bounds, object_bounds
 from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning
 from mjrun.model.state import restore

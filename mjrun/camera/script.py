@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import cast
 
-from mjrun.camera.easing import BLENDS, Blend, EasedNumber
+from mjrun.camera.animation import BLENDS, Blend, EasedNumber, Shake
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
-from mjrun.camera.shake import Shake
 from mjrun.errors import UsageError, clean, concerning, near
 from mjrun.options.kinds import Choice, Kind, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real

@@ -2,7 +2,7 @@
 
 import math
 
-from mjrun.camera.easing import EASINGS, EasedNumber
+from mjrun.camera.animation import EASINGS, EasedNumber
 from mjrun.camera.targets import Place
 from mjrun.errors import suggestion
 from mjrun.options.kinds import Choice, Kind, Text

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
+from itertools import repeat
 from pathlib import Path
 from typing import ClassVar
 
@@ -166,7 +167,7 @@ class Check(PolicyOptions, CheckOptions):
         workers = CheckProcesses()
         with ThreadPoolExecutor(jobs) as threads:
             try:
-                yield from threads.map(lambda path: self._check(path, workers, spelling), paths)
+                yield from threads.map(self._check, paths, repeat(workers), repeat(spelling))
             finally:
                 workers.end()
                 threads.shutdown(cancel_futures=True)

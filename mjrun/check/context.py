@@ -170,7 +170,7 @@ class LintContext:
     @cached_property
     def _attaches(self) -> list[Attach]:
         models = [e.attributes for e in self.source.elements() if e.tag == "model"]
-        attaches = []
+        attaches = list[Attach]()
         for element in self.source.elements():
             if element.tag == "attach":
                 wanted = element.attributes.get("model", "")

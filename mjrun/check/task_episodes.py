@@ -54,10 +54,10 @@ class TaskEpisodes:
     count: int
     acting: str
     periods: int = 0
-    not_finite: list[NotFinite] = field(default_factory=list)
-    ended_at_start: dict[str, list[int]] = field(default_factory=dict)
-    unstable: list[int] = field(default_factory=list)
-    constant: list[tuple[str, str]] = field(default_factory=list)
+    not_finite: list[NotFinite] = field(default_factory=list[NotFinite])
+    ended_at_start: dict[str, list[int]] = field(default_factory=dict[str, list[int]])
+    unstable: list[int] = field(default_factory=list[int])
+    constant: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
 
 
 def watch(worlds: TaskWorlds, policy: Policy) -> TaskEpisodes:
@@ -118,7 +118,7 @@ class _Watch:
 
 
 def _answers(actors: list[Actor], running: np.ndarray, observations: np.ndarray) -> np.ndarray:
-    return np.array([actors[i](seen) for i, seen in zip(running.tolist(), observations, strict=True)])
+    return np.array([actors[i](seen) for i, seen in zip(map(int, running), observations, strict=True)])
 
 
 class TaskPlaces:

@@ -106,7 +106,7 @@ def _start(task: WorkerTask) -> ChildProcess:
 
 def _messages(stdout: bytes) -> list[dict[str, Any]]:
     """Returns the JSON objects in `stdout`, one per line; an incomplete last line is skipped."""
-    messages = []
+    messages = list[dict[str, Any]]()
     for line in stdout.splitlines():
         with suppress(ValueError):
             messages.append(json.loads(line))

@@ -258,7 +258,7 @@ def compare_models(a: Source, b: Source, tolerances: Tolerances | None = None) -
 def _field_names(model: mujoco.MjModel) -> list[str]:
     """Returns the names of all fields that can have a tolerance."""
     visual = [(f"vis.{section}", getattr(model.vis, field)) for section, field in VISUAL.items()]
-    settings = [("opt", model.opt), ("stat", model.stat), *visual]
+    settings: list[tuple[str, object]] = [("opt", model.opt), ("stat", model.stat), *visual]
     names = [f"{path}.{name}" for path, owner in settings for name in dir(type(owner)) if not name.startswith("_")]
     return [*(field.name for field in model_fields()), *names]
 
@@ -306,7 +306,7 @@ def _names(objects: ObjectMatching) -> Iterator[FieldDifference]:
     if a != b:
         yield FieldDifference("name", "", (), (a,), (b,))
     for kind, match in objects.matches.items():
-        for i, j in zip(match.a.tolist(), match.b.tolist(), strict=True):
+        for i, j in zip(map(int, match.a), map(int, match.b), strict=True):
             first, second = objects.a.names[kind][i], objects.b.names[kind][j]
             if first != second:
                 yield FieldDifference("name", f"{kind} {objects.a.label(kind, i)}", (), (first,), (second,))

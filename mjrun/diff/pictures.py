@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -104,9 +104,11 @@ def has_similarity() -> bool:
 def _similarity(a: np.ndarray, b: np.ndarray) -> float | None:
     if min(a.shape[:2]) < SSIM_WINDOW or not has_similarity():
         return None
-    from skimage.metrics import structural_similarity
+    from skimage.metrics import structural_similarity  # pyright: ignore[reportUnknownVariableType]
 
-    similarity: Any = structural_similarity(a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=SSIM_WINDOW)
+    similarity = cast("Any", structural_similarity)(
+        a[..., :3] @ LUMA, b[..., :3] @ LUMA, data_range=PEAK, win_size=SSIM_WINDOW
+    )
     return float(similarity)
 
 

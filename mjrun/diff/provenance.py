@@ -1,7 +1,7 @@
 """The provenance of two results: versions, machines and models that differ, as far as their manifests state them."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 from mjrun.errors import clean, plain
 from mjrun.formats.input_file import cut
@@ -27,14 +27,14 @@ def provenance_notes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -
 
 def _changed_options(a: Mapping[str, Any], b: Mapping[str, Any]) -> list[tuple[str, object, object]]:
     """Returns the options of the simulation that differ, such as overrides of the model, each with both values."""
-    one, other = (_part(_part(manifest, "options"), "simulation") for manifest in (a, b))
+    one, other = (manifest_part(manifest_part(manifest, "options"), "simulation") for manifest in (a, b))
     both = [key for key in one if key in other and key not in (*SETTINGS, "model")]
     return [(key, one[key], other[key]) for key in both if plain(one[key]) != plain(other[key])]
 
 
 def _model_note(a: Mapping[str, Any], b: Mapping[str, Any], *, is_overridden: bool) -> list[str]:
     """Returns a sentence about the models if they differ."""
-    one, other = _part(a, "model"), _part(b, "model")
+    one, other = manifest_part(a, "model"), manifest_part(b, "model")
     hashes = one.get("sha256"), other.get("sha256")
     if not all(hashes) or hashes[0] == hashes[1]:
         return []
@@ -48,9 +48,10 @@ def _model_note(a: Mapping[str, Any], b: Mapping[str, Any], *, is_overridden: bo
     return [f"the models {names[0]} and {names[1]} differ{but}"]
 
 
-def _part(manifest: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+def manifest_part(manifest: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Returns an object in a manifest; empty if the manifest, which is untrusted, has none."""
     part = manifest.get(key)
-    return part if isinstance(part, dict) else {}
+    return cast("dict[str, Any]", part) if isinstance(part, dict) else {}
 
 
 def _shown(value: object) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.diff.provenance import provenance_notes
+from mjrun.diff.provenance import manifest_part, provenance_notes
 from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows
 from mjrun.diff.tolerances import Tolerance, Tolerances, matches, require_matches
@@ -89,8 +89,8 @@ def _names(recording: RecordingReader, model: mujoco.MjModel | None) -> list[str
 
 def recorded_sizes(facts: Mapping[str, Any]) -> dict[str, int]:
     """Returns the sizes of the recorded model; empty unless the untrusted recording has all of them."""
-    sizes = facts.get("sizes")
-    if not isinstance(sizes, dict) or not all(type(sizes.get(name)) is int for name in state.SIZES):
+    sizes = manifest_part(facts, "sizes")
+    if not all(type(sizes.get(name)) is int for name in state.SIZES):
         return {}
     return {name: sizes[name] for name in state.SIZES}
 

@@ -246,7 +246,7 @@ def _ends(a: RowStream, b: RowStream, in_a: np.ndarray, in_b: np.ndarray, tolera
     last = [stream.keys[-1] for stream in (a, b) if not stream.is_ended]
     if not last:
         return len(a), len(b)
-    limit = min(last)
+    limit = float(min(last))
     limit -= 2 * (tolerance.atol + tolerance.rtol * abs(limit))  # a row near a settled one must have no nearer match
     end_a, end_b = int(np.searchsorted(a.keys, limit)), int(np.searchsorted(b.keys, limit))
     pairs_a, pairs_b = in_a[in_b < end_b], in_b[in_a < end_a]  # both rows of a pair are settled

@@ -67,7 +67,7 @@ class ColumnDifferences:
             if not np.isfinite(difference).all():
                 difference[(a == b) | (np.isnan(a) & np.isnan(b))] = 0
                 difference[np.isnan(difference)] = np.inf
-        agree = [self._tolerances[column].agree(a[i], b[i]) for i, column in enumerate(columns.tolist())]
+        agree = [self._tolerances[column].agree(a[i], b[i]) for i, column in enumerate(map(int, columns))]
         self._add_differences(pairs, columns, np.array(agree), difference)
 
     def _add_cells(self, pairs: Pairs, column: int, a: np.ndarray, b: np.ndarray) -> None:

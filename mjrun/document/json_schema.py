@@ -23,7 +23,7 @@ from mjrun.model.description.model_description import SECTION_TYPES, ModelDescri
 from mjrun.model.info import InfoResult
 from mjrun.options.schema_validation import ANNOTATIONS, Schema
 from mjrun.options.structured_kinds import OptionsMapping
-from mjrun.outputs.run_result import RESULTS, RunResult
+from mjrun.outputs.run_report import RESULTS, RunResult
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 ERROR = "error"  # the key of a failure in any report, and the kind of a report with only that key

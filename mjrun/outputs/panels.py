@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mjrun.camera.calibration import lens
 from mjrun.camera.motion import CameraMotion
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import Pose, lens
 from mjrun.camera.script import CameraScript
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter

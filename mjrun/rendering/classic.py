@@ -9,8 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from mjrun.camera.calibration import lens, metric_depth
-from mjrun.camera.pose import Pose
+from mjrun.camera.pose import Pose, lens, metric_depth
 from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members

@@ -7,8 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from mjrun.camera.calibration import lens
-from mjrun.camera.pose import Frustum, Pose, pose_of
+from mjrun.camera.pose import Frustum, Pose, lens, pose_of
 from mjrun.errors import DrawError
 from mjrun.model.names import COUNTS, KINDS
 from mjrun.model.rendered_image import RenderedView

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mjrun.camera.animation import EasedNumber
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.easing import EasedNumber
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, pose_of
 from mjrun.camera.rigs.around import OrbitRig, TrackRig

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.calibration import lens, metric_depth
-from mjrun.camera.pose import Frustum, pose_of
+from mjrun.camera.pose import Frustum, lens, metric_depth, pose_of
 from mjrun.errors import ModelError
 from mjrun.model.rendered_image import CameraCalibration
 from mjrun.rendering.backend import Backend

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mjrun.camera.easing import BLENDS, EASINGS
+from mjrun.camera.animation import BLENDS, EASINGS
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.script import ShotForm
 from mjrun.document import forms

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.calibration import lens
-from mjrun.camera.pose import pose_of
+from mjrun.camera.pose import lens, pose_of
 from mjrun.errors import UsageError
 from mjrun.formats.pointcloud import PointCloudWriter
 from mjrun.model.rendered_image import CameraCalibration, RenderedView, SegmentedObject

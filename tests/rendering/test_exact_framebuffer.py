@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.calibration import lens, metric_depth
-from mjrun.camera.pose import pose_of
+from mjrun.camera.pose import lens, metric_depth, pose_of
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ExactFramebuffer
 

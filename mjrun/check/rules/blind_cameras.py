@@ -58,7 +58,7 @@ def _explain(context: LintContext, camera: int, visible: np.ndarray) -> tuple[st
     """Returns the reason why a camera sees nothing, and a remedy."""
     model, data = context.model, context.data_at(None)
     frustum = _frustum(model, data, camera)
-    hidden = np.setdiff1d(np.arange(model.ngeom), visible)
+    hidden = np.setdiff1d(np.arange(int(model.ngeom)), visible)
     if in_view := list(_in_view(model, data, frustum, hidden)):
         alpha = _alpha(model)
         return _explain_hidden(context, min(in_view, key=lambda geom: alpha[geom] <= 0))
@@ -92,7 +92,7 @@ def _sees(model: mujoco.MjModel, data: mujoco.MjData, camera: int, visible: np.n
 def _sees_flex(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum) -> bool:
     """Returns whether a camera sees a flex: all of it is within the length of its longest edge from a vertex."""
     reach = model.flexedge_length0.max(initial=0.0)
-    return bool(_within(frustum, data.flexvert_xpos.reshape(-1, 3), np.full(model.nflexvert, reach)).any())
+    return bool(_within(frustum, data.flexvert_xpos.reshape(-1, 3), np.full(int(model.nflexvert), reach)).any())
 
 
 def _in_view(model: mujoco.MjModel, data: mujoco.MjData, frustum: Frustum, geoms: np.ndarray) -> Iterator[int]:

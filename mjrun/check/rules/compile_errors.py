@@ -295,10 +295,7 @@ EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]
     (r"(?:unknown|unrecognized)(?P<kind>[\w ]*) '(?P<name>.*?)'", _unknown_name),
     (r"could not find (?P<kind>\w+) '(?P<name>.*?)'", _unknown_name),
     (r"(?P<kind>\w+) '(?P<name>.*?)' not found in", _unknown_name),
-    (
-        r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not",
-        lambda error, match: asset_files.missing_files(error.source),
-    ),
+    (r"[Ee]rror opening file|could not parse model file|not found|[Uu]nknown skin file|Could not", _files),
     (r"'(.*)' is .*; a model is read from regular files", _special_file),
     (r"or attaches this model again", _circle),
     (r"invalid keyword: '(.*?)'", _keyword),

@@ -69,7 +69,7 @@ def _half_size(model: mujoco.MjModel, geom: int) -> float:
 @rule("MJ502", "warning", "violent initial forces")
 def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
     """Yields bodies that contacts, limits or equalities launch when a simulation starts at rest."""
-    model, reported = context.model, set()
+    model, reported = context.model, set[int]()
     gravity = float(np.linalg.norm(model.opt.gravity)) or GRAVITY
     for start in context.starts if model.nv else ():
         data = context.data_at(start)

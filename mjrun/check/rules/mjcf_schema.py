@@ -32,7 +32,7 @@ REPEATED_ELEMENT = Rule("MJ111", "error", "repeated element")
 BODY = "(world)body"  # the schema's name for the node of both
 POSE = {"pos", "quat", "axisangle", "xyaxes", "zaxis", "euler"}
 # Elements in MuJoCo's XML reference that are missing from its schema.
-UNLISTED = {
+UNLISTED: dict[str, frozenset[str]] = {
     "worldbody": frozenset(),
     "frame": frozenset({"name", "childclass", *POSE}),
     "replicate": frozenset({"count", "sep", "offset", "euler", "childclass"}),
@@ -45,8 +45,8 @@ UNLIKELY_PARENTS = ("default", "frame", "replicate")  # valid, but seldom what w
 class Node:
     """The attributes and children that an element may contain; `unique` if its parent may contain only one."""
 
-    attributes: set[str] = field(default_factory=set)
-    children: "dict[str, Node]" = field(default_factory=dict)
+    attributes: set[str] = field(default_factory=set[str])
+    children: "dict[str, Node]" = field(default_factory=dict[str, "Node"])
     unique: bool = False
 
 
@@ -86,7 +86,7 @@ def _split_bodies(root: Node) -> None:
 def valid_parents() -> dict[str, list[tuple[str, Node]]]:
     """Returns, by tag, the parents that an element may have, and its node in each."""
     parents_by_tag: dict[str, dict[str, Node]] = {}
-    waiting, seen = [("mujoco", schema().children["mujoco"])], set()
+    waiting, seen = [("mujoco", schema().children["mujoco"])], set[tuple[str, int]]()
     while waiting:
         parent, node = waiting.pop(0)
         if (parent, id(node.children)) in seen:
@@ -112,7 +112,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
         yield from _repeated(element, node)
         if element.text and not _is_value(element):
             yield _stray_text(element)
-        children = []
+        children = list[tuple[Element, Node]]()
         for child in element.children:
             inner = node.children.get(child.tag)
             if inner is None and child.tag not in UNLISTED:

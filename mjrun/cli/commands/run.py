@@ -25,7 +25,7 @@ ARGUMENTS = (
 
 
 @command(
-    RunOptions, ConfinementOptions, arguments=ARGUMENTS, reports={"run-report": "mjrun.outputs.run_result:RunResult"}
+    RunOptions, ConfinementOptions, arguments=ARGUMENTS, reports={"run-report": "mjrun.outputs.run_report:RunResult"}
 )
 def run(console: Console, command_line: CommandLine) -> None:
     """Make all outputs of the run document DOCUMENT in one pass: videos, images, traces and plots of one simulation.
@@ -40,7 +40,7 @@ def run(console: Console, command_line: CommandLine) -> None:
     import_mujoco()
     from mjrun.document.run import read_run
     from mjrun.outputs.perform import perform, preview
-    from mjrun.outputs.run_page import run_page
+    from mjrun.outputs.run_report import run_page
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
@@ -60,7 +60,7 @@ def run(console: Console, command_line: CommandLine) -> None:
 
 
 def _report(results: Sequence[Any]) -> Report:
-    from mjrun.outputs.run_result import RunResult
+    from mjrun.outputs.run_report import RunResult
 
     made = RunResult(results)
     return Report("run-report", made, summary=lambda: "\n".join(map(summary, results)), document=RunResult.document)

@@ -1,8 +1,8 @@
-"""The HTML page about everything that a run makes."""
+"""The reports on a run: its result, and the HTML page about everything that it makes."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from mjrun.errors import MjrunError, PartlyDoneError
@@ -10,8 +10,11 @@ from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.plot import FigureOptions, PageOptions
 from mjrun.outputs.image import ImageResult
+from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.perform import Published
+from mjrun.outputs.plot import PlotResult
+from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
@@ -21,6 +24,32 @@ from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
 from mjrun.plotting.table_summary import TableSummary
 from mjrun.probe.verdict import Verdict
+
+# Results by the kind of output in reports.
+RESULTS: dict[str, type[OutputResult]] = {
+    "Video": VideoResult,
+    "Image": ImageResult,
+    "Trace": TraceResult,
+    "Plot": PlotResult,
+    "Recording": RecordingResult,
+    "Keyframe": KeyframeResult,
+}
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The results of a run.
+
+    Attributes:
+      results: the results of the outputs, in order.
+    """
+
+    results: Sequence[VideoResult | ImageResult | TraceResult | PlotResult | RecordingResult | KeyframeResult]
+
+    def document(self) -> dict[str, object]:
+        """Returns the results as a JSON document, each with the `kind` of its output."""
+        kinds = {result: kind for kind, result in RESULTS.items()}
+        return {"results": [{"kind": kinds[type(result)], **asdict(result)} for result in self.results]}
 
 
 @contextmanager

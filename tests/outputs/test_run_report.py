@@ -12,8 +12,7 @@ from mjrun.outputs.output import Job, OutputResult
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import RecordingResult
-from mjrun.outputs.run_page import run_page
-from mjrun.outputs.run_result import RESULTS, RunResult
+from mjrun.outputs.run_report import RESULTS, RunResult, run_page
 from mjrun.outputs.trace import Trace
 from mjrun.plotting.page_writer import PageWriter
 from mjrun.simulation.simulation import Simulation
