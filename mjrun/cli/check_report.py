@@ -1,4 +1,4 @@
-"""The report of a check: findings as text, JSON, SARIF, GitHub annotations and numbers by rule."""
+"""The report of a check: findings as text, JSON, SARIF, cases for CI systems, and numbers by rule."""
 
 import os
 import re
@@ -10,13 +10,12 @@ from urllib.parse import quote
 from mjrun.check.check import CheckResult
 from mjrun.check.rule import SEVERITIES, Finding, short_path
 from mjrun.check.rule_table import RULES, explanation, topic
-from mjrun.cli.report_forms import Report, annotation
+from mjrun.cli.report_forms import Case, Report
 from mjrun.errors import clean
 from mjrun.version import __version__
 
 SARIF = "https://json.schemastore.org/sarif-2.1.0.json"
 HOME = "https://pypi.org/project/mjrun/"
-ANNOTATIONS = {"error": "error", "warning": "warning", "note": "notice"}
 
 
 def check_report(result: CheckResult) -> Report:
@@ -28,9 +27,9 @@ def check_report(result: CheckResult) -> Report:
         summary=lambda: summary(result),
         forms={
             "sarif": lambda: sarif(result),
-            "github": lambda: "\n".join(annotations(result)),
             "statistics": lambda: "\n".join(statistics(result)),
         },
+        cases=lambda: cases(result),
     )
 
 
@@ -71,12 +70,15 @@ def full_message(finding: Finding, model: str) -> str:
     return f"{finding.object}: {finding.message}{where}"
 
 
-def annotations(result: CheckResult) -> Iterator[str]:
-    """Returns a GitHub annotation per finding."""
-    for finding, model in _all(result):
-        text = "\n".join(filter(None, (full_message(finding, model), finding.remedy)))
-        title = f"{finding.code} {RULES[finding.code].title}"
-        yield annotation(ANNOTATIONS[finding.severity], text, finding.file, title, finding.line)
+def cases(result: CheckResult) -> Iterator[Case]:
+    """Yields a case per finding, and one per model without findings."""
+    for model in result.models:
+        if not model.findings:
+            yield Case(model.model, file=model.model)
+        for finding in model.findings:
+            text = "\n".join(filter(None, (full_message(finding, model.model), finding.remedy)))
+            title = f"{finding.code} {RULES[finding.code].title}"
+            yield Case(model.model, finding.severity, title, text, finding.file, finding.line)
 
 
 def statistics(result: CheckResult) -> Iterator[str]:

@@ -83,7 +83,7 @@ class Console:
         if self.as_json:
             self.document(report.json())
         elif form:
-            payload = report.forms[form]()
+            payload = report.form(form)
             if not isinstance(payload, str):
                 self.document(payload)
             elif payload:

@@ -1,11 +1,11 @@
-"""The report of a comparison, in prose and as GitHub annotations."""
+"""The report of a comparison, in prose and as cases for CI systems."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.cli.page_layout import PageLayout
-from mjrun.cli.report_forms import Report, annotation
+from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
 from mjrun.diff.sentences import (
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 ROWS = 24  # of a table, unless all are asked for
 NAMED = 4  # columns that differ in the first row
-ANNOTATED = 10  # differences: GitHub shows no more of a step
+REPORTED = 10  # differences as cases: GitHub shows no more of a step
 
 
 def diff_report(result: "DiffResult", *, every: bool) -> Report:
@@ -43,7 +43,7 @@ def diff_report(result: "DiffResult", *, every: bool) -> Report:
         "diff",
         result,
         summary=lambda: text(result, every=every),
-        forms={"github": lambda: "\n".join(annotations(result))},
+        cases=lambda: cases(result),
         remark=lambda: verdict(result),
     )
 
@@ -78,13 +78,15 @@ def verdict(result: "DiffResult") -> str:
     return f"{pair} differ{golden}{f': {spelled(shared, flag)}' if shared else ''}"
 
 
-def annotations(result: "DiffResult") -> Iterator[str]:
-    """Formats a GitHub annotation for each difference."""
-    if result.golden and result.golden.updated:
+def cases(result: "DiffResult") -> Iterator[Case]:
+    """Yields a case for each difference, or one that passed."""
+    if result.equal or (result.golden and result.golden.updated):
+        yield Case(verdict(result))
         return
     file = next((name for name in (result.b, result.a) if is_file(Path(name))), "")
-    for sentence in result.differences[:ANNOTATED]:
-        yield annotation("error", sentence, file, f"mjrun diff: {result.b} differs from {result.a}")
+    title = f"mjrun diff: {result.b} differs from {result.a}"
+    for sentence in result.differences[:REPORTED]:
+        yield Case(title, "error", title, sentence, file)
 
 
 def _agreement(result: "DiffResult") -> str:

@@ -1,14 +1,34 @@
 """The report of a command: prose, JSON, and the other forms in which it can be printed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
 from typing import Any
-
-from mjrun.errors import clean
 
 
 def _nothing() -> str:
     return ""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A verdict of a command, as formats for CI systems report it.
+
+    Attributes:
+      name: the thing that was checked, such as a model.
+      level: `error`, `warning` or `note`; empty if it passed.
+      title: the name of the rule, or of the comparison.
+      text: the message; empty if it passed.
+      file: the file that the message is about; empty for none.
+      line: line in the file, if known.
+    """
+
+    name: str
+    level: str = ""
+    title: str = ""
+    text: str = ""
+    file: str = ""
+    line: int | None = None
 
 
 @dataclass(frozen=True)
@@ -21,6 +41,7 @@ class Report:
       text: the requested information, which is printed even with --quiet.
       summary: a summary of the actions, which --quiet suppresses.
       forms: other forms for standard output, by option, such as `csv`: text, or a JSON document of another kind.
+      cases: its verdicts, for the formats in `mjrun.cli.report_formats`.
       remark: the line on standard error beside another form; by default, the summary.
       document: makes the JSON document, if it is not `result` alone.
     """
@@ -30,6 +51,7 @@ class Report:
     text: Callable[[], str] = _nothing
     summary: Callable[[], str] = _nothing
     forms: Mapping[str, Callable[[], str | Mapping[str, object]]] = field(default_factory=dict[str, Any])
+    cases: Callable[[], Iterable[Case]] = tuple[Case, ...]
     remark: Callable[[], str] | None = None
     document: Callable[[Any], dict[str, object]] = asdict
 
@@ -38,21 +60,8 @@ class Report:
         named = {"schema": f"mjrun-{self.kind}-1"} if self.kind else {}
         return {**self.document(self.result), **named}
 
-
-def annotation(level: str, text: str, file: str, title: str, line: int | None = None) -> str:
-    """Formats a GitHub annotation, `::warning file=…,line=…,title=…::message`, without a file if that is empty.
-
-    https://docs.github.com/actions/reference/workflow-commands-for-github-actions
-
-    Args:
-      level: error, warning or notice.
-    """
-    place = f"file={_escaped_property(file)}," + (f"line={line}," if line else "") if file else ""
-    # In one line, with escapes so that no other command can begin.
-    message = "\n".join(clean(part) for part in text.split("\n"))
-    message = message.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-    return f"::{level} {place}title={_escaped_property(title)}::{message}"
-
-
-def _escaped_property(text: str) -> str:
-    return clean(text).replace("%", "%25").replace(":", "%3A").replace(",", "%2C")
+    def form(self, option: str) -> str | Mapping[str, object]:
+        """Returns the form that an option requests: one of its own, or its cases in a format for CI systems."""
+        if option in self.forms:
+            return self.forms[option]()
+        return import_module(f"mjrun.cli.report_formats.{option}").text(self.cases())

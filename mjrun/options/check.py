@@ -105,9 +105,3 @@ class CheckReportOptions(Options):
         places=FrontEnd.COMMAND,
         help="Print one SARIF 2.1.0 document to stdout, for code scanning.",
     )
-    github: bool = option(
-        converter=Flag(),
-        default=False,
-        places=FrontEnd.COMMAND,
-        help="Print GitHub Actions annotations to stdout.",
-    )

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import Numbers, Percent, Real
-from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.option import Options, option, options
 from mjrun.options.schema_validation import ExpectedError
 from mjrun.options.setting_kinds import NamedNumbers
 
@@ -132,17 +132,3 @@ class DiffOptions(TableDiffOptions, PictureDiffOptions):
     """All options of a comparison."""
 
     section: ClassVar[str] = "Comparison"
-
-
-@options
-class DiffReportOptions(Options):
-    """Formats of the report."""
-
-    section: ClassVar[str] = "Report"
-
-    github: bool = option(
-        converter=Flag(),
-        default=False,
-        places=FrontEnd.COMMAND,
-        help="Print GitHub Actions annotations to stdout.",
-    )

@@ -47,10 +47,6 @@ class TablePlot(TablePlotOptions):
         """
         reporter = reporter or WarningReporter()
         _check_outputs(self)
-        if self.output and self.format is None and Path(self.output).suffix.lower() in (".html", ".htm"):
-            raise UsageError(f"{clean(self.output)} would be a page, not an image: {option('html')} writes pages")
-        if self.include and self.html is None:
-            raise UsageError(f"{option('include')} requires {option('html')}")
         with ExitStack() as stack:
             figure = TableFigure(self.paths, self, stack)
             size = figure.plan.grid.size
@@ -180,10 +176,14 @@ class TablePlotResult:
 
 
 def _check_outputs(plot: TablePlot) -> None:
-    """Raises MjrunError if matplotlib is missing, or no output is requested."""
+    """Raises MjrunError if matplotlib is missing, or the requested outputs do not fit together."""
     require_matplotlib()
     if plot.output is None and plot.html is None:
         raise UsageError(f"nothing to make: give {option('output')}, {option('html')} or both")
+    if plot.output and plot.format is None and Path(plot.output).suffix.lower() in (".html", ".htm"):
+        raise UsageError(f"{clean(plot.output)} would be a page, not an image: {option('html')} writes pages")
+    if plot.include and plot.html is None:
+        raise UsageError(f"{option('include')} requires {option('html')}")
 
 
 def _target(plot: TablePlot) -> str | None:

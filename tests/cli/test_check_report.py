@@ -9,6 +9,7 @@ from mjrun.check.check import CheckResult, ModelResult
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
+from mjrun.cli.report_formats import github
 
 NASTY = "a\x1b[31m%\n::error::b,:"
 
@@ -19,11 +20,11 @@ def nasty() -> CheckResult:
 
 
 def test_foreign_names_reach_neither_terminal_nor_pipeline_as_they_are() -> None:
-    for lines in (check_report.lines(nasty()), check_report.annotations(nasty())):
-        told = list(lines)
+    annotations = github.text(check_report.cases(nasty())).split("\n")
+    for told in ([*check_report.lines(nasty())], annotations):
         assert not any("\x1b" in line or "\n" in line for line in told)
         assert sum(line.startswith("::") for line in told) <= 1
-    (annotation,) = check_report.annotations(nasty())
+    (annotation,) = annotations
     properties = annotation.split("::")[1]
     assert properties.count(",") == 2  # between file, line and title
     assert "%25" in properties
@@ -91,5 +92,10 @@ def test_the_levels_of_sarif_and_github_are_the_severities() -> None:
     document: Any = check_report.sarif(checked)
     levels = [entry["level"] for entry in document["runs"][0]["results"]]
     assert levels == list(SEVERITIES)
-    commands = [line.split()[0] for line in check_report.annotations(checked)]
+    commands = [line.split()[0] for line in github.text(check_report.cases(checked)).split("\n")]
     assert commands == ["::notice", "::warning", "::error"]
+
+
+def test_models_without_findings_are_cases_that_passed() -> None:
+    checked = CheckResult((ModelResult("a.xml", True, ()), ModelResult("b.xml", True, (finding("MJ301"),))), 0, 0)
+    assert [(case.name, case.level) for case in check_report.cases(checked)] == [("a.xml", ""), ("b.xml", "note")]

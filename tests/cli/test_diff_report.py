@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from mjrun.cli.diff_report import annotations, text, verdict
+from mjrun.cli.diff_report import cases, text, verdict
+from mjrun.cli.report_formats import github
 from mjrun.diff.model_differences import FieldDifference, ModelComparison, XmlChange, XmlPlace
 from mjrun.diff.result import CellDifference, ColumnDifference, DiffResult, TableDifference, UnmatchedRows
 
@@ -37,7 +38,8 @@ def test_many_columns_are_cut_unless_all_are_asked_for() -> None:
     assert [line.strip() for line in shown[-2:]] == ["possible reasons", "MuJoCo is 4 and 5"]
     assert "first difference  row 1, time 0.5 s: x0" in text(many)
     assert "x39" in text(many, every=True)
-    assert len(list(annotations(many))) == 10
+    assert [case.level for case in cases(many)] == ["error"] * 10
+    assert [case.level for case in cases(result(column(0, False)))] == [""]
 
 
 def test_annotations_point_at_a_file_that_exists(tmp_path: Path) -> None:
@@ -45,7 +47,7 @@ def test_annotations_point_at_a_file_that_exists(tmp_path: Path) -> None:
     golden.touch()
     for a, b, file in ((str(golden), "scene:car", str(golden)), ("none.csv", str(golden), str(golden)), ("x", "y", "")):
         differ = DiffResult("golden", a, b, False, ["energy differs"])
-        (line,) = annotations(differ)
+        line = github.text(cases(differ))
         assert line.startswith(f"::error file={file},title=" if file else "::error title=")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from mjrun.cli.console import Console
-from mjrun.cli.report_forms import Report, annotation
+from mjrun.cli.report_forms import Case, Report
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ ALL = Report(
     Result(),
     text=lambda: "text",
     summary=lambda: "summary",
-    forms={"csv": lambda: "a,b", "sarif": lambda: {"version": "2.1.0"}, "github": lambda: ""},
+    forms={"csv": lambda: "a,b", "sarif": lambda: {"version": "2.1.0"}},
+    cases=lambda: [Case("a"), Case("b", "note", "rule", "text", "f")],
 )
 SHORT = Report("", Result(), summary=lambda: "long\nsummary", forms={"csv": lambda: "a,b"}, remark=lambda: "remark")
 JSON = {"value": 3, "schema": "mjrun-thing-1"}
@@ -38,7 +39,8 @@ JSON = {"value": 3, "schema": "mjrun-thing-1"}
         (ALL, "", -1, "text\n", ""),
         (ALL, "csv", 0, "a,b\n", "summary\n"),
         (ALL, "csv", -1, "a,b\n", ""),
-        (ALL, "github", 0, "", "summary\n"),
+        (ALL, "github", 0, "::notice file=f,title=rule::text\n", "summary\n"),
+        (SHORT, "github", 0, "", "remark\n"),
         (ALL, "sarif", 0, '{\n  "version": "2.1.0"\n}\n', "summary\n"),
         (SHORT, "", 0, "long\nsummary\n", ""),
         (SHORT, "csv", 0, "a,b\n", "remark\n"),
@@ -67,10 +69,3 @@ def test_json_is_the_result_and_its_schema_alone(
     console.answer(Report(kind, Result(), text=not_made, summary=not_made, forms={"csv": not_made}))
     console.finish()
     assert json.loads(capsys.readouterr().out) == expected
-
-
-def test_an_annotation_is_one_line_whatever_it_says() -> None:
-    assert annotation("error", "100%\r\nb", "a,b:c.csv", "x: y", 3) == (
-        r"::error file=a%2Cb%3Ac.csv,line=3,title=x%3A y::100%25\r%0Ab"
-    )
-    assert annotation("notice", "text", "f", "t") == "::notice file=f,title=t::text"

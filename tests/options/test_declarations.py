@@ -18,7 +18,7 @@ from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.codecs import CODECS
 from mjrun.formats.format_lists import with_formats
 from mjrun.options.bench import BenchOptions, EngineOptions, ReportFormatOptions
-from mjrun.options.check import CheckOptions, CheckReportOptions
+from mjrun.options.check import CheckOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.diff import DiffOptions
@@ -101,7 +101,6 @@ def test_every_command_has_the_options_of_the_console_off_by_default(name: str) 
 @pytest.mark.parametrize(
     ("make", "values", "message"),
     [
-        (CheckReportOptions, {"sarif": True, "github": True}, "sarif and github exclude each other"),
         (ReportFormatOptions, {"csv": True, "markdown": True}, "csv and markdown exclude each other"),
         (IMAGE, {"time": 1, "step": 2}, "time and step exclude each other: both set the instant"),
         (KEYFRAME, {"time": 1, "step": 3}, "time and step exclude each other: both set the instant"),

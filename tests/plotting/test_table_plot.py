@@ -207,6 +207,8 @@ def test_what_a_study_cannot_have_is_told(study: str) -> None:
         StudyPlot(study, "a.png", mark=("a=1",)).run()
     with pytest.raises(UsageError, match="one study"):
         StudyPlot([study, "b.csv"], "a.png").run()
+    with pytest.raises(UsageError, match="include requires html"):
+        StudyPlot(study, "a.png", include=("b.png",)).run()
     with pytest.raises(UsageError, match="nothing to make"):
         StudyPlot(study).run()
 

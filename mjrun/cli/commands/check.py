@@ -8,6 +8,7 @@ from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.policy import PolicyOptions
+from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
 MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
 
@@ -15,6 +16,7 @@ MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL..."
 @command(
     CheckOptions,
     CheckReportOptions,
+    ReportFormatOptions,
     PolicyOptions,
     ConfinementOptions,
     arguments=[MODELS],
@@ -37,7 +39,7 @@ def check(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    form = command_line.form("sarif", "github", "statistics")
+    form = command_line.form(*REPORT_FORMATS, "sarif", "statistics")
     options = command_line.make(CheckReportOptions)
     if options.list_:
         _list_rules(console)

@@ -9,7 +9,8 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import Failure, GoldenDifferenceError
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.diff import DiffOptions, DiffReportOptions
+from mjrun.options.diff import DiffOptions
+from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceOptions
 
@@ -33,7 +34,7 @@ class DiffCommand(SectionedCommand):
 
 @command(
     TraceOptions,
-    DiffReportOptions,
+    ReportFormatOptions,
     SimulationOptions,
     ConfinementOptions,
     name="diff --golden",
@@ -51,7 +52,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
     Accepts the options of mjrun trace. Writes only the golden table, and only with --update. Exits with 1 if the two
     differ, and with 7 if the golden table does not exist.
     """
-    form = command_line.form("github")
+    form = command_line.form(*REPORT_FORMATS)
     console.guard_stdout()
     import_mujoco()
     from mjrun.cli.diff_report import diff_report
@@ -71,7 +72,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
 
 @command(
     DiffOptions,
-    DiffReportOptions,
+    ReportFormatOptions,
     ConfinementOptions,
     arguments=PAIR,
     cls=DiffCommand,
@@ -92,7 +93,7 @@ def diff(console: Console, command_line: CommandLine) -> None:
     Tables may have different formats and are aligned by time; one may come from standard input. Exits with 1
     if A and B differ. --golden compares a simulation with a golden table: see mjrun diff --golden --help.
     """
-    form = command_line.form("github")
+    form = command_line.form(*REPORT_FORMATS)
     console.guard_stdout()
     import_mujoco()
     from mjrun.cli.diff_report import diff_report, verdict

@@ -8,11 +8,12 @@ import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
-from mjrun.cli.report_forms import Report
+from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures
 from mjrun.errors import clean
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
@@ -25,7 +26,11 @@ ARGUMENTS = (
 
 
 @command(
-    RunOptions, ConfinementOptions, arguments=ARGUMENTS, reports={"run-report": "mjrun.outputs.run_report:RunResult"}
+    RunOptions,
+    ReportFormatOptions,
+    ConfinementOptions,
+    arguments=ARGUMENTS,
+    reports={"run-report": "mjrun.outputs.run_report:RunResult"},
 )
 def run(console: Console, command_line: CommandLine) -> None:
     """Make all outputs of the run document DOCUMENT in one pass: videos, images, traces and plots of one simulation.
@@ -36,6 +41,7 @@ def run(console: Console, command_line: CommandLine) -> None:
     mjrun run study.yaml --html study.html
     mjrun run study.yaml --dry-run
     """
+    form = command_line.form(*REPORT_FORMATS)
     console.guard_stdout()
     import_mujoco()
     from mjrun.document.run import read_run
@@ -52,18 +58,34 @@ def run(console: Console, command_line: CommandLine) -> None:
             return
 
         with (
-            reported_failures(console, _report),
+            reported_failures(console, _report, form=form),
             run_page(requests.page, Path(document).name, requests.jobs) as published,
         ):
             results = perform(requests.jobs, console, published)
-    console.answer(_report(results))
+    console.answer(_report(results), form)
 
 
 def _report(results: Sequence[Any]) -> Report:
     from mjrun.outputs.run_report import RunResult
 
     made = RunResult(results)
-    return Report("run-report", made, summary=lambda: "\n".join(map(summary, results)), document=RunResult.document)
+    return Report(
+        "run-report",
+        made,
+        summary=lambda: "\n".join(map(summary, results)),
+        cases=lambda: _cases(results),
+        document=RunResult.document,
+    )
+
+
+def _cases(results: Sequence[Any]) -> Iterator[Case]:
+    """Yields a case for each assertion."""
+    from mjrun.outputs.trace import TraceResult
+
+    for result in results:
+        for verdict in result.assertions if isinstance(result, TraceResult) else ():
+            level, title = "" if verdict.passed else "error", f"mjrun run: {result.path}"
+            yield Case(verdict.text, level, title, verdict.message)
 
 
 def _plan_lines(plan: "PassPreview") -> Iterator[str]:

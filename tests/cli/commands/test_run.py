@@ -104,6 +104,14 @@ def test_an_assertion_of_a_document_is_exit_code_1(mjrun_here: Command, study: P
     assert (mjrun_here.folder / "run.csv").exists()
 
 
+def test_a_workflow_gets_an_annotation_for_each_assertion_that_fails(mjrun_here: Command, study: Path) -> None:
+    done = mjrun_here("run", study, "--github", "traces[0].assert=[time < 0.05, time < 1]")
+    (line,) = done.stdout.decode().splitlines()
+    assert done.returncode == 1
+    assert line.startswith("::error title=mjrun run%3A run.csv::time < 0.05")
+    assert mjrun_here("run", study, "--github").stdout == b""
+
+
 def test_what_was_made_has_its_lines_when_another_output_fails(mjrun_here: Command, study: Path) -> None:
     study.write_text(f"{STUDY}images: [{{output: never.png, time: {{when: time > 9}}, size: 32x24}}]\n")
     done = mjrun_here("run", study)
