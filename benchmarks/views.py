@@ -10,7 +10,7 @@ drawing are timed, without encoding.
 import argparse
 import statistics
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import mujoco
@@ -44,7 +44,7 @@ def costs(
     with ExitStack() as stack:
         renderers = {
             quality: stack.enter_context(
-                ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model))
+                closing(ClassicRenderer(model, size, backend, Visual(quality=quality), Segmentation(model)))
             )
             for quality in dict.fromkeys(quality for quality, _ in CASES.values())
         }

@@ -18,20 +18,16 @@ def main() -> None:
     from mjrun.cli.standard_streams import open_standard_streams
 
     open_standard_streams()
-    if not system.CAN_FORK:
-        sys.exit(_work())
-    from mjrun.cli.crash_monitor import watched
+    if system.CAN_FORK:
+        from mjrun.cli.crash_monitor import fork_watched
 
-    sys.exit(watched(_work))
-
-
-def _work() -> int:
+        fork_watched()
     from mjrun.cli.main import run
 
     code = run(sys.argv[1:])
     for number in system.SIGNALS:  # it is over; only the interpreter is still to end
         signal.signal(number, signal.SIG_IGN)
-    return code
+    sys.exit(code)
 
 
 if __name__ == "__main__":

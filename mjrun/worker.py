@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
-from mjrun.closable import Closable
 from mjrun.errors import MjrunError, clean
 from mjrun.platform import system
 
@@ -110,7 +109,7 @@ class Reply(NamedTuple):
     is_last: bool = True
 
 
-class Worker(Closable):
+class Worker:
     """A worker process, as its parent sees it. To be closed.
 
     The constructor does not wait for it to start, except on systems where it cannot pass it a connection.

@@ -31,7 +31,7 @@ HOUSE = (
     ("options", "child_process"),
     ("python_code",),
     ("reporter", "confinement", "decompression_limits", "packages"),
-    ("timeline", "errors", "palette", "closable", "interruption", "shared_status", "version", "suffixes"),
+    ("timeline", "errors", "palette", "interruption", "shared_status", "version", "suffixes"),
     ("platform",),
 )
 

@@ -7,6 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -71,7 +72,7 @@ class Server:
 
 @pytest.fixture
 def worker() -> Iterator[Worker]:
-    with Worker("tests.test_worker:Server") as made:
+    with closing(Worker("tests.test_worker:Server")) as made:
         yield made
 
 
@@ -149,7 +150,7 @@ def test_a_worker_that_is_silent_for_too_long_is_killed(worker: Worker) -> None:
 
 
 def test_a_server_that_cannot_be_made_says_why() -> None:
-    with Worker("tests.nowhere:Server") as worker, pytest.raises(WorkerEndedError, match="No module named"):
+    with closing(Worker("tests.nowhere:Server")) as worker, pytest.raises(WorkerEndedError, match="No module named"):
         worker.ask("echo")
 
 

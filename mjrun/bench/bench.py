@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -191,7 +191,7 @@ class Bench(BenchOptions):
     def _backends(self) -> list[Backend]:
         """Detects the backend of each drawing before anything is timed."""
         drawings = self.drawings if self.render else self.drawings[:1] if self.whole else []
-        with SharedRendering() as rendering:
+        with closing(SharedRendering()) as rendering:
             return [rendering.backend(RendererRequest.of(drawing)) for drawing in drawings]
 
     @property

@@ -1,7 +1,7 @@
 """Camera scripts as plain values: shots in time, each with a rig. Names are not yet resolved in a model."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import cast
 
@@ -10,9 +10,9 @@ from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
 from mjrun.errors import UsageError, clean, concerning, near
-from mjrun.options.kinds import Choice, Kind, Optional, ReadingContext, Text
+from mjrun.options.kinds import Choice, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real
-from mjrun.options.option import FrontEnd, Options, document_key, located, option, options, required
+from mjrun.options.option import Options, document_key, located, option, options, required
 from mjrun.options.schema_validation import Path, Schema
 from mjrun.options.structured_kinds import ListOf, OneOf, OptionsMapping, mappings_in, plain_values
 from mjrun.timeline import rational
@@ -78,15 +78,6 @@ class Event(Options):
 LEVEL = EasedNumber.still(0.0)
 
 
-class RigKind(Kind[Rig, Rig]):
-    """A rig, which documents write as one of the keys of a shot."""
-
-    metavar = "RIG"
-
-    def __call__(self, value: Rig) -> Rig:
-        return value
-
-
 class InstantOrEvent(OneOf["float | str | Fraction | Event", "Fraction | Event"]):
     """A time [s], kept exactly, or an event.
 
@@ -148,7 +139,7 @@ class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
 class Shot(Options):
     """A rig for a stretch of time."""
 
-    rig: Rig = required(converter=RigKind(), places=FrontEnd.PYTHON, kw_only=False, help="The rig.")
+    rig: Rig = field(kw_only=False)
     until: Fraction | Event | None = option(
         converter=Optional(InstantOrEvent()),
         default=None,

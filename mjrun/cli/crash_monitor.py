@@ -16,7 +16,7 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,8 +62,8 @@ ADVICE = {
 SHOW_CURSOR = "\r\x1b[K\x1b[?25h"  # and clears the line, as a progress bar does at its end
 
 
-def watched(work: Callable[[], int]) -> int:
-    """Calls `work` in a child process and returns its result there; the parent exits with the same code.
+def fork_watched() -> None:
+    """Continues in a child process; the parent waits for its end, reports a crash, and exits with the same code.
 
     Signals of `SIGNALS` are blocked in the child until `system.release_signals` is called, unless they are ignored.
     """
@@ -74,7 +74,7 @@ def watched(work: Callable[[], int]) -> int:
         child = os.fork()
     except OSError:  # no more processes are allowed
         signal.pthread_sigmask(signal.SIG_SETMASK, [*before, *passed_on])
-        return work()
+        return
     if child:
         os.close(theirs)
         os._exit(_Watcher(child, board, passed_on).exit_code())
@@ -83,7 +83,6 @@ def watched(work: Callable[[], int]) -> int:
     _end_with_parent(theirs)
     signal.pthread_sigmask(signal.SIG_SETMASK, [*before, *passed_on])
     write_on(board)
-    return work()
 
 
 def _end_with_parent(pipe: int) -> None:

@@ -6,9 +6,8 @@ After any failure, kill or full disk the target is the old output or the new one
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO, Self, TypeVar
 
-from mjrun.closable import Closable
 from mjrun.errors import ClosedPipeError, MjrunError, PartlyDoneError
 from mjrun.formats.destinations import Destination, StagedFile, unwritable
 from mjrun.formats.temporary_output import one_at_a_time
@@ -18,7 +17,7 @@ from mjrun.shared_status import completing
 T = TypeVar("T", bound=Any)
 
 
-class OutputWriter(Closable):
+class OutputWriter:
     """Base of all writers: a context manager that leaves nothing behind unless the output was published.
 
     Creating the destination checks that the output can be written.
@@ -66,6 +65,12 @@ class OutputWriter(Closable):
     def close(self) -> None:
         """Closes open resources, and removes output that was not published."""
         self.resources.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     @contextlib.contextmanager
     def opening(self) -> Iterator[None]:

@@ -17,11 +17,10 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
-from mjrun.closable import Closable
 from mjrun.confinement.confinement import is_readable
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats import npy_reader
@@ -53,7 +52,7 @@ def is_recording(path: Path) -> bool:
         return path.suffix.lower() == SUFFIX
 
 
-class RecordingReader(Closable):
+class RecordingReader:
     """Reads the states of a recording in any order; they stay on disk.
 
     Opening it checks it completely.
@@ -122,6 +121,12 @@ class RecordingReader(Closable):
         if len(content) < count * row:
             raise FileError(self.path, f"has changed while it was read: state {index + len(content) // row} is missing")
         return np.frombuffer(content, "<f8").reshape(count, self.size).astype(np.float64)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Closes the file, which also happens when the reader is garbage-collected."""

@@ -141,6 +141,8 @@ class Options:
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
             value = getattr(self, each.attribute)
+            if value is each.default:  # which was converted when it was declared
+                continue
             try:
                 made = each.kind(value)
             except ExpectedError as error:

@@ -6,7 +6,7 @@ While the simulation runs, the state of every frame is saved. The frames are ren
 from abc import abstractmethod
 from array import array
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -80,6 +80,7 @@ class FramePlan:
       motions: the motion of each camera.
       probes: the measurement of the values in a text and in plots; None without these.
       overlay: the overlay without content, whose size is known.
+      decorations: trails and ghosts; None without these.
       conditions: the conditions of the events that the schedule depends on.
       schedule: the schedule of the frames; None if events decide.
     """
@@ -88,7 +89,7 @@ class FramePlan:
     context: Context
     plots: Sequence[str]
     motions: Sequence[CameraMotion]
-    decorations: SceneDecorations
+    decorations: SceneDecorations | None
     probes: OverlayProbes | None
     overlay: Overlay
     conditions: Sequence[str]
@@ -137,7 +138,7 @@ def plan_frames(
         context=context,
         plots=plots,
         motions=motions,
-        decorations=scene_decorations(job, model, context.simulation),
+        decorations=scene_decorations(job, model, context.simulation) if job.trail or job.ghost else None,
         probes=probes,
         overlay=overlay,
         conditions=conditions(events, model, context.episode) if events else (),
@@ -173,19 +174,19 @@ class FrameOutput(Output[R_co]):
             self._reporter.warn(text)
         facts = context.facts(plan.job, plan.schedule.observed if plan.schedule else None)
         self.facts = {**facts, **known, "renderer": self._backend.renderer}
-        self.states = stack.enter_context(StateBuffer(context.model))
-        self._trail_states = stack.enter_context(StateBuffer(context.model))
+        self.states = stack.enter_context(closing(StateBuffer(context.model)))
+        self._trail_states = stack.enter_context(closing(StateBuffer(context.model)))
         self._values: list[FrameValues] = []
         self._calibration: DrawingCalibration | None = None
 
     def taps(self, event_steps: EventSteps) -> Sequence[AnyTap]:
         plan = self._plan
         self.schedule = plan.schedule or plan.scheduled(event_steps)
-        frames, trail = self.schedule.steps, plan.decorations.trail_steps(self.schedule.observed)
-        taps: list[AnyTap] = [
-            Tap(frames, lambda stepper: stepper.state(), self.states.append),
-            Tap(trail, lambda stepper: stepper.state(), self._trail_states.append),
-        ]
+        frames = self.schedule.steps
+        taps: list[AnyTap] = [Tap(frames, lambda stepper: stepper.state(), self.states.append)]
+        if plan.decorations:
+            trail = plan.decorations.trail_steps(self.schedule.observed)
+            taps.append(Tap(trail, lambda stepper: stepper.state(), self._trail_states.append))
         if plan.probes and not plan.probes.idle:
             taps.append(Tap(frames, plan.probes.read, self._values.append))
         return taps
@@ -212,9 +213,10 @@ class FrameOutput(Output[R_co]):
     def compositor(self, legend: bool = False) -> SceneCompositor:
         """Returns the compositor of all files; with `legend`, coloured segmentations list what is in view."""
         plan, schedule = self._plan, self.schedule
-        trail_states = (self._trail_states[k] for k in range(len(self._trail_states)))
-        decorations = plan.decorations.decorations(trail_states, self.times)
-        overlay = plan.overlay
+        decorations, overlay = list[Decoration](), plan.overlay
+        if plan.decorations:
+            trail_states = (self._trail_states[k] for k in range(len(self._trail_states)))
+            decorations = plan.decorations.decorations(trail_states, self.times)
         if plan.probes:
             overlay = plan.probes.overlay(overlay, self._values, schedule.steps, schedule.speeds, plan.context.timeline)
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
@@ -238,7 +240,8 @@ class FrameOutput(Output[R_co]):
         """Returns warnings about what the renderer omits, and about options without effect."""
         job, context = self._plan.job, self._plan.context
         replay_remarks = context.simulation.replay_remarks(context.model)
-        remarks = [text for text in self._plan.decorations.remarks if text not in replay_remarks]
+        decorations = self._plan.decorations
+        remarks = [text for text in (decorations.remarks if decorations else ()) if text not in replay_remarks]
         unused = unused_options(job, self._plan.plots) if all(file.exact for file in self._files) else []
         return [*check_drawing(job, context.model, self._backend), *remarks, *unused]
 
@@ -296,7 +299,7 @@ def scene_compositor(
         names=camera_names(options),
         poses=poses,
         streams=streams,
-        segmentation=Segmentation(model, options.seg_by),
+        segmentation=Segmentation(model, options.seg_by) if "seg" in options.view else None,
         decorations=decorations,
         ranges=[options.depth_range] * len(options.camera) if options.depth_range else [],
         renderer=RENDERERS[options.renderer],

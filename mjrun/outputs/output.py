@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import mujoco
 
-from mjrun.closable import Closable
 from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
@@ -122,7 +121,7 @@ class RendererRequest:
         return VulkanDetection() if self.renderer == "filament" else BackendDetection(self.gl)
 
 
-class SharedRendering(Closable):
+class SharedRendering:
     """The renderers of a pass, which detects each backend and starts each worker process only once. To be closed."""
 
     def __init__(self) -> None:

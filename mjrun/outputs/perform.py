@@ -4,7 +4,7 @@ import copy
 import os
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -84,7 +84,7 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     Raises:
       MjrunError: the pass would fail before its first step.
     """
-    with collected_warnings(), SharedRendering() as rendering:
+    with collected_warnings(), closing(SharedRendering()) as rendering:
         plans, context, _ = _plan(jobs, reporter or WarningReporter(), rendering)
     timeline = context.timeline
     outputs = [plan.preview for plan in plans]
@@ -113,7 +113,7 @@ class _Pass(Generic[R]):
         self._jobs, self._stack = jobs, stack
         self._manifests = [stack.enter_context(ManifestWriter(job.manifest)) if job.manifest else None for job in jobs]
 
-        rendering = stack.enter_context(SharedRendering())
+        rendering = stack.enter_context(closing(SharedRendering()))
         self._plans, self._context, self._stepper = _plan(jobs, reporter, rendering)
         for text in self._context.simulation.remarks(self._context.model):
             reporter.warn(text)

@@ -152,6 +152,7 @@ class VideoOutput(FrameOutput[VideoResult]):
         calibration = self.calibrate()
         for labels, stream in zip(self._labels, compositor.streams, strict=True):
             if labels:
+                assert compositor.segmentation
                 colours = None if stream.exact else compositor.colors
                 labels.write(stream.size, compositor.segmentation.legend, colours)
 

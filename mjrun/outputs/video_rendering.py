@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import closing
 
 import numpy as np
 
@@ -75,7 +76,7 @@ class FrameDrawer:
         early = self._workers
         if early:
             compositor.close()  # the workers render instead
-        with self._pool(compositor) as pool:
+        with closing(self._pool(compositor)) as pool:
             for frame in pool.frames(states[k] for k in range(total)):
                 yield frame
                 done += 1
@@ -90,7 +91,7 @@ class FrameDrawer:
         if isinstance(pool.answer, DrawingCosts) and not reported:
             self._warn(reporter, total, pool.answer, alone=early is None)
         if done < total:
-            with self._pool(compositor) as pool:
+            with closing(self._pool(compositor)) as pool:
                 yield from pool.frames((states[k] for k in range(done, total)), done)
 
     def _pool(self, compositor: SceneCompositor) -> ParallelPainter[SceneCompositor]:

@@ -11,7 +11,6 @@ from typing import Any, Protocol, cast
 import mujoco
 import numpy as np
 
-from mjrun.closable import Closable
 from mjrun.errors import FileError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.physics.stepper import derive, instant_of
@@ -42,7 +41,7 @@ class RecordedStates(Protocol):
         ...
 
 
-class StateBuffer(Closable):
+class StateBuffer:
     """A list of integration states `(nstate,)` of one model, in the order they were appended."""
 
     def __init__(self, model: mujoco.MjModel) -> None:

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose, lens, metric_depth
-from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_image import RenderedView
@@ -26,7 +25,7 @@ COSTLY = ("shadow", "reflection")
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 
 
-class ClassicRenderer(Closable):
+class ClassicRenderer:
     """A renderer of one model at one size. To be used in the thread that created it, and closed.
 
     Args:

@@ -149,7 +149,7 @@ class SceneCompositor:
       size: width and height of a panel [pixels].
       names: names of the cameras, for captions.
       poses: for each frame, the pose of each camera.
-      segmentation: the grouping of ids.
+      segmentation: the grouping of ids; None if no view is a segmentation.
       decorations: geoms added to colour images.
       ranges: for each camera, the depths [m] of the first and the last colour; required for depth in colour.
       renderer: creates the renderer, with the arguments of `ClassicRenderer`.
@@ -162,7 +162,7 @@ class SceneCompositor:
     names: Sequence[str]
     streams: Sequence[FrameStream]
     poses: Sequence[Sequence[Pose]]
-    segmentation: Segmentation
+    segmentation: Segmentation | None
     decorations: Sequence[Decoration] = ()
     ranges: Sequence[tuple[float, float]] = ()
     renderer: Callable[..., StateRenderer] = ClassicRenderer
@@ -174,6 +174,7 @@ class SceneCompositor:
     @cached_property
     def colors(self) -> np.ndarray:
         """The colour of each segment, `(n, 3)` uint8."""
+        assert self.segmentation
         return colors_of(self.segmentation.legend)
 
     @property

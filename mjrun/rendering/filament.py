@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
-from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError, option
 from mjrun.model.names import enum_members
 from mjrun.model.rendered_image import RenderedView
@@ -41,7 +40,7 @@ REFUSED = {
 MODES = {"wireframe": (1, "WIREFRAME"), "island": (1, "ISLANDS"), "texture": (0, "DEFAULT_NO_TEXTURES")}
 
 
-class FilamentRenderer(Closable):
+class FilamentRenderer:
     """A renderer of one model at one size. To be closed.
 
     Filament's colours carry noise, whose sequence continues from image to image: rendered again, a pixel differs by one

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mjrun.child_process import ExitStatus
-from mjrun.closable import Closable
 from mjrun.errors import DrawError, option
 from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
 from mjrun.shared_status import doing
@@ -31,7 +30,7 @@ ONE_THREAD = {**ENVIRONMENT, "LP_NUM_THREADS": "1"}
 P = TypeVar("P", bound=Painter)
 
 
-class PainterProcesses(Closable):
+class PainterProcesses:
     """Processes that render for one pool after another. The constructor does not wait for them to start. To be closed.
 
     Args:
@@ -106,7 +105,7 @@ class PainterProcesses(Closable):
         self._workers = []
 
 
-class ParallelPainter(Closable, Generic[P]):
+class ParallelPainter(Generic[P]):
     """A pool that renders frames in `jobs` processes, or in this process if that is 1. To be closed.
 
     The constructor opens the painter, or requests it from the processes, without waiting for them.
@@ -151,7 +150,7 @@ class ParallelPainter(Closable, Generic[P]):
             self._resources.callback(painter.close)
             return
 
-        self._group = workers or self._resources.enter_context(PainterProcesses(jobs))
+        self._group = workers or self._resources.enter_context(contextlib.closing(PainterProcesses(jobs)))
         with contextlib.ExitStack() as stack:
             stack.callback(self.close)
             self._selector = self._resources.enter_context(selectors.DefaultSelector())

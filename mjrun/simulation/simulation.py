@@ -230,14 +230,15 @@ class Simulation(SimulationOptions):
             period = self.control_dt or timestep
             controller = PeriodicController(self.controller, period, timestep)
         control = ControlSources(timestep, data.ctrl.copy(), table, self._noise(model), controller)
-        return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
+        return PhysicsStepper(model, data, control, self._pushes(model))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks for the user before the simulation runs."""
-        pushes = PushForces(model, self.push, rational(model.opt.timestep)).remarks(self.timeline(model).steps)
+        pushes = self._pushes(model)
+        useless = pushes.remarks(self.timeline(model).steps) if pushes else []
         replay = self.replay_remarks(model)
         episode = self.episode.remarks(self._requested_timeline(model)) if self.episode else []
-        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *pushes, *replay, *episode]
+        return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | KinematicMotion":
         """Returns the recording, or the table as a motion of `model`. It is opened once, and checked completely.
@@ -323,7 +324,7 @@ class Simulation(SimulationOptions):
         timestep = rational(model.opt.timestep)
         inputs = RecordedInputs(model, states)
         control = ControlSources(timestep, data.ctrl.copy(), inputs, self._noise(model), inputs=inputs)
-        return PhysicsStepper(model, data, control, PushForces(model, self.push, timestep))
+        return PhysicsStepper(model, data, control, self._pushes(model))
 
     def replay_remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks on the replay, if any."""
@@ -348,6 +349,9 @@ class Simulation(SimulationOptions):
             return []
         end = f"{clean(str(self.replay))} ends at {float(timeline.time(last)):g} s"
         return [f"{end}; its last controls, applied forces and mocap poses hold from then on"]
+
+    def _pushes(self, model: mujoco.MjModel) -> PushForces | None:
+        return PushForces(model, self.push, rational(model.opt.timestep)) if self.push else None
 
     def _noise(self, model: mujoco.MjModel) -> ControlNoise | None:
         if not self.ctrl_noise:

@@ -347,7 +347,7 @@ class PointFileServer:
 
 def make_isolated(outputs: PointOutputs) -> str:
     """Makes the files of a point in a separate process; returns the reason of a failure, empty on success."""
-    with Worker("mjrun.study.point_files:PointFileServer", environment={}) as worker:
+    with contextlib.closing(Worker("mjrun.study.point_files:PointFileServer", environment={})) as worker:
         try:
             worker.ask("make", Sealed.of(outputs, outputs.simulation.code))
         except WorkerEndedError as error:

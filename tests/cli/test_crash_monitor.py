@@ -21,7 +21,7 @@ HEAD = """
 import os, signal, sys, time
 from mjrun import shared_status
 from mjrun.shared_status import ProcessStatus, Promise, completing, doing, make_promise, note_child, note_heard
-from mjrun.cli.crash_monitor import watched
+from mjrun.cli.crash_monitor import fork_watched
 from mjrun.platform import system
 def die(number):
     os.kill(os.getpid(), number)
@@ -29,7 +29,8 @@ def work():
 """
 TAIL = """
 signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
-sys.exit(watched(work))
+fork_watched()
+sys.exit(work())
 """
 
 

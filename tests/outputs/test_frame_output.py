@@ -1,6 +1,6 @@
 """Plans of frames, and what is kept of each frame, against a bare loop."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ def test_what_frames_are_drawn_from_is_taken_at_their_steps(swing: Path, tmp_pat
     model = mujoco.MjModel.from_xml_path(str(swing))
     data = mujoco.MjData(model)
     with ExitStack() as stack:
-        output = job.plan(context).open(stack, stack.enter_context(SharedRendering()))
+        output = job.plan(context).open(stack, stack.enter_context(closing(SharedRendering())))
         assert isinstance(output, FrameOutput)
         output.simulate(PhysicsStepper(model, data), 50)
         assert list(output.times) == [k / 50 for k in range(5)]

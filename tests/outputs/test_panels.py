@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from contextlib import closing
 from pathlib import Path
 
 import mujoco
@@ -216,7 +217,7 @@ def test_a_video_s_calibration_is_what_its_frames_were_drawn_through(
         states.append(stepper.state())
     times = [0, 0.05, 0.1, 0.15]
     courses = [CameraMotion(parse_camera(text, model), model, (32, 24)) for text in ("side", orbit)]
-    with ClassicRenderer(model, (32, 24), backend, Visual()) as renderer:
+    with closing(ClassicRenderer(model, (32, 24), backend, Visual())) as renderer:
         for camera, course in enumerate(courses):
             for k, pose in enumerate(course.poses(states, times, times, [(0, 0.2)])):
                 renderer.look(states[k])

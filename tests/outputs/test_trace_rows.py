@@ -1,6 +1,7 @@
 """Rows of a table: read in blocks, at single instants and from a recording, they are the same to the last bit."""
 
 from collections.abc import Sequence
+from contextlib import closing
 
 import mujoco
 import numpy as np
@@ -46,7 +47,7 @@ def test_a_single_instant_is_the_row_of_the_whole_table(integrator: str) -> None
     assert whole[0, drift] == 0
     assert whole[-1, drift] < -0.01  # damping takes it
     recorded = stepper_of(table)
-    with StateBuffer(table.model) as states:
+    with closing(StateBuffer(table.model)) as states:
         for step in range(STEPS + 1):
             recorded.advance(step)
             states.append(recorded.state())

@@ -1,6 +1,7 @@
 """Theorems about recordings: what went in comes out, bit for bit, from memory as from disk."""
 
 import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import mujoco
@@ -34,7 +35,7 @@ def test_what_went_in_comes_out_bit_for_bit_in_order_in_memory_and_on_disk(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(recorded_states, "SPILL", spill)
-        with StateBuffer(MODEL) as kept:
+        with closing(StateBuffer(MODEL)) as kept:
             for state in states:
                 kept.append(state)
             assert len(kept) == len(states)
@@ -44,7 +45,7 @@ def test_what_went_in_comes_out_bit_for_bit_in_order_in_memory_and_on_disk(
 @pytest.mark.parametrize("spill", [1, 2**20])
 def test_every_kind_of_float_keeps_its_bits(monkeypatch: pytest.MonkeyPatch, spill: int) -> None:
     monkeypatch.setattr(recorded_states, "SPILL", spill)
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         kept.append(ODD)
         assert kept[0].dtype == np.float64
         assert kept[0].shape == (SIZE,)
@@ -53,7 +54,7 @@ def test_every_kind_of_float_keeps_its_bits(monkeypatch: pytest.MonkeyPatch, spi
 
 def test_many_states_go_to_disk_and_few_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorded_states, "SPILL", 2 * SIZE * 8)
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         on_disk = []
         for index in range(4):
             kept.append(counted(index))
@@ -65,7 +66,7 @@ def test_many_states_go_to_disk_and_few_do_not(monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize("spill", [1, 2**20])
 def test_states_can_be_read_in_any_order_between_writes(monkeypatch: pytest.MonkeyPatch, spill: int) -> None:
     monkeypatch.setattr(recorded_states, "SPILL", spill)
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         for index in range(5):
             kept.append(counted(index))
             for look in (index, 0, index // 2):
@@ -74,7 +75,7 @@ def test_states_can_be_read_in_any_order_between_writes(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("index", [3, 4, 10**9, -1])
 def test_there_is_nothing_before_the_first_nor_behind_the_last(index: int) -> None:
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         for i in range(3):
             kept.append(counted(i))
         with pytest.raises(IndexError):
@@ -83,7 +84,7 @@ def test_there_is_nothing_before_the_first_nor_behind_the_last(index: int) -> No
 
 
 def test_an_empty_recording_is_empty() -> None:
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         assert len(kept) == 0
         with pytest.raises(IndexError):
             _ = kept[0]
@@ -91,7 +92,7 @@ def test_an_empty_recording_is_empty() -> None:
 
 def test_a_state_that_was_appended_may_be_changed_afterwards() -> None:
     state = counted(1)
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         kept.append(state)
         state[:] = 0
         assert np.array_equal(kept[0], counted(1))
@@ -99,7 +100,7 @@ def test_a_state_that_was_appended_may_be_changed_afterwards() -> None:
 
 def test_states_that_are_not_contiguous_are_kept_as_they_read() -> None:
     wide = np.stack([counted(1), counted(2)], axis=1)
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         kept.append(wide[:, 1])
         assert np.array_equal(kept[0], counted(2))
 
@@ -115,7 +116,7 @@ def test_a_recording_is_over_when_it_is_closed() -> None:
 def test_no_file_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorded_states, "SPILL", 1)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         kept.append(counted(0))
         assert np.array_equal(kept[0], counted(0))
     assert list(tmp_path.iterdir()) == []
@@ -123,7 +124,7 @@ def test_no_file_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def test_a_simulation_goes_on_bit_for_bit_from_a_recorded_state() -> None:
     stepper = PhysicsStepper(MODEL, mujoco.MjData(MODEL))
-    with StateBuffer(MODEL) as kept:
+    with closing(StateBuffer(MODEL)) as kept:
         for step in range(0, 101, 20):
             stepper.advance(step)
             kept.append(stepper.state())
@@ -143,5 +144,5 @@ def test_states_that_need_a_folder_where_there_is_none_are_told(monkeypatch: pyt
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_get_default_tempdir", no_folder)
     monkeypatch.setattr(recorded_states, "SPILL", 1)
-    with StateBuffer(MODEL) as states, pytest.raises(FileError, match="no folder: cannot store the recording"):
+    with closing(StateBuffer(MODEL)) as states, pytest.raises(FileError, match="no folder: cannot store the recording"):
         states.append(counted(0))

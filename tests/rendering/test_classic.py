@@ -1,6 +1,7 @@
 """Pixels, against MuJoCo's own renderer."""
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import mujoco
@@ -45,7 +46,7 @@ def pose(camera: str, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
 def draw(path: Path, step: int, backend: Backend, camera: str = "side", **visual: object) -> np.ndarray:
     """What mjrun draws of a step."""
     model, data = at(path, step)
-    with ClassicRenderer(model, SIZE, backend, Visual(**visual)) as renderer:  # type: ignore[arg-type]
+    with closing(ClassicRenderer(model, SIZE, backend, Visual(**visual))) as renderer:  # type: ignore[arg-type]
         return picture(renderer, model, data, camera)
 
 
@@ -77,7 +78,7 @@ def test_contact_forces_belong_to_the_state_that_is_shown(swing: Path, backend: 
 def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: Backend) -> None:
     model, early = at(swing, 20)
     _, late = at(swing, 300)
-    with ClassicRenderer(model, SIZE, backend, Visual()) as renderer:
+    with closing(ClassicRenderer(model, SIZE, backend, Visual())) as renderer:
         first = picture(renderer, model, early, "side")
         other = picture(renderer, model, late, "side")
         renderer.draft_cost()
@@ -89,7 +90,7 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(swing: Path, backend: B
 
 def test_drawing_leaves_the_model_as_it_was(swing: Path, backend: Backend) -> None:
     model, data = at(swing, 0)
-    with ClassicRenderer(model, (200, 100), backend, Visual(quality="draft")) as renderer:
+    with closing(ClassicRenderer(model, (200, 100), backend, Visual(quality="draft"))) as renderer:
         assert picture(renderer, model, data, "free").shape == (100, 200, 3)
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (64, 64)
     assert model.vis.quality.offsamples == 4
@@ -136,7 +137,7 @@ def seen(path: Path, backend: Backend, by: str = "object", camera: str = "side",
     """Depth and ids of the model where it begins."""
     model, data = at(path, 0)
     look = Visual(**visual)  # type: ignore[arg-type]
-    with ClassicRenderer(model, SIZE, backend, look, Segmentation(model, by)) as renderer:
+    with closing(ClassicRenderer(model, SIZE, backend, look, Segmentation(model, by))) as renderer:
         renderer.look(state_of(model, data))
         return renderer.picture(pose(camera, model, data), ["depth", "seg"])
 
@@ -240,7 +241,7 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
     )
     model, data = at(path, 0)
     views = ["depth", "seg", "rgb"]
-    with ClassicRenderer(model, SIZE, backend, Visual(), Segmentation(model)) as renderer:
+    with closing(ClassicRenderer(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
         renderer.look(state_of(model, data))
         first = renderer.picture(pose("a", model, data), ["depth", "seg"])
         renderer.picture(pose("b", model, data), views)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -16,7 +17,6 @@ import pytest
 from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
-from mjrun.closable import Closable
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import save
@@ -88,7 +88,7 @@ def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
     return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state)
 
 
-class Draw(Closable):
+class Draw:
     """Draws a model after some steps. The last renderers stay open, since a process of Filament takes long to start."""
 
     def __init__(self, renderer: type, backend: Backend) -> None:
@@ -119,13 +119,13 @@ class Draw(Closable):
 
 @pytest.fixture(scope="module")
 def draw(vulkan: Backend) -> Iterator[Draw]:
-    with Draw(FilamentRenderer, vulkan) as drawing:
+    with closing(Draw(FilamentRenderer, vulkan)) as drawing:
         yield drawing
 
 
 @pytest.fixture(scope="module")
 def classic(backend: Backend) -> Iterator[Draw]:
-    with Draw(ClassicRenderer, backend) as drawing:
+    with closing(Draw(ClassicRenderer, backend)) as drawing:
         yield drawing
 
 
@@ -225,7 +225,7 @@ def test_views_that_were_not_asked_for_are_not_there(room: mujoco.MjModel, draw:
 
 def test_colours_vary_by_noise_only_and_the_rest_not_at_all(room: mujoco.MjModel, vulkan: Backend) -> None:
     early, late = (save(room, after(room, steps)) for steps in (0, 60))
-    with FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room)) as renderer:
+    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room))) as renderer:
         view, pictures = pose("side", room, early), []
         for state in (early, late, early):
             renderer.look(state)
@@ -244,7 +244,7 @@ def test_a_video_is_the_same_each_time_across_processes(
     monkeypatch.setattr(filament, "LIFETIME", 2)
     videos, processes = [], set()
     for _ in range(2):
-        with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
+        with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
             video, view = [], pose("side", room, save(room, after(room, 0)))
             for steps in range(0, 50, 10):
                 renderer.look(save(room, after(room, steps)))
@@ -287,7 +287,7 @@ def test_decors_are_in_colours_only_meshes_too(room: mujoco.MjModel, vulkan: Bac
     plain = draw(room, ("rgb", *EXACT))
     offset = (0.15, 0.0, 0.2)
     ghost = Ghost(room, offset=offset, opacity=1)
-    with FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room), [ghost]) as renderer:
+    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(), Segmentation(room), [ghost])) as renderer:
         state = save(room, after(room, 5))
         renderer.look(state)
         renderer.picture(pose("side", room, state))
@@ -303,10 +303,10 @@ def test_high_quality_is_the_average_of_a_picture_twice_the_size(room: mujoco.Mj
     width, height = SIZE
     state = save(room, after(room, 5))
     view = pose("side", room, state)
-    with FilamentRenderer(room, (2 * width, 2 * height), vulkan, Visual()) as renderer:
+    with closing(FilamentRenderer(room, (2 * width, 2 * height), vulkan, Visual())) as renderer:
         renderer.look(state)
         large = colors(renderer.picture(view))
-    with FilamentRenderer(room, SIZE, vulkan, Visual(quality="high")) as renderer:
+    with closing(FilamentRenderer(room, SIZE, vulkan, Visual(quality="high"))) as renderer:
         renderer.look(state)
         high = colors(renderer.picture(view))
     average = large.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))
@@ -424,13 +424,13 @@ def test_mujoco_s_reflections_are_still_upside_down(vulkan: Backend) -> None:
 
 
 def test_nothing_is_printed(room: mujoco.MjModel, vulkan: Backend, capfd: pytest.CaptureFixture[str]) -> None:
-    with Draw(FilamentRenderer, vulkan) as draw:
+    with closing(Draw(FilamentRenderer, vulkan)) as draw:
         draw(room, ("rgb", *EXACT))
     assert capfd.readouterr() == ("", "")
 
 
 def test_a_process_that_ends_is_told_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
-    with FilamentRenderer(room, SIZE, vulkan, Visual()) as renderer:
+    with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
         os.kill(renderer._worker.process.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):
             renderer.look(save(room, after(room, 0)))

@@ -1,5 +1,7 @@
 """Filament's process as its parent talks to it, and its depth against the projections of OpenGL and Vulkan."""
 
+from contextlib import closing
+
 import mujoco
 import numpy as np
 import pytest
@@ -48,7 +50,9 @@ def test_a_state_is_drawn_as_rays_meet_it(vulkan: Backend) -> None:
     state, segmentation = save(model, data), Segmentation(model)
     pose = CameraMotion(parse_camera("above", model), model, SIZE).pose(state)
 
-    with Worker("mjrun.rendering.filament_worker:FilamentServer", environment={"MUJOCO_GL": "disable"}) as worker:
+    with closing(
+        Worker("mjrun.rendering.filament_worker:FilamentServer", environment={"MUJOCO_GL": "disable"})
+    ) as worker:
         worker.ask("open", model, SIZE, Visual(), segmentation, [])
         worker.ask("look", state, 0)
         picture = worker.ask("picture", pose, ("depth", "seg"))

@@ -1,6 +1,7 @@
 """Renderers that measure: the same pixels as those that do not, and a stopwatch against arithmetic."""
 
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 
@@ -97,7 +98,7 @@ def views(make: Callable[..., ClassicRenderer | FilamentRenderer], path: Path, b
     model = mujoco.MjModel.from_xml_path(str(path))
     state = save(model, mujoco.MjData(model))
     pose = CameraMotion(parse_camera("free", model), model, SIZE).pose(state)
-    with make(model, SIZE, backend, Visual(), Segmentation(model)) as renderer:
+    with closing(make(model, SIZE, backend, Visual(), Segmentation(model))) as renderer:
         renderer.look(state)
         picture = renderer.picture(pose, ("rgb", "depth", "seg"))
         return {name: np.array(getattr(picture, name)) for name in ("rgb", *EXACT)}

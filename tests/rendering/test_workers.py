@@ -9,6 +9,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import mujoco
@@ -33,7 +34,7 @@ FALLING = '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldb
 
 
 def drawn(painter: Adding, jobs: int, states: list[np.ndarray] = STATES) -> list[np.ndarray]:
-    with ParallelPainter(painter, SHAPE, jobs, np.int64) as pool:
+    with closing(ParallelPainter(painter, SHAPE, jobs, np.int64)) as pool:
         return [frame.copy() for frame in pool.frames(states)]
 
 
@@ -84,20 +85,20 @@ def test_frames_come_in_order_whoever_draws_them_and_however_long_it_takes(jobs:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_pool_draws_none_one_and_many_one_after_the_other(jobs: int) -> None:
-    with ParallelPainter(Adding(), SHAPE, jobs, np.int64) as pool:
+    with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
         for count in (0, 1, 20, 3):
             made = [frame.copy() for frame in pool.frames(iter(STATES[:count]))]
             assert np.array_equal(made, FRAMES[:count])
 
 
 def test_processes_that_were_started_before_draw_for_one_pool_after_another() -> None:
-    with PainterProcesses(2) as workers:
+    with closing(PainterProcesses(2)) as workers:
         started = set(children())
         for count in (1, len(STATES)):  # of one state, a process may have opened nothing when the next pool comes
-            with ParallelPainter(Telling(delay=0.005), (2,), 2, np.int64, workers) as pool:
+            with closing(ParallelPainter(Telling(delay=0.005), (2,), 2, np.int64, workers)) as pool:
                 processes = {int(frame[0]) for frame in pool.frames(STATES[:count])}
             assert processes <= started
-            with ParallelPainter(Adding(), SHAPE, 2, np.int64, workers) as pool:
+            with closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool:
                 assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
         assert processes == started == set(children())
     assert not children()
@@ -105,12 +106,12 @@ def test_processes_that_were_started_before_draw_for_one_pool_after_another() ->
 
 
 def drawn_by(workers: PainterProcesses, painter: Adding) -> list[np.ndarray]:
-    with ParallelPainter(painter, SHAPE, 2, np.int64, workers) as pool:
+    with closing(ParallelPainter(painter, SHAPE, 2, np.int64, workers)) as pool:
         return [frame.copy() for frame in pool.frames(STATES)]
 
 
 def test_a_pool_that_fails_leaves_workers_that_draw_for_the_next() -> None:
-    with PainterProcesses(2) as workers:
+    with closing(PainterProcesses(2)) as workers:
         for mischief in ("ends", "is unstable"):
             with pytest.raises(MjrunError):
                 drawn_by(workers, Adding({3: mischief}))
@@ -120,28 +121,28 @@ def test_a_pool_that_fails_leaves_workers_that_draw_for_the_next() -> None:
 
 def test_leaving_a_pool_early_leaves_workers_that_draw_for_the_next() -> None:
     start = time.monotonic()
-    with PainterProcesses(2) as workers:
-        with ParallelPainter(Adding({3: "hangs"}), SHAPE, 2, np.int64, workers) as pool:
+    with closing(PainterProcesses(2)) as workers:
+        with closing(ParallelPainter(Adding({3: "hangs"}), SHAPE, 2, np.int64, workers)) as pool:
             next(pool.frames(STATES))
         assert np.array_equal(drawn_by(workers, Adding()), FRAMES)
     assert time.monotonic() - start < HANG / 10
 
 
 def test_workers_that_cannot_open_a_painter_open_the_next() -> None:
-    with PainterProcesses(2) as workers:
+    with closing(PainterProcesses(2)) as workers:
         with (
             pytest.raises(NoRendererError),
-            ParallelPainter(Adding({OPENING: "has no renderer"}), SHAPE, 2, np.int64, workers) as pool,
+            closing(ParallelPainter(Adding({OPENING: "has no renderer"}), SHAPE, 2, np.int64, workers)) as pool,
         ):
             list(pool.frames(STATES))
-        with ParallelPainter(Adding(), SHAPE, 2, np.int64, workers) as pool:
+        with closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool:
             assert np.array_equal([frame.copy() for frame in pool.frames(STATES)], FRAMES)
 
 
 def test_workers_grow_to_as_many_as_are_asked_for() -> None:
-    with PainterProcesses(1) as workers:
+    with closing(PainterProcesses(1)) as workers:
         (first,) = children()
-        with ParallelPainter(Telling(delay=0.005), (2,), 3, np.int64, workers) as pool:
+        with closing(ParallelPainter(Telling(delay=0.005), (2,), 3, np.int64, workers)) as pool:
             processes = {int(frame[0]) for frame in pool.frames(STATES)}
         assert first in processes
         assert processes == set(children())
@@ -160,8 +161,8 @@ def test_processes_that_are_not_needed_end_at_once(wait: float) -> None:
 def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL")
     with (
-        PainterProcesses(2, "mjrun.rendering.compositor") as workers,
-        ParallelPainter(Adding(), SHAPE, 2, np.int64, workers) as pool,
+        closing(PainterProcesses(2, "mjrun.rendering.compositor")) as workers,
+        closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool,
     ):
         for _ in pool.frames(STATES):
             pool.ask(Adding.windows)
@@ -170,15 +171,15 @@ def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> None:
     with (
-        PainterProcesses(2, "nowhere.at.all") as workers,
-        ParallelPainter(Adding(), SHAPE, 2, np.int64, workers) as pool,
+        closing(PainterProcesses(2, "nowhere.at.all")) as workers,
+        closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool,
     ):
         assert len([*pool.frames(STATES)]) == len(STATES)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
-    with ParallelPainter(Adding(), SHAPE, jobs, np.int64) as pool:
+    with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
         made = [frame.copy() for first in (0, 13) for frame in pool.frames(STATES[first : first + 7], first)]
     assert np.array_equal(made, [*FRAMES[:7], *FRAMES[13:]])
 
@@ -187,7 +188,7 @@ def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.parametrize("when", [0, 7, len(STATES) - 1])
 def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(jobs: int, when: int) -> None:
-    with ParallelPainter(Adding(delay=0.002), SHAPE, jobs, np.int64) as pool:
+    with closing(ParallelPainter(Adding(delay=0.002), SHAPE, jobs, np.int64)) as pool:
         processes = {os.getpid()} if jobs == 1 else set(children())
         assert pool.answer is None
         made = []
@@ -200,7 +201,7 @@ def test_a_question_is_answered_by_a_process_that_draws_and_disturbs_nothing(job
 
 
 def test_a_question_that_fails_is_a_bug_of_mjrun() -> None:
-    with ParallelPainter(Adding({ASKED: "divides"}), SHAPE, 2, np.int64) as pool:
+    with closing(ParallelPainter(Adding({ASKED: "divides"}), SHAPE, 2, np.int64)) as pool:
         frames = pool.frames(STATES)
         next(frames)
         pool.ask(Adding.process)
@@ -219,7 +220,7 @@ def test_states_are_taken_only_as_frames_are_asked_for(jobs: int) -> None:
             taken += 1
             yield state
 
-    with ParallelPainter(Adding(), SHAPE, jobs, np.int64) as pool:
+    with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
         for index, frame in enumerate(pool.frames(states())):
             time.sleep(0.005)  # for the processes to run ahead
             assert taken <= index + SLOTS * jobs
@@ -229,7 +230,7 @@ def test_states_are_taken_only_as_frames_are_asked_for(jobs: int) -> None:
 
 def test_every_process_is_one_of_its_own_with_one_thread_to_draw() -> None:
     environment = dict(os.environ)
-    with ParallelPainter(Telling(delay=0.005), (2,), 2, np.int64) as pool:
+    with closing(ParallelPainter(Telling(delay=0.005), (2,), 2, np.int64)) as pool:
         told = {tuple(frame) for frame in pool.frames(STATES)}
     processes, threads = zip(*told, strict=True)
     assert len(set(processes)) == 2
@@ -263,7 +264,7 @@ def test_a_death_is_noticed_at_once_though_another_process_hangs() -> None:
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_what_a_painter_raises_arrives_in_its_turn_as_it_was(jobs: int) -> None:
     made = []
-    with ParallelPainter(Adding({7: "is unstable", 8: "divides"}, delay=0.002), SHAPE, jobs, np.int64) as pool:
+    with closing(ParallelPainter(Adding({7: "is unstable", 8: "divides"}, delay=0.002), SHAPE, jobs, np.int64)) as pool:
         frames = pool.frames(STATES)
         with pytest.raises(UnstableError) as caught:
             made.extend(frame.copy() for frame in frames)
@@ -311,7 +312,10 @@ def test_a_system_that_refuses_processes_is_told_so(monkeypatch: pytest.MonkeyPa
 def test_an_error_of_whoever_takes_the_frames_ends_everything_at_once(jobs: int) -> None:
     start = time.monotonic()
     frames = iter([])
-    with contextlib.suppress(ZeroDivisionError), ParallelPainter(Adding({3: "hangs"}), SHAPE, jobs, np.int64) as pool:
+    with (
+        contextlib.suppress(ZeroDivisionError),
+        closing(ParallelPainter(Adding({3: "hangs"}), SHAPE, jobs, np.int64)) as pool,
+    ):
         frames = pool.frames(STATES)
         assert next(frames).size / 0
     with pytest.raises(ValueError, match="the pool is closed"):
@@ -359,11 +363,12 @@ def test_mujoco_s_warnings_are_told_once_by_the_parent(
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(HERE.parents[1])}
 SCRIPT = """
 import sys
+from contextlib import closing
 import numpy as np
 from mjrun.rendering.workers import ParallelPainter
 sys.path.append({here!r})
 from painters import Telling
-with ParallelPainter(Telling({mischief}), (2,), 2, np.int64) as pool:
+with closing(ParallelPainter(Telling({mischief}), (2,), 2, np.int64)) as pool:
     for frame in pool.frames(np.zeros(1) for _ in range({count})):
         print(frame[0], flush=True)
 """
@@ -441,5 +446,5 @@ def test_pixels_are_the_same_in_one_process_in_two_and_by_mujoco(
         expected.append(still(model, data, size, "side"))
     assert not np.array_equal(expected[0], expected[1])
     for jobs in (1, 2):
-        with ParallelPainter(Drawing(model, backend, size), (size[1], size[0], 3), jobs) as pool:
+        with closing(ParallelPainter(Drawing(model, backend, size), (size[1], size[0], 3), jobs)) as pool:
             assert np.array_equal([frame.copy() for frame in pool.frames(states)], expected)

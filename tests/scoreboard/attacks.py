@@ -446,4 +446,5 @@ def attacked(arguments: list[str]) -> int:
     if place == CHILD:
         begin = f"; from tests.scoreboard.attacks import attack; attack({os.getpid()})"
         child_process.BOOT = child_process.BOOT.replace("; from", f"{begin}; from", 1)
-    return crash_monitor.watched(lambda: run(arguments))
+    crash_monitor.fork_watched()
+    return run(arguments)

@@ -329,7 +329,9 @@ def _become(request: dict[str, Any], watched_by: socket.socket | None) -> None:
         arguments = list(request["arguments"])
         # A run that is killed, or fails, at a chosen moment has no process that watches it.
         alone = request["fault"] or request["kill_after"] is not None or request["call"] != MJRUN
-        code = call(arguments) if alone else crash_monitor.watched(lambda: call(arguments))
+        if not alone:
+            crash_monitor.fork_watched()
+        code = call(arguments)
     except SystemExit as ending:
         code = ending.code if isinstance(ending.code, int) else 1
     except BaseException:

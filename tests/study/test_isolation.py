@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -106,10 +107,10 @@ def test_a_worker_that_was_started_early_is_the_next_unless_that_was_elsewhere(
     start_early()
     start_early()
     first, second = (worker for _, worker in point_server._waiting)
-    with new_worker() as worker:
+    with closing(new_worker()) as worker:
         assert worker is first
     monkeypatch.chdir(tmp_path)
-    with new_worker() as worker:
+    with closing(new_worker()) as worker:
         assert worker not in (first, second)
         assert worker.process.running
         assert not second.process.running

@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
-from mjrun.confinement.self_confinement import confined_load
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.model import archive_paths
@@ -56,6 +55,10 @@ class FileSource(Source):
         return replace(self, path=place(self.path), label=self.text)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        if confinement() is None:
+            return self._compile()
+        from mjrun.confinement.self_confinement import confined_load
+
         return confined_load(self._compile)
 
     def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:

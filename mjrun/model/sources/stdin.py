@@ -9,7 +9,7 @@ from pathlib import Path
 
 import mujoco
 
-from mjrun.confinement.self_confinement import confined_load
+from mjrun.confinement.confinement import confinement
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import existing_files, require_regular_files
@@ -56,6 +56,10 @@ class StdinSource(Source):
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         xml = self._read()
+        if confinement() is None:
+            return self._compile(xml)
+        from mjrun.confinement.self_confinement import confined_load
+
         return confined_load(lambda: self._compile(xml))
 
     def _compile(self, xml: str) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
