@@ -86,7 +86,7 @@ def cases(result: "DiffResult") -> Iterator[Case]:
     file = next((name for name in (result.b, result.a) if is_file(Path(name))), "")
     title = f"mjrun diff: {result.b} differs from {result.a}"
     for sentence in result.differences[:REPORTED]:
-        yield Case(title, "error", title, sentence, file)
+        yield Case(result.b, "error", title, sentence, file)
 
 
 def _agreement(result: "DiffResult") -> str:

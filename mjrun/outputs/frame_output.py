@@ -21,12 +21,12 @@ from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, opti
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
 from mjrun.options.view import ViewOptions
+from mjrun.outputs.decorations import PlannedDecoration, planned_decorations
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
 from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, RendererRequest, SharedRendering
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
 from mjrun.outputs.panels import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
-from mjrun.outputs.scene_decorations import SceneDecorations, scene_decorations
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.backend import Backend
@@ -80,7 +80,7 @@ class FramePlan:
       motions: the motion of each camera.
       probes: the measurement of the values in a text and in plots; None without these.
       overlay: the overlay without content, whose size is known.
-      decorations: trails and ghosts; None without these.
+      decorations: trails, ghosts and the like.
       conditions: the conditions of the events that the schedule depends on.
       schedule: the schedule of the frames; None if events decide.
     """
@@ -89,7 +89,7 @@ class FramePlan:
     context: Context
     plots: Sequence[str]
     motions: Sequence[CameraMotion]
-    decorations: SceneDecorations | None
+    decorations: Sequence[PlannedDecoration]
     probes: OverlayProbes | None
     overlay: Overlay
     conditions: Sequence[str]
@@ -138,7 +138,7 @@ def plan_frames(
         context=context,
         plots=plots,
         motions=motions,
-        decorations=scene_decorations(job, model, context.simulation) if job.trail or job.ghost else None,
+        decorations=planned_decorations(job, model, context.simulation),
         probes=probes,
         overlay=overlay,
         conditions=conditions(events, model, context.episode) if events else (),
@@ -175,7 +175,7 @@ class FrameOutput(Output[R_co]):
         facts = context.facts(plan.job, plan.schedule.observed if plan.schedule else None)
         self.facts = {**facts, **known, "renderer": self._backend.renderer}
         self.states = stack.enter_context(closing(StateBuffer(context.model)))
-        self._trail_states = stack.enter_context(closing(StateBuffer(context.model)))
+        self._decoration_states = [stack.enter_context(closing(StateBuffer(context.model))) for _ in plan.decorations]
         self._values: list[FrameValues] = []
         self._calibration: DrawingCalibration | None = None
 
@@ -184,9 +184,8 @@ class FrameOutput(Output[R_co]):
         self.schedule = plan.schedule or plan.scheduled(event_steps)
         frames = self.schedule.steps
         taps: list[AnyTap] = [Tap(frames, lambda stepper: stepper.state(), self.states.append)]
-        if plan.decorations:
-            trail = plan.decorations.trail_steps(self.schedule.observed)
-            taps.append(Tap(trail, lambda stepper: stepper.state(), self._trail_states.append))
+        for decoration, states in zip(plan.decorations, self._decoration_states, strict=True):
+            taps.append(Tap(decoration.steps(self.schedule.observed), lambda stepper: stepper.state(), states.append))
         if plan.probes and not plan.probes.idle:
             taps.append(Tap(frames, plan.probes.read, self._values.append))
         return taps
@@ -214,9 +213,8 @@ class FrameOutput(Output[R_co]):
         """Returns the compositor of all files; with `legend`, coloured segmentations list what is in view."""
         plan, schedule = self._plan, self.schedule
         decorations, overlay = list[Decoration](), plan.overlay
-        if plan.decorations:
-            trail_states = (self._trail_states[k] for k in range(len(self._trail_states)))
-            decorations = plan.decorations.decorations(trail_states, self.times)
+        for decoration, states in zip(plan.decorations, self._decoration_states, strict=True):
+            decorations += decoration.drawn((states[k] for k in range(len(states))), self.times)
         if plan.probes:
             overlay = plan.probes.overlay(overlay, self._values, schedule.steps, schedule.speeds, plan.context.timeline)
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
@@ -240,8 +238,7 @@ class FrameOutput(Output[R_co]):
         """Returns warnings about what the renderer omits, and about options without effect."""
         job, context = self._plan.job, self._plan.context
         replay_remarks = context.simulation.replay_remarks(context.model)
-        decorations = self._plan.decorations
-        remarks = [text for text in (decorations.remarks if decorations else ()) if text not in replay_remarks]
+        remarks = [text for each in self._plan.decorations for text in each.remarks if text not in replay_remarks]
         unused = unused_options(job, self._plan.plots) if all(file.exact for file in self._files) else []
         return [*check_drawing(job, context.model, self._backend), *remarks, *unused]
 

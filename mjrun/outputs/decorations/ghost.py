@@ -1,16 +1,14 @@
-"""Trails and ghosts in the images of a simulation."""
+"""Ghosts: translucent copies of the model, in another place or motion."""
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.argument import parse_point
-from mjrun.camera.targets import identify_objects
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
@@ -18,15 +16,13 @@ from mjrun.model.names import identify
 from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
-from mjrun.rendering.decorations import LIMIT, Decoration, Ghost, trails
+from mjrun.rendering.decorations import Ghost
 from mjrun.rendering.visual import Visual, visual_of
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline, rational
 
 SETTINGS = ("offset", "opacity", "key", "trace", "recording", "map")
 OPACITY = 0.35
-TRAIL_RATE = Fraction(240)  # [Hz], the sampling rate of positions on a trail
-DRAFT_LIMIT = 150  # maximum number of capsules of a trail in a draft
 
 
 @dataclass(frozen=True)
@@ -58,18 +54,11 @@ class GhostPlan:
 
 
 @dataclass(frozen=True)
-class SceneDecorations:
-    """Trails and ghosts with resolved names.
-
-    Attributes:
-      trail_objects: kinds and ids of the objects with a trail.
-      trail_span: the length of the past that a trail shows [s]; None for all of it.
-    """
+class PlannedGhosts:
+    """Ghosts with resolved names."""
 
     model: mujoco.MjModel
     visual: Visual
-    trail_objects: Sequence[tuple[str, int]]
-    trail_span: float | None
     ghosts: Sequence[GhostPlan]
 
     @property
@@ -78,47 +67,23 @@ class SceneDecorations:
         traces = [ghost.trace for ghost in self.ghosts if ghost.trace]
         return list(dict.fromkeys(text for trace in traces for text in trace.position_remarks))
 
-    def trail_steps(self, timeline: Timeline) -> Sequence[int]:
-        """Returns the steps at which trails need positions: the frames of a video are too far apart for fast spins."""
-        if not self.trail_objects:
-            return []
-        return timeline.rows(rate=TRAIL_RATE) if timeline.steps else [0]
+    def steps(self, timeline: Timeline) -> Sequence[int]:
+        return ()
 
-    def decorations(self, trail_states: Iterable[np.ndarray], times: Sequence[float]) -> list[Decoration]:
-        """Returns the decorations of frames at `times` [s], given the states at `trail_steps`."""
-        added: list[Decoration] = []
-        if self.trail_objects:
-            limit = DRAFT_LIMIT if self.visual.quality == "draft" else LIMIT
-            added += trails(self.model, self.trail_objects, trail_states, np.array(times), self.trail_span, limit=limit)
-        for ghost in self.ghosts:
-            states = ghost.states(self.model, times)
-            added.append(Ghost(self.model, states, ghost.offset, ghost.opacity, visual=self.visual))
-        return added
+    def drawn(self, states: Iterable[np.ndarray], times: Sequence[float]) -> list[Ghost]:
+        return [
+            Ghost(self.model, ghost.states(self.model, times), ghost.offset, ghost.opacity, visual=self.visual)
+            for ghost in self.ghosts
+        ]
 
 
-def scene_decorations(
-    options: ViewOptions, model: mujoco.MjModel, simulation: Simulation | None = None
-) -> SceneDecorations:
-    """Resolves the trails and ghosts in `options`.
-
-    Args:
-      simulation: specifies how tables are read; if None, their columns have mjrun's names.
-
-    Raises:
-      UnknownNameError: an object, keyframe or setting is unknown.
-      UsageError: a setting is invalid, or a trace lacks positions.
-      FileError: a trace cannot be read.
-    """
-    span = None if options.trail_span is None else float(options.trail_span)
-    objects: dict[tuple[str, int], None] = {}
-    for index, text in enumerate(options.trail):
-        with concerning("trail", index):
-            objects |= dict.fromkeys(identify_objects(text, model))
+def planned(options: ViewOptions, model: mujoco.MjModel, simulation: Simulation) -> PlannedGhosts:
+    """Resolves the settings of the ghosts, and opens the files that they follow."""
     ghosts: list[GhostPlan] = []
     for index, text in enumerate(options.ghost):
         with concerning("ghost", index):
-            ghosts.append(_ghost(text, model, simulation or Simulation(model)))
-    return SceneDecorations(model, visual_of(options), list(objects), span, ghosts)
+            ghosts.append(_ghost(text, model, simulation))
+    return PlannedGhosts(model, visual_of(options), ghosts)
 
 
 def _ghost(text: str, model: mujoco.MjModel, simulation: Simulation) -> GhostPlan:

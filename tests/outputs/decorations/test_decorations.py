@@ -12,9 +12,11 @@ from PIL import Image as Pillow
 
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
 from mjrun.options.view import ViewOptions
+from mjrun.outputs.decorations import planned_decorations
+from mjrun.outputs.decorations.ghost import OPACITY, GhostPlan, PlannedGhosts
+from mjrun.outputs.decorations.trail import PlannedTrails
 from mjrun.outputs.image import Image
 from mjrun.outputs.recording import Recording
-from mjrun.outputs.scene_decorations import OPACITY, GhostPlan, scene_decorations
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -22,6 +24,12 @@ from mjrun.timeline import Timeline
 pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
 SIZE = (160, 120)
+
+
+def ghosts(options: ViewOptions, model: mujoco.MjModel, simulation: Simulation | None = None) -> PlannedGhosts:
+    (found,) = planned_decorations(options, model, simulation)
+    assert isinstance(found, PlannedGhosts)
+    return found
 
 
 def test_a_trail_is_drawn_where_its_object_has_been(swing: Path, tmp_path: Path) -> None:
@@ -60,7 +68,7 @@ def test_a_ghost_can_stand_in_a_pose_and_move_as_a_trace_says(tmp_path: Path) ->
         '<keyframe><key name="up" qpos="1.5"/></keyframe></mujoco>'
     )
     Trace(Simulation(model, duration=0.5, qvel={"j": 2}), f"{tmp_path}/t.npz").run()
-    found = scene_decorations(ViewOptions(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
+    found = ghosts(ViewOptions(ghost=[f"trace={tmp_path}/t.npz", "key=up,opacity=.5"]), model)
     trace = np.load(tmp_path / "t.npz")
     moving = found.ghosts[0].states(model, [0.0, 0.1, 0.101, 0.5, 9.0])
     standing = found.ghosts[1].states(model, [0.0])
@@ -100,7 +108,7 @@ def test_a_ghost_of_a_recording_is_where_a_bare_loop_was(swing: Path, tmp_path: 
     Recording(Simulation(swing, steps=100, qvel={"hinge": 3}), f"{tmp_path}/r.npz").run()
     model = mujoco.MjModel.from_xml_path(str(swing))
     options = ViewOptions(ghost=[f"recording={tmp_path}/r.npz,offset=1/-2/.5"], view="rgb")
-    (ghost,) = scene_decorations(options, model).ghosts
+    (ghost,) = ghosts(options, model).ghosts
     assert (ghost.offset, ghost.opacity) == ((1.0, -2.0, 0.5), OPACITY)
     states = ghost.states(model, [0.0, 0.1, 0.2])
     assert states is not None
@@ -119,7 +127,7 @@ def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_o
     simulation = Simulation(swing, map={"time": "t", "qpos/hinge": "'hip [deg]'*pi/180"}, steps=5)
     for setting, sign in (("", 1), (f",map={tmp_path}/own.map", -1)):
         options = ViewOptions(ghost=[f"trace={tmp_path}/log.csv{setting}"])
-        found = scene_decorations(options, model, simulation)
+        found = ghosts(options, model, simulation)
         states = found.ghosts[0].states(model, [0.0, 0.05, 0.1, 0.2, 0.4])
         assert states is not None
         assert [state[1] for state in states] == pytest.approx(sign * np.pi / 4 * np.array([0, 1, 2, 0, -2]))
@@ -133,26 +141,32 @@ def test_a_ghost_follows_a_table_of_others_by_the_map_of_the_simulation_or_its_o
         (f"trace={tmp_path}/log.csv,map={tmp_path}/no.map", "no such file"),
     ):
         with pytest.raises(MjrunError, match=message):
-            scene_decorations(ViewOptions(ghost=[ghost]), model, simulation)
+            ghosts(ViewOptions(ghost=[ghost]), model, simulation)
 
 
 def test_a_trail_has_positions_closer_than_frames_of_a_video(swing: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
     timeline = Timeline.of_steps(Fraction(1, 500), 500)
-    trailed = scene_decorations(ViewOptions(trail=["ball,box", "ball"], trail_span="1/3"), model)
-    assert trailed.trail_objects == [("body", model.body("ball").id), ("body", model.body("box").id)]
-    assert trailed.trail_span == pytest.approx(1 / 3)
-    steps = trailed.trail_steps(timeline)
+    (trailed,) = planned_decorations(ViewOptions(trail=["ball,box", "ball"], trail_span="1/3"), model)
+    assert isinstance(trailed, PlannedTrails)
+    assert trailed.objects == [("body", model.body("ball").id), ("body", model.body("box").id)]
+    assert trailed.span == pytest.approx(1 / 3)
+    steps = trailed.steps(timeline)
     assert (steps[0], steps[-1]) == (0, 500)
     assert {later - step for step, later in pairwise(steps)} <= {2, 3}  # 1/240 s are 2.08 steps
-    assert trailed.trail_steps(Timeline.of_steps(Fraction(1, 500), 0)) == [0]
-    plain = scene_decorations(ViewOptions(), model)
-    assert (plain.trail_steps(timeline), plain.decorations([], [0.0])) == ([], [])
+    assert trailed.steps(Timeline.of_steps(Fraction(1, 500), 0)) == [0]
+
+
+def test_only_requested_decorations_are_planned_in_the_order_of_the_options(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    assert planned_decorations(ViewOptions(), model) == []
+    both = planned_decorations(ViewOptions(ghost=[""], trail=["ball"]), model)
+    assert [type(each) for each in both] == [PlannedTrails, PlannedGhosts]
 
 
 def test_what_is_wrong_is_named_by_its_place(swing: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
     for values, path in (({"trail": ["ball", "bal"]}, ("trail", 1)), ({"ghost": ["", "opacity=2"]}, ("ghost", 1))):
         with pytest.raises(UsageError) as caught:
-            scene_decorations(ViewOptions(**values), model)  # type: ignore[arg-type]
+            planned_decorations(ViewOptions(**values), model)  # type: ignore[arg-type]
         assert caught.value.path[:2] == path
