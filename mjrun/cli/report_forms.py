@@ -61,7 +61,7 @@ class Report:
         return {**self.document(self.result), **named}
 
     def form(self, option: str) -> str | Mapping[str, object]:
-        """Returns the form that an option requests: one of its own, or its cases in a format for CI systems."""
+        """Returns the form that an option requests: one of `forms`, or its cases in a format for CI systems."""
         if option in self.forms:
             return self.forms[option]()
         return import_module(f"mjrun.cli.report_formats.{option}").text(self.cases())
