@@ -22,10 +22,14 @@ from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageErro
 
 
 class RedirectedFunction:
-    """A function, with its `reset`, whose prints go to standard error, as standard output carries the payload."""
+    """A function, with its `reset`, whose prints go to standard error, as standard output carries the payload.
+
+    Attributes:
+      forwards_to: the function, which gets all arguments.
+    """
 
     def __init__(self, function: Callable[..., object]) -> None:
-        self._function = self.__wrapped__ = function
+        self.forwards_to = self.__wrapped__ = function
         self.__qualname__ = getattr(function, "__qualname__", type(function).__qualname__)
         with contextlib.suppress(ValueError):
             self.__signature__ = inspect.signature(function)
@@ -33,8 +37,11 @@ class RedirectedFunction:
             self.reset = RedirectedFunction(function.reset)  # type: ignore[attr-defined]
 
     def __call__(self, *arguments: object) -> object:
-        with contextlib.redirect_stdout(sys.stderr):
-            return self._function(*arguments)
+        output, sys.stdout = sys.stdout, sys.stderr
+        try:
+            return self.forwards_to(*arguments)
+        finally:
+            sys.stdout = output
 
 
 @dataclass(frozen=True)

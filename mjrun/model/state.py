@@ -10,7 +10,10 @@ import numpy as np
 
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)  # FULLPHYSICS lacks the warm start: not bit-identical
 INPUTS = int(mujoco.mjtState.mjSTATE_USER)  # controls, applied forces, mocap poses, active equalities, userdata
-PHYSICS = int(mujoco.mjtState.mjSTATE_PHYSICS)  # the part that inputs move
+MOTION = ("qpos", "qvel", "act", "history", "plastic")  # the fields that inputs move
+# Inputs that a step uses from its beginning on: for poses and constraints, or in callbacks.
+POSITION_INPUTS = ("eq_active", "mocap_pos", "mocap_quat", "userdata")
+INPUT_FIELDS = ("ctrl", "qfrc_applied", "xfrc_applied", *POSITION_INPUTS)
 CTRL = int(mujoco.mjtState.mjSTATE_CTRL)
 APPLIED_FORCES = int(mujoco.mjtState.mjSTATE_XFRC_APPLIED)
 # The sizes that determine an integration state, by MuJoCo's names.
@@ -62,6 +65,11 @@ def part(model: mujoco.MjModel, spec: int) -> slice:
 def controls(model: mujoco.MjModel) -> slice:
     """Returns the position of the controls in an integration state."""
     return part(model, CTRL)
+
+
+def moving(model: mujoco.MjModel) -> slice:
+    """Returns the position of positions and velocities in an integration state."""
+    return part(model, int(mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL))
 
 
 def sizes(model: mujoco.MjModel) -> dict[str, int]:

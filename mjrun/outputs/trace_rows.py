@@ -5,6 +5,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from operator import attrgetter
 
 import mujoco
 import numpy as np
@@ -25,6 +26,7 @@ from mjrun.timeline import Timeline, rational, seconds
 TIME = Column("time", "s", "simulated time, exact")
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 ROWS = 256  # rows of a block that is read instant by instant, and the minimum of all other blocks but the last
+SHORT = 16  # steps; a batch takes longer for fewer than to read each instant
 
 
 @dataclass(frozen=True)
@@ -224,30 +226,77 @@ def blocks(
         raise failure
 
 
-def _instant(stepper: Stepper, record: Sequence[str]) -> Fields:
-    """Returns the fields of the stepper's instant: `{field: (1, 1, …)}`."""
-    data = stepper.instant()
-    return {name: np.array(getattr(data, name))[None, None] for name in record}
-
-
 def _pieces(stepper: PhysicsStepper, record: Sequence[str], end: int, size: int) -> Iterator[tuple[int, Fields]]:
     """Yields the same instants in pieces of any length, with their lengths."""
-    batch = None if stepper.model.opt.enableflags & SLEEP else RecordingBatch([stepper.model], record, size)
+    sleeps, batch = bool(stepper.model.opt.enableflags & SLEEP), None
     while stepper.step < end:
         at = stepper.step
         count = min(size, end - at, stepper.steps_alike())
-        if batch:
-            controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
-            recorded = batch.run(stepper.state()[None], count, controls)
-            if recorded.completed.all():
-                stepper.jump(at + count, recorded.states[0])
-                yield count, recorded.fields
-                continue
-        for step in range(at, at + count):  # stepping singly names the failing step, or gets past it
-            stepper.advance(step)
-            yield 1, _instant(stepper, record)
-        stepper.advance(at + count)
-    yield 1, _instant(stepper, record)
+        if sleeps or count < SHORT:
+            yield from _single_steps(stepper, record, min(ROWS, size, end - at))
+            continue
+        batch = batch or RecordingBatch([stepper.model], record, size)
+        controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
+        recorded = batch.run(stepper.state()[None], count, controls)
+        if recorded.completed.all():
+            stepper.jump(at + count, recorded.states[0])
+            yield count, recorded.fields
+        else:  # stepping singly names the failing step, or gets past it
+            yield from _single_steps(stepper, record, count)
+    data = stepper.instant()
+    yield 1, {name: np.array(getattr(data, name))[None, None] for name in record}
+
+
+def _single_steps(stepper: PhysicsStepper, record: Sequence[str], count: int) -> Iterator[tuple[int, Fields]]:
+    """Takes `count` steps one by one, and yields the instants before them."""
+    end = stepper.step + count
+    while stepper.step < end:
+        instants = _InstantRows(record, min(ROWS, end - stepper.step))
+        try:
+            for step in range(stepper.step, stepper.step + instants.size):
+                instants.add(stepper.instant())
+                stepper.advance(step + 1)
+        except SimulationError:
+            if instants.count:
+                yield instants.count, instants.fields
+            raise
+        yield instants.count, instants.fields
+
+
+class _InstantRows:
+    """Fields of successive instants.
+
+    Args:
+      record: names of MjData fields.
+      size: the number of instants for which there is room.
+    """
+
+    def __init__(self, record: Sequence[str], size: int) -> None:
+        self.size, self.count = size, 0
+        self._record = record
+        self._fields: dict[str, np.ndarray] = {}
+        self._targets: list[np.ndarray] = []
+
+    @property
+    def fields(self) -> Fields:
+        """The fields of the instants so far: `{field: (1, count, …)}`."""
+        return {name: values[None, : self.count] for name, values in self._fields.items()}
+
+    def add(self, data: mujoco.MjData) -> None:
+        """Adds an instant."""
+        index = self.count
+        if not index:
+            self._allocate(data)
+        for target, value in zip(self._targets, self._read(data), strict=False):
+            target[index] = value
+        self.count = index + 1
+
+    def _allocate(self, data: mujoco.MjData) -> None:
+        values = {name: np.asarray(getattr(data, name)) for name in self._record}
+        self._fields = {name: np.empty((self.size, *value.shape), value.dtype) for name, value in values.items()}
+        filled = [name for name, value in values.items() if value.size]
+        self._targets = [self._fields[name] for name in filled]
+        self._read = attrgetter(*filled, "time", "time")  # a tuple in any case
 
 
 def _joined(pieces: Sequence[Fields]) -> Fields:

@@ -16,6 +16,7 @@ import numpy as np
 from mjrun.errors import ControllerError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names
+from mjrun.physics.controller_access import used_fields
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import nearest, seconds
 
@@ -56,13 +57,20 @@ class PeriodicController:
       controller: called with (model, data); a method `reset` is called first, with (model, data) or nothing.
       period: at least a timestep; its multiples are rounded to the nearest steps.
 
+    Attributes:
+      name: of the controller, for messages.
+      fields: the attributes of `data` that it uses; None if it may use others.
+
     Raises:
       ControllerError: it does not take (model, data).
       UsageError: `period` is shorter than a timestep.
     """
 
     def __init__(self, controller: Controller, period: Fraction, timestep: Fraction) -> None:
-        self._controller, self._ratio = controller, period / timestep
+        self._controller = controller
+        self._reset = getattr(controller, "reset", None)
+        self._ratio = period / timestep
+        self._stride = self._ratio.numerator if self._ratio.denominator == 1 else 0
         self.name = getattr(controller, "__qualname__", type(controller).__qualname__)
         if self._ratio < 1:
             raise UsageError(
@@ -71,9 +79,14 @@ class PeriodicController:
             )
         if not _takes(controller, 2):
             raise ControllerError(f"the controller {self.name} must take (model, data)")
+        self.fields = used_fields(controller)
+        if self._reset is not None and used_fields(self._reset) is None and _takes(self._reset, 2):
+            self.fields = None  # it may remember the data that its reset is called with
 
     def next_change(self, step: int) -> int:
         """Returns the first step after `step` at which the controller is called."""
+        if self._stride:
+            return step - step % self._stride + self._stride
         return nearest(math.ceil((step + Fraction(1, 2)) / self._ratio) * self._ratio)
 
     def is_due(self, step: int) -> bool:
@@ -82,52 +95,67 @@ class PeriodicController:
 
     def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Calls the controller's own `reset`, if it has one, at the start of a simulation."""
-        reset = getattr(self._controller, "reset", None)
-        if reset is not None:
-            arguments = (model, data) if _takes(reset, 2) else ()
-            self._call("reset", reset, *arguments)
+        if self._reset is not None:
+            arguments = (model, data) if _takes(self._reset, 2) else ()
+            self._call(lambda: "reset", self._reset, *arguments)
 
-    def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int) -> None:
+    def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int, guarded: Sequence[str] = state.MOTION) -> None:
         """Calls the controller, which sets the inputs in `data`.
+
+        Args:
+          guarded: fields of `data` that keep their bytes.
 
         Raises:
           ControllerError: it failed, returned invalid controls, or changed the state.
         """
-        before = state.save(model, data, spec=state.PHYSICS)
-        when = f"at step {step}, time {data.time:.9g} s"
+        before = [(name, getattr(data, name).tobytes()) for name in guarded]
+        time = data.time
+
+        def when() -> str:
+            return f"at step {step}, time {time:.9g} s"
+
         controls = self._call(when, self._controller, model, data)
         if controls is not None:
             data.ctrl[:] = self._checked(model, controls, when)
-        if not np.array_equal(before, state.save(model, data, spec=state.PHYSICS), equal_nan=True):
+        for name, content in before:
+            if getattr(data, name).tobytes() != content:
+                self._put_back(name, getattr(data, name), content, when)
+
+        ctrl = data.ctrl
+        if not ctrl.dot(ctrl) < math.inf and (bad := np.flatnonzero(~np.isfinite(ctrl))).size:
+            actuator = control_names(model)[int(bad[0])]
+            raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {ctrl[bad[0]]} {when()}")
+
+    def _put_back(self, name: str, values: np.ndarray, content: bytes, when: Callable[[], str]) -> None:
+        """Restores a field that the controller overwrote; a state that differs is an error."""
+        before = np.frombuffer(content, values.dtype).reshape(values.shape)
+        if name in state.MOTION and not np.array_equal(before, values, equal_nan=True):
             raise ControllerError(
-                f"the controller {self.name} changed the state {when}\n"
+                f"the controller {self.name} changed the state {when()}\n"
                 "it may set ctrl, qfrc_applied, xfrc_applied, eq_active, mocap_pos, mocap_quat and userdata"
             )
-        bad = np.flatnonzero(~np.isfinite(data.ctrl))
-        if bad.size:
-            actuator = control_names(model)[int(bad[0])]
-            raise ControllerError(f"the controller {self.name} set {clean(actuator)} to {data.ctrl[bad[0]]} {when}")
+        values[:] = before
 
-    def _checked(self, model: mujoco.MjModel, controls: Any, when: str) -> np.ndarray:
+    def _checked(self, model: mujoco.MjModel, controls: Any, when: Callable[[], str]) -> np.ndarray:
         try:
             ctrl = np.asarray(controls, float)
         except (TypeError, ValueError):
             kind = type(controls).__name__
-            raise ControllerError(f"the controller {self.name} returned a {kind} {when}, not numbers") from None
+            raise ControllerError(f"the controller {self.name} returned a {kind} {when()}, not numbers") from None
         if ctrl.shape == (model.nu,) or (ctrl.shape == () and model.nu == 1):
             return ctrl
         actuators = listing(control_names(model))
-        shape = f"shape {ctrl.shape} {when}; the model takes ({model.nu},)"
+        shape = f"shape {ctrl.shape} {when()}; the model takes ({model.nu},)"
         raise ControllerError(
             f"the controller {self.name} returned {shape}\n"
             + (f"actuators: {actuators}" if model.nu else "no actuators")
         )
 
-    def _call(self, when: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    def _call(self, when: Callable[[], str], function: Callable[..., Any], *arguments: Any) -> Any:
         try:
             return function(*arguments)
         except (Exception, SystemExit) as error:
-            raise ControllerError.of(f"the controller {self.name}, {when},", error) from error
+            raise ControllerError.of(f"the controller {self.name}, {when()},", error) from error
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:

@@ -1,15 +1,18 @@
 """Steppers: physics moved to an exact step, with the first bad step found when a simulation fails."""
 
 import copy
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedStepError, SimulationError, UnstableError
+from mjrun.errors import FailedStepError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
 from mjrun.physics.control import NEVER, ControlSources, PeriodicController
+from mjrun.physics.divided_step import Integrate, integrator_of, is_bounded, need_only_motion
 from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
 
@@ -20,7 +23,10 @@ BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQVEL),
     int(mujoco.mjtWarning.mjWARN_BADQACC),
 ]
-QUANTITIES = dict(zip(BAD, ("the position", "the velocity", "the acceleration"), strict=True))
+SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+
+# What is computed in the MjData of a step: nothing yet, positions and velocities, or all of the instant.
+STATE, MOTION, INSTANT = int(mujoco.mjtStage.mjSTAGE_NONE), int(mujoco.mjtStage.mjSTAGE_VEL), 3
 
 
 class Stepper(Protocol):
@@ -59,15 +65,20 @@ class EditableStepper(Stepper, Protocol):
         ...
 
 
-def derive(model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, step: int) -> None:
+def derive(
+    model: mujoco.MjModel, data: mujoco.MjData, instant: mujoco.MjData, step: int, computed: int = STATE
+) -> None:
     """Copies `data`, which is at `step`, to `instant`, and computes all derived fields there.
+
+    Args:
+      computed: the derived fields that are valid in `data`: `STATE` or `MOTION`.
 
     Raises:
       FailedStepError: MuJoCo raised an error.
     """
     mujoco.mj_copyData(instant, model, data)
     try:
-        mujoco.mj_forward(model, instant)
+        mujoco.mj_forwardSkip(model, instant, computed, False)
     except mujoco.FatalError as error:
         raise FailedStepError(step, data.time, str(error)) from None
 
@@ -85,7 +96,9 @@ def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
 
 
 class PhysicsStepper:
-    """A stepper that takes steps by `mj_step` from the state in `data`, on a copy of `model`.
+    """A stepper that takes the steps of `mj_step` from the state in `data`, on a copy of `model`.
+
+    A step that is observed is divided: its instant is computed once, read, and integrated.
 
     Args:
       control: the source of controls; those in `data` when None. A controller is called on arrival at a step,
@@ -106,16 +119,26 @@ class PhysicsStepper:
         self.model = copy.copy(model)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
+        self._integrate = integrator_of(self.model)
         self._data = mujoco.MjData(self.model)
-        self._saved = mujoco.MjData(self.model)
-        self._instant = mujoco.MjData(self.model)
-        self._instant_step = -1
+        self._computed = STATE
+        # The state on arrival at a step, without its new inputs; and another, which is written meanwhile.
+        self._saved_state, self._next_state = np.empty((2, state.size(self.model)))
+        self._saved_step = -1
+        self._moving = state.moving(self.model)
+        # A state does not include bodies that sleep, nor what contacts of flexes carry from step to step.
+        self._needs_copy = bool(self.model.opt.enableflags & SLEEP) or self.model.nflex > 0
         state.restore(self.model, self._data, state.save(model, data))
+
         self.control = control or ControlSources(rational(model.opt.timestep), data.ctrl.copy())
-        self._pushes = pushes
+        self._pushes = pushes or None
         self._unpushed = data.xfrc_applied.copy()
+        self._sources = [source for source in (self.control.controller, self.control.inputs, pushes) if source]
         if self.control.controller:
-            self.control.controller.reset(self.model, self.instant())
+            self.control.controller.reset(self.model, self._copied_instant())
+            self._guarded = self._fields_in_place(self.control.controller)
+            fields = self.control.controller.fields
+            self._may_move_poses = fields is None or not fields.isdisjoint(state.POSITION_INPUTS)
         self._arrive()
         self._start = self.state()
         self._initial: mujoco.MjData | None = None
@@ -124,13 +147,21 @@ class PhysicsStepper:
         if step < self.step:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
-            count = min(CHUNK, step - self.step, self.steps_alike())
+            count = step - self.step
+            if count > 1:
+                count = min(CHUNK, count, self.steps_alike())
+            if count == 1 or (self._integrate and self._computed != STATE):
+                self._take_one()
+                continue
             # A copy of the MjData, not a state: it includes sleeping bodies, and is intact after an interrupted step.
             mujoco.mj_copyData(self._saved, self.model, self._data)
-            if self._take(count) is not None:
-                raise self._first_failure(count)
-            self.step += count
-            self._arrive()
+            if self._take(count):
+                self.step += count
+                self._arrive()
+                continue
+            self._data, self._saved = self._saved, mujoco.MjData(self.model)
+            for _ in range(count):
+                self._take_one()  # until the step that fails
 
     @property
     def lacks_memory(self) -> bool:
@@ -139,13 +170,12 @@ class PhysicsStepper:
 
     def steps_alike(self) -> int:
         """Returns the number of steps before a controller is called or inputs other than controls change."""
-        sources = (self.control.controller, self.control.inputs, self._pushes)
-        return min((source.next_change(self.step) for source in sources if source), default=NEVER) - self.step
+        return min((source.next_change(self.step) for source in self._sources), default=NEVER) - self.step
 
     def jump(self, step: int, to: np.ndarray) -> None:
         """Continues at `step` from the state `to` `(nstate,)`, computed elsewhere."""
         state.restore(self.model, self._data, to)
-        self.step = step
+        self.step, self._saved_step = step, -1
         self._arrive()
 
     def edit(self, values: np.ndarray, spec: int) -> None:
@@ -158,63 +188,112 @@ class PhysicsStepper:
         state.restore(self.model, self._data, values, spec)
         changed = self._data.ctrl != before
         self.control.constant[changed] = self._data.ctrl[changed]
-        self._instant_step = -1
+        self._computed, self._saved_step = STATE, -1
 
     def state(self) -> np.ndarray:
         return state.save(self.model, self._data)
 
     def instant(self) -> mujoco.MjData:
-        # Derived fields of `_data` are one step behind its state. They are computed on a second MjData, so that
-        # observation cannot change the motion.
-        if self._instant_step != self.step:
-            derive(self.model, self._data, self._instant, self.step)
-            self._instant_step = self.step
-        return self._instant
+        if self._integrate is None:
+            return self._copied_instant()
+        if self._computed != INSTANT:
+            try:
+                self._derive()
+            except mujoco.FatalError as error:
+                raise self._failure(str(error)) from None
+        return self._data
 
     def initial(self) -> mujoco.MjData:
         self._initial = self._initial or instant_of(self.model, self._start)
         return self._initial
 
+    @cached_property
+    def _saved(self) -> mujoco.MjData:
+        return mujoco.MjData(self.model)
+
+    @cached_property
+    def _copy(self) -> mujoco.MjData:
+        return mujoco.MjData(self.model)
+
+    def _copied_instant(self) -> mujoco.MjData:
+        """Returns a copy of the instant, which the reader may change."""
+        if self._computed != INSTANT:
+            derive(self.model, self._data, self._copy, self.step, self._computed)
+            if self._integrate is None:
+                self._computed = INSTANT
+        return self._copy
+
+    def _derive(self) -> None:
+        """Computes the rest of the instant in place."""
+        if self._computed == STATE:
+            self._save()
+        mujoco.mj_forwardSkip(self.model, self._data, self._computed, False)
+        self._computed = INSTANT
+
+    def _derive_motion(self) -> None:
+        """Computes positions and velocities in place."""
+        self._save()
+        try:
+            mujoco.mj_step1(self.model, self._data)
+        except mujoco.FatalError as error:
+            raise self._failure(str(error)) from None
+        self._computed = MOTION
+
     def _arrive(self) -> None:
         """Puts the inputs of this step in force."""
         control = self.control
+        self._computed = STATE
         if control.inputs:
             state.restore(self.model, self._data, control.inputs.at(self.step), state.INPUTS)
             self._unpushed[:] = self._data.xfrc_applied
-            self._instant_step = -1
         if self._pushes:
             self._push()
         if control.controller and control.controller.is_due(self.step):
             self._call_controller(control.controller)
         if control.varies:
             self._data.ctrl[:] = control.rows(self.step, 1)[0]
-            self._instant_step = -1
 
     def _push(self) -> None:
         assert self._pushes
         self._data.xfrc_applied[:] = self._unpushed + self._pushes.on_bodies(self._data, self.step)
-        self._instant_step = -1
+
+    def _fields_in_place(self, controller: PeriodicController) -> Sequence[str] | None:
+        """Returns the fields to guard while the controller works on the data of the step; None if it needs a copy."""
+        fields = controller.fields
+        if self._integrate is None or fields is None or not need_only_motion(self.model, fields):
+            return None
+        arrays = (name for name in fields if isinstance(getattr(self._data, name), np.ndarray))
+        return [name for name in arrays if name not in state.INPUT_FIELDS]
 
     def _call_controller(self, controller: PeriodicController) -> None:
         """Calls the controller, which sets the inputs. It reads and writes `xfrc_applied` without the pushes."""
-        self._data.ctrl[:] = self.control.constant
-        self._instant_step = -1
-        data = self.instant()  # a copy, so that a controller can change inputs alone
+        varies = self.control.varies  # otherwise, only a controller changes controls
+        if varies:
+            self._data.ctrl[:] = self.control.constant
+        warnings = self._data.warning.number.copy() if self._may_move_poses else None
+        if self._integrate:
+            self._derive_motion()
+        data = self._data if self._guarded is not None else self._copied_instant()
+        poses = _poses(data) if self._may_move_poses else b""
         if self._pushes:
             data.xfrc_applied[:] = self._unpushed
-        seen = state.save(self.model, data, state.INPUTS)
-        controller.act(self.model, data, self.step)
-        inputs = state.save(self.model, data, state.INPUTS)
-        state.restore(self.model, self._data, inputs, state.INPUTS)
-        self.control.constant[:] = self._data.ctrl
-        if not np.array_equal(seen, inputs):
-            self._instant_step = -1
+
+        controller.act(self.model, data, self.step, state.MOTION if self._guarded is None else self._guarded)
+        if data is not self._data:
+            state.restore(self.model, self._data, state.save(self.model, data, state.INPUTS), state.INPUTS)
+        if self._integrate is None:
+            self._computed = STATE
+        elif warnings is not None and poses != _poses(self._data):
+            self._data.warning.number[:] = warnings  # the positions are computed again
+            self._computed = STATE
+        if varies:
+            self.control.constant[:] = self._data.ctrl
         if self._pushes:
             self._unpushed[:] = self._data.xfrc_applied
             self._push()
 
-    def _take(self, count: int) -> str | None:
-        """Takes `count` steps; returns None if all are stable, else the error message of MuJoCo, if any."""
+    def _take(self, count: int) -> bool:
+        """Takes `count` steps whole; returns whether all are stable."""
         try:
             if self.control.varies:
                 for ctrl in self.control.rows(self.step, count):
@@ -222,43 +301,98 @@ class PhysicsStepper:
                     mujoco.mj_step(self.model, self._data)
             else:
                 mujoco.mj_step(self.model, self._data, nstep=count)
-        except mujoco.FatalError as error:
-            return str(error)
-        # MuJoCo checks positions and velocities only at the start of the next step.
-        limit = mujoco.mjMAXVAL
-        good = (
-            not any(self._data.warning[kind].number for kind in BAD)
-            and (abs(self._data.qpos) <= limit).all()
-            and (abs(self._data.qvel) <= limit).all()
-        )
-        return None if good else ""
+        except mujoco.FatalError:
+            return False
+        return self._is_stable()
 
-    def _first_failure(self, count: int) -> SimulationError:
-        """Returns to the start of the chunk of `count` steps, and finds the step that fails."""
-        self._data, self._saved = self._saved, mujoco.MjData(self.model)
-        reason: str | None = None
-        for _ in range(count):
+    def _take_one(self) -> None:
+        """Takes one step, divided at its instant.
+
+        Raises:
+          SimulationError: the step fails; the stepper is still before it.
+        """
+        try:
+            is_stable = self._take_whole() if self._integrate is None else self._take_divided(self._integrate)
+        except mujoco.FatalError as error:
+            raise self._failure(str(error)) from None
+        if not is_stable:
+            raise self._instability()
+        self.step += 1
+        self._arrive()
+
+    def _take_whole(self) -> bool:
+        """Takes a step that cannot be divided; returns whether it is stable."""
+        self._save()
+        mujoco.mj_step(self.model, self._data)
+        return self._is_stable()
+
+    def _take_divided(self, integrate: Integrate) -> bool:
+        """Takes a step, the instant of which may be computed; returns whether it is stable."""
+        model, data = self.model, self._data
+        if self._computed != INSTANT:
+            self._derive()
+        if not is_bounded(data.qacc):
+            mujoco.mj_checkAcc(model, data)
+            if data.warning[BAD[2]].number:
+                return False
+        integrate(model, data)
+        mujoco.mj_getState(model, data, self._next_state, state.STATE)
+        if not (is_bounded(self._next_state[self._moving]) or self._is_stable()):
+            return False
+        self._saved_state, self._next_state = self._next_state, self._saved_state
+        self._saved_step = self.step + 1
+        return True
+
+    def _is_stable(self) -> bool:
+        """Returns whether the steps up to the present state are stable."""
+        data = self._data  # MuJoCo checks positions and velocities only at the start of the next step
+        has_warned = any(data.warning[kind].number for kind in BAD)
+        return not has_warned and is_bounded(data.qpos) and is_bounded(data.qvel)
+
+    def _save(self) -> None:
+        """Saves the state before a step is taken."""
+        if self._needs_copy:
             mujoco.mj_copyData(self._saved, self.model, self._data)
-            reason = self._take(1)
-            if reason is not None:
-                break
-            self.step += 1
-        failed, self._data, self._saved = self._data, self._saved, mujoco.MjData(self.model)
-        if reason:
-            return FailedStepError(self.step, self._data.time, reason)
+        elif self._saved_step != self.step:
+            mujoco.mj_getState(self.model, self._data, self._saved_state, state.STATE)
+            self._saved_step = self.step
+
+    def _go_back(self) -> mujoco.MjData:
+        """Returns to the saved state, under the present inputs; returns the data of the failed step."""
+        failed, inputs = self._data, state.save(self.model, self._data, state.INPUTS)
+        if self._needs_copy:
+            self._data, self._saved = self._saved, mujoco.MjData(self.model)
+        else:
+            self._data = mujoco.MjData(self.model)  # that of an interrupted step is unusable
+            state.restore(self.model, self._data, self._saved_state)
+            for kind in SHORTAGES:
+                self._data.warning[kind].number = failed.warning[kind].number
+        state.restore(self.model, self._data, inputs, state.INPUTS)
+        self._computed = STATE
+        return failed
+
+    def _failure(self, reason: str) -> FailedStepError:
+        """Returns to the state before a step that MuJoCo could not take, and describes the error."""
+        self._go_back()
+        return FailedStepError(self.step, self._data.time, reason)
+
+    def _instability(self) -> UnstableError:
+        """Returns to the last good state, and describes what is wrong after it."""
+        failed = self._go_back()
         return UnstableError(self.step, self._data.time, *self._culprit(failed), self.model.opt.timestep)
 
     def _culprit(self, failed: mujoco.MjData) -> tuple[str, str]:
-        """Returns the quantity that failed in `failed`, and its joint."""
-        for kind in BAD:
-            if failed.warning[kind].number:
-                index = failed.warning[kind].lastinfo
-                return QUANTITIES[kind], self._joint(index, of_qpos=kind == BAD[0])
-        beyond = ~(abs(failed.qvel) <= mujoco.mjMAXVAL)
-        if beyond.any():
-            return QUANTITIES[BAD[1]], self._joint(int(beyond.argmax()), of_qpos=False)
-        beyond = ~(abs(failed.qpos) <= mujoco.mjMAXVAL)
-        return QUANTITIES[BAD[0]], self._joint(int(beyond.argmax()), of_qpos=True)
+        """Returns the first quantity that is not bounded, at this step or in `failed` after it, and its joint."""
+        candidates = (
+            ("the position", self._data.qpos),
+            ("the velocity", self._data.qvel),
+            ("the acceleration", failed.qacc),
+            ("the velocity", failed.qvel),
+            ("the position", failed.qpos),
+        )
+        quantity, values = next(each for each in candidates if not is_bounded(each[1]))
+        index = int((~(abs(values) <= mujoco.mjMAXVAL)).argmax())
+        return quantity, self._joint(index, of_qpos=quantity == "the position")
 
     def _joint(self, index: int, of_qpos: bool) -> str:
         starts = self.model.jnt_qposadr if of_qpos else self.model.jnt_dofadr
@@ -266,3 +400,8 @@ class PhysicsStepper:
         body = names(self.model, "body")[int(self.model.jnt_bodyid[joint])]
         name = names(self.model, "joint")[joint]
         return f"joint '{name}'" + (f" of body '{body}'" if name == f"joint:{joint}" else "")
+
+
+def _poses(data: mujoco.MjData) -> bytes:
+    """Returns the inputs that a step uses from its beginning on."""
+    return b"".join([getattr(data, name).tobytes() for name in state.POSITION_INPUTS])

@@ -317,10 +317,10 @@ def test_mujoco_that_gives_up_is_told_as_in_a_live_run(monkeypatch: pytest.Monke
     replay = ReplayStepper(TUMBLER, tumbled())
     replay.advance(5)
 
-    def fail(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def fail(model: mujoco.MjModel, data: mujoco.MjData, *stages: int) -> None:
         raise mujoco.FatalError("out of arena")
 
-    monkeypatch.setattr(mujoco, "mj_forward", fail)
+    monkeypatch.setattr(mujoco, "mj_forwardSkip", fail)
     with pytest.raises(FailedStepError) as caught:
         replay.instant()
     assert str(caught.value) == "MuJoCo failed at step 5, time 0.01 s: out of arena"

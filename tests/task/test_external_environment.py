@@ -172,7 +172,7 @@ def test_states_observations_and_rewards_are_those_of_a_bare_loop(name: str, loo
     assert isinstance(stepper, EpisodeStepper)
     environment = made(name)
     data: mujoco.MjData = environment.unwrapped.data
-    physics = state.part(environment.unwrapped.model, state.PHYSICS)
+    physics = state.part(environment.unwrapped.model, int(mujoco.mjtState.mjSTATE_PHYSICS))
     seen, _ = environment.reset(seed=SEED)
     total, ended, now = 0.0, False, stepper.now()
 
