@@ -2,13 +2,9 @@
 
 import os
 import re
-import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from glob import glob
 from pathlib import Path
 
 import pytest
@@ -19,13 +15,10 @@ from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from scripts.make_docs import CONTENTS
 from tests.conftest import Command
-from tests.documentation import PAGES, ROOT, TEXT, blocks, commands
-from tests.processes import without_progress
+from tests.documentation import PAGES, ROOT, TEXT, Execution, blocks, commands, commands_in_tables, shell_environment
 from tests.viewer.studio_client import LIMIT, Page, address, browser, payloads
 
 pytestmark = pytest.mark.slow
-
-Execute = Callable[[str], "Done"]
 
 # tests/test_tutorial.py runs the commands of its page, at full size.
 SHELL = blocks("sh", "".join(text for path, text in PAGES.items() if path.name != "tutorial.md"))
@@ -52,9 +45,6 @@ SMALLER_STUDIES = {
     r"\.\.(\S+):\d+'": r"..\1:3'",
     r"slid > 0.01": "slid >= 0",
 }
-# Tests run side by side: how fast anything is must not decide one.
-PATIENT = "--fail-above 100000%"
-ELSEWHERE = r"[|<$]|--untrusted|dm:|menagerie:"  # these take a separate process
 DOCUMENTS = [line for line in COMMANDS if line.startswith(("mjrun run", "mjrun schema"))]
 PLOTTED = {
     "flip.csv": ("tippe_top", "qvel[top],xpos[stem]"),
@@ -63,7 +53,7 @@ PLOTTED = {
     **{f"kick_{seed}.csv": ("chaotic_pendulum", "qpos[root],energy") for seed in (1, 2)},
     **{f"energy_{timestep}.csv": ("chaotic_pendulum", "energy") for timestep in (0.01, 0.001)},
 }
-VIEWS = [line for line in COMMANDS if line.startswith("mjrun view")]
+VIEWS = [line for line in (*COMMANDS, *commands_in_tables(TEXT)) if line.startswith("mjrun view")]
 PIPED = [line for line in COMMANDS if line.startswith("cat ")]
 ANSWERS = [line for line in COMMANDS if line.startswith(("mjrun info", "mjrun check", "mjrun bench"))]
 
@@ -78,74 +68,14 @@ DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed 
 @pytest.fixture
 def shell(tmp_path: Path) -> dict[str, str]:
     """A shell whose `mjrun` makes every video small, in a folder with the scenes."""
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
-    program = tmp_path / "bin/mjrun"
-    smaller = " ".join(f'{name}) set -- "$@" {words};;' for name, words in SMALLER.items())
-    smaller = f"case $1 in {smaller} esac"
-    path = f"{ROOT}:{models_of_others(tmp_path / 'others')}"
-    program.write_text(f'#!/bin/sh\n{smaller}\nPYTHONPATH="{path}" exec "{sys.executable}" -m mjrun "$@"\n')
-    program.chmod(0o755)
-    paths = {"PATH": f"{program.parent}:{os.environ['PATH']}", "MJRUN_MENAGERIE": str(tmp_path / "others/menagerie")}
-    return {**os.environ, **paths}
-
-
-def models_of_others(folder: Path) -> Path:
-    """Makes packages in dm_control's layout and a small menagerie, which tests do not install; returns the folder."""
-    suite, robot = folder / "dm_control/suite", folder / "menagerie/unitree_go2"
-    for each in (suite, robot):
-        each.mkdir(parents=True)
-    (folder / "dm_control/__init__.py").touch()
-    (suite / "humanoid.py").write_text("@SUITE.add()\ndef walk(): ...\n")
-    (suite / "humanoid.xml").write_text('<mujoco><worldbody><camera name="side"/></worldbody></mujoco>')
-    (robot / "scene.xml").write_text('<mujoco><keyframe><key name="home"/></keyframe></mujoco>')
-    return folder
-
-
-@dataclass(frozen=True)
-class Done:
-    """The result of a command."""
-
-    returncode: int
-    stdout: str
-    stderr: str
+    return shell_environment(tmp_path, SMALLER)
 
 
 @pytest.fixture
-def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Execute:
-    """Runs command lines in that folder: `mjrun` in this process, all else in a shell."""
-
-    def run_here(command: str) -> Done:
-        """Runs one `mjrun`, with the patterns and the redirection that the shell would resolve."""
-        words, target = [], ""
-        lexer = shlex.shlex(command, posix=True, punctuation_chars=">")
-        lexer.whitespace_split, lexer.commenters = True, ""
-        for word in lexer:
-            if word == ">":
-                target = next(lexer)
-            else:
-                words += sorted(glob(word)) or [word]  # noqa: PTH207 - as the shell does
-        smaller = SMALLER.get(words[1], "").split() + PATIENT.split() * ("--fail-above" in words)
-        done = mjrun_here(*words[1:], *smaller)
-        if target:
-            Path(target).write_bytes(done.stdout)
-        return Done(done.returncode, "" if target else done.stdout.decode(), done.stderr.decode())
-
-    def run_in_shell(command: str) -> Done:
-        done = subprocess.run(["sh", "-ec", command], cwd=tmp_path, env=shell, capture_output=True)
-        return Done(done.returncode, done.stdout.decode(), without_progress(done.stderr).decode())
-
-    def executed(commands: str) -> Done:
-        monkeypatch.chdir(tmp_path)
-        done = [Done(0, "", "")]
-        for command in re.split(r"\s&&\s|;\s|\n(?!$)", commands.replace("\\\n", " ").strip()):
-            is_simple = command.strip().startswith("mjrun ") and not re.search(ELSEWHERE, command)
-            done.append(run_here(command) if is_simple else run_in_shell(command))
-            if done[-1].returncode:
-                break
-        return Done(done[-1].returncode, "".join(d.stdout for d in done), "".join(d.stderr for d in done))
-
-    return executed
+def execute(shell: dict[str, str], mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Execution:
+    """Executes command lines in that folder, at small sizes."""
+    monkeypatch.chdir(tmp_path)
+    return Execution(tmp_path, mjrun_here, shell, SMALLER)
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, *re.findall(r"`(pip install [^`]*)`", TEXT)])
@@ -161,7 +91,7 @@ def test_the_readme_has_the_commands_that_it_is_for() -> None:
 
 @pytest.mark.parametrize("command", DRAWN)
 def test_a_video_or_image_of_the_readme_is_made(
-    command: str, execute: Execute, tmp_path: Path, request: pytest.FixtureRequest
+    command: str, execute: Execution, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     if "filament" in command:
         request.getfixturevalue("vulkan")
@@ -173,7 +103,7 @@ def test_a_video_or_image_of_the_readme_is_made(
 
 
 @pytest.mark.parametrize("command", TABLES)
-def test_a_table_of_the_readme_is_made(command: str, execute: Execute, tmp_path: Path) -> None:
+def test_a_table_of_the_readme_is_made(command: str, execute: Execution, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
     done = execute(command)
     expected = ("mjrun: the episode of seed 0 has not", "mjrun: untrusted: ")
@@ -193,7 +123,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", PLOTS)
-def test_a_plot_of_the_readme_is_made(command: str, execute: Execute, tables: Path, tmp_path: Path) -> None:
+def test_a_plot_of_the_readme_is_made(command: str, execute: Execution, tables: Path, tmp_path: Path) -> None:
     for table in tables.iterdir():
         (tmp_path / table.name).symlink_to(table)
     done = execute(command)
@@ -206,7 +136,7 @@ def test_a_plot_of_the_readme_is_made(command: str, execute: Execute, tables: Pa
 
 
 @pytest.mark.parametrize("command", DOCUMENTS)
-def test_a_document_of_the_readme_is_run(command: str, execute: Execute, tmp_path: Path) -> None:
+def test_a_document_of_the_readme_is_run(command: str, execute: Execution, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
     done = execute(command)
     assert done.returncode == 0, done.stderr
@@ -215,7 +145,7 @@ def test_a_document_of_the_readme_is_run(command: str, execute: Execute, tmp_pat
 
 
 @pytest.mark.parametrize("command", PIPED)
-def test_a_model_of_the_readme_comes_from_standard_input(command: str, execute: Execute, tmp_path: Path) -> None:
+def test_a_model_of_the_readme_comes_from_standard_input(command: str, execute: Execution, tmp_path: Path) -> None:
     before = set(tmp_path.iterdir())
     done = execute(command)
     assert done.returncode == 0, done.stderr
@@ -223,13 +153,13 @@ def test_a_model_of_the_readme_comes_from_standard_input(command: str, execute: 
 
 
 @pytest.mark.parametrize("command", ANSWERS)
-def test_a_question_of_the_readme_is_answered(command: str, execute: Execute, tmp_path: Path) -> None:
+def test_a_question_of_the_readme_is_answered(command: str, execute: Execution, tmp_path: Path) -> None:
     done = execute(command)
     assert (done.returncode, bool(done.stdout)) == (0, True), done.stderr
 
 
 @pytest.mark.parametrize("command", DIFFERENCES)
-def test_a_comparison_of_the_readme_has_a_verdict(command: str, execute: Execute, tmp_path: Path) -> None:
+def test_a_comparison_of_the_readme_has_a_verdict(command: str, execute: Execution, tmp_path: Path) -> None:
     done = execute(command)
     assert (done.returncode, done.stderr) == (int(command.startswith("sed ")), "")
     if command.startswith("sed "):
@@ -239,7 +169,7 @@ def test_a_comparison_of_the_readme_has_a_verdict(command: str, execute: Execute
 
 
 @pytest.mark.parametrize("commands", STUDIES, ids=range(len(STUDIES)))
-def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execute, tmp_path: Path) -> None:
+def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execution, tmp_path: Path) -> None:
     for long, short in SMALLER_STUDIES.items():
         commands = re.sub(long, short, commands)
     done = execute(commands)
@@ -250,7 +180,7 @@ def test_studies_of_the_readme_make_their_tables(commands: str, execute: Execute
 
 @pytest.mark.parametrize("commands", FITS, ids=range(len(FITS)))
 def test_a_fit_of_the_readme_finds_what_its_log_was_made_with(
-    commands: str, execute: Execute, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    commands: str, execute: Execution, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(SMALLER, "trace", "")  # in a tenth of a second nothing swings
     done = [execute(line) for line in commands.replace("\\\n", " ").splitlines()]
@@ -260,7 +190,7 @@ def test_a_fit_of_the_readme_finds_what_its_log_was_made_with(
 
 
 @pytest.mark.parametrize("commands", EXCITED, ids=range(len(EXCITED)))
-def test_an_excitation_of_the_readme_can_be_played(commands: str, execute: Execute, tmp_path: Path) -> None:
+def test_an_excitation_of_the_readme_can_be_played(commands: str, execute: Execution, tmp_path: Path) -> None:
     lines = commands.replace("\\\n", " ").replace("--duration 5", "--duration 1").splitlines()
     done = [execute(line) for line in lines]
     assert [each.returncode for each in done] == [0] * len(done)
@@ -269,7 +199,7 @@ def test_an_excitation_of_the_readme_can_be_played(commands: str, execute: Execu
 
 @pytest.mark.gl
 @pytest.mark.parametrize("command", EVALUATIONS)
-def test_an_evaluation_of_the_readme_has_its_table(command: str, execute: Execute, tmp_path: Path) -> None:
+def test_an_evaluation_of_the_readme_has_its_table(command: str, execute: Execution, tmp_path: Path) -> None:
     done = execute(command)
     assert done.returncode == 0, done.stderr
     folder = tmp_path / command.split()[-1]

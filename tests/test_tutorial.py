@@ -6,7 +6,6 @@ derived value number i is row i. With RK4 the derived values are of an intermedi
 """
 
 import re
-import shlex
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -22,14 +21,22 @@ from mjrun.errors import UnstableError
 from mjrun.outputs.trace import Trace
 from mjrun.simulation.simulation import Simulation
 from tests.conftest import Command
-from tests.documentation import PAGES, ROOT, commands
+from tests.documentation import PAGES, ROOT, Execution, commands, commands_in_tables, shell_environment
 
 pytestmark = pytest.mark.slow
 
 Vector = NDArray[np.float64]
 
 PAGE = PAGES[ROOT / "docs/tutorial.md"]
-COMMANDS = commands(PAGE)
+SECTIONS = dict(re.findall(r"^## (.*)\n((?:(?!^## ).*\n)*)", PAGE, re.MULTILINE))
+MODEL = next(line for line in commands(PAGE) if line.startswith("echo "))
+# Traces and studies run at full size.
+SMALLER = {
+    "video": "--size 64x48 --quality draft --fps 4",
+    "image": "--size 64x48 --quality draft",
+    "eval": "--episodes 3 --jobs 1",
+    "bench": "--budget 0.2",
+}
 ACCURATE = np.power(10, np.linspace(-2, -4, 5)).tolist()  # [s]
 DIVERGENT = np.power(10, np.linspace(-2, -1.5, 7)).tolist()  # [s]
 SPINS = [2 * np.random.default_rng(seed).standard_normal(3) for seed in (1, 3, 4)]  # [rad/s]
@@ -294,32 +301,36 @@ def test_the_pinata_s_accelerometer_reads_as_in_the_tutorial_s_loop_and_feels_ea
     assert np.median(felt) < 2 * GRAVITY
 
 
-def calls(command: str) -> list[list[str]]:
-    """Returns the arguments of each call of mjrun in a line of shell, which may be a loop."""
-    loop = re.fullmatch(r"for (?P<name>\w+) in (?P<values>.*?); do (?P<body>.*); done", command)
-    bodies = [command]
-    if loop:
-        bodies = [loop["body"].replace(f"${loop['name']}", value) for value in loop["values"].split()]
-    return [shlex.split(body.partition("||")[0])[1:] for body in bodies]
+@pytest.mark.gl
+@pytest.mark.parametrize("title", SECTIONS)
+def test_commands_of_a_section_do_what_it_states(
+    title: str, mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    execute = Execution(tmp_path, mjrun_here, shell_environment(tmp_path, SMALLER), SMALLER)
+    assert execute.in_shell(MODEL).returncode == 0
+    text = " ".join(SECTIONS[title].split())
+
+    for command in (*commands(SECTIONS[title]), *commands_in_tables(SECTIONS[title])):
+        if command.startswith("mjrun view"):
+            continue  # which tests/test_readme.py opens
+        command, _, expected_to_fail = command.partition("||")
+        done = execute.in_shell(command) if command.startswith("for ") else execute(command)
+
+        if expected_to_fail:
+            assert f"the exit code is {done.returncode}" in text
+        else:
+            assert (done.returncode, "error" in done.stderr) == (0, False), f"{command}\n{done.stderr}"
+        if done.returncode == 4:
+            ((step, time, joint),) = re.findall(
+                r"step (\d+), time ([\d.]+) s: the acceleration of joint '(\w+)'", done.stderr
+            )
+            assert f"the acceleration of `{joint}` becomes invalid at step {step} ({time} s)" in text
+        for output in re.findall(r" (?:-o|--calibration|--pointcloud) ([^\s;]+)", command):
+            assert list(tmp_path.glob(re.sub(r"\$\w+", "*", output))) or expected_to_fail, command
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_of_the_page_does_all_that_it_says(command: str, mjrun_here: Command) -> None:
-    (mjrun_here.folder / "scenes").symlink_to(ROOT / "scenes")
-    done = [mjrun_here(*arguments) for arguments in calls(command)]
-    if "||" in command:
-        assert [each.returncode for each in done] == [4]
-        ((step, time, joint),) = re.findall(
-            r"step (\d+), time ([\d.]+) s: the acceleration of joint '(\w+)'", done[0].stderr.decode()
-        )
-        expected = f"the acceleration of `{joint}` becomes invalid at step {step} ({time} s), and the exit code is 4"
-        assert expected in " ".join(PAGE.split())
-        assert not list(mjrun_here.folder.glob("*.csv"))
-    else:
-        assert [(each.returncode, each.stderr) for each in done] == [(0, b"")] * len(done)
-        assert len(list(mjrun_here.folder.glob("*.csv"))) == len(done)
-
-
-def test_the_readme_s_section_has_a_command_for_every_scene_of_the_tutorial_s_plots() -> None:
-    shown = {name for command in COMMANDS for name in re.findall(r"scenes/(\w+)\.xml", command)}
-    assert shown == {"tippe_top", "chaotic_pendulum", "free_body", "pinata"}
+def test_the_page_has_a_command_for_every_scene_of_the_notebook() -> None:
+    shown = {name for command in commands(PAGE) for name in re.findall(r"scenes/(\w+)\.xml", command)}
+    plotted = {"tippe_top", "chaotic_pendulum", "free_body", "pinata"}
+    assert shown == {*plotted, "swing", "friction_ramp", "humanoid", "dominos"}
