@@ -1,5 +1,11 @@
 """Settings of Sphinx for the site; scripts/make_docs.py writes the pages that it builds."""
 
+from typing import Any, ClassVar
+
+from pygments.lexer import RegexLexer
+from pygments.token import Comment, Name, Operator, String, Text
+from sphinx.application import Sphinx
+
 from mjrun.cli.main import COMMANDS
 from mjrun.version import __version__
 
@@ -25,3 +31,24 @@ man_pages = [
     ("reference/index", "mjrun", "MuJoCo models to videos, images, tables and timing reports", "", 1),
     *((f"reference/commands/{name}", f"mjrun-{name}", text.rstrip("."), "", 1) for name, text in COMMANDS.items()),
 ]
+
+
+class CommandLexer(RegexLexer):
+    """Commands of a shell: programs, options and strings, so that site.css can keep an option on one line."""
+
+    name = "Commands"
+    tokens: ClassVar[Any] = {
+        "root": [
+            (r"#.*", Comment),
+            (r"(?<![^\n])[A-Za-z][\w./-]*", Name.Function),
+            (r"'[^']*'|\"[^\"]*\"", String),
+            (r"\|\||&&|[|;<>]", Operator),
+            (r"(?<=\s)--?[A-Za-z][\w-]*", Name.Attribute),
+            (r"\s+|[^\s'\"|;<>&]+|.", Text),
+        ]
+    }
+
+
+def setup(app: Sphinx) -> None:
+    """Registers the lexer of commands."""
+    app.add_lexer("sh", CommandLexer)

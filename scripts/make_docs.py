@@ -5,17 +5,20 @@ pages that follow from the code: one per command, kind of document and rule of `
 exit codes, and the gallery. Sphinx turns every warning, such as a link that leads nowhere, into an error.
 """
 
+import ast
 import inspect
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+import yaml
 
 ROOT = Path(__file__).parents[1]
 DOCS, SOURCE, SITE, MANUAL = ROOT / "docs", ROOT / "out/site-source", ROOT / "out/site", ROOT / "out/man"
@@ -31,6 +34,9 @@ PAGES = {
     "security.md": "SECURITY.md",
 }
 GENERATED = ("index.md", "gallery.md")
+OUTPUTS = ("videos", "images", "traces", "plots")  # the sections of a run document that make files
+MOST_MEANINGS = 4  # of a group of columns
+MOST_NUMBERS = 8  # of a scene in the gallery
 # The pages of docs/ in the side bar. A page that is in none of these is an error.
 CONTENTS = {
     "Begin": ("start", "installation", "tutorial", "gallery"),
@@ -48,7 +54,8 @@ CONTENTS = {
         "reference/exit-codes",
     ),
     "Problems": (
-        *("problems/egl", "problems/glfw", "problems/libgl", "problems/unstable"),
+        *("problems/egl", "problems/glfw", "problems/libgl", "problems/framebuffer", "problems/loading"),
+        *("problems/unstable", "problems/contacts", "problems/policy"),
         "rules/index",
     ),
     "About": ("exactness", "security", "robustness", "contributing", "changelog"),
@@ -56,7 +63,8 @@ CONTENTS = {
 
 
 def main() -> None:
-    """Writes the source of the site and builds it."""
+    """Writes the picture of the architecture and the source of the site, and builds the site."""
+    (DOCS / "architecture.svg").write_text(architecture(), "utf-8")
     shutil.rmtree(SOURCE, ignore_errors=True)
     write_source(SOURCE)
     build(SOURCE, SITE)
@@ -90,6 +98,7 @@ def pages() -> dict[str, str]:
     files = {str(path.relative_to(DOCS)): path for path in sorted(DOCS.rglob("*.md"))}
     files |= {page: ROOT / name for page, name in PAGES.items() if page not in GENERATED}
     written = {page: with_site_links(path.read_text("utf-8"), path.parent, page) for page, path in files.items()}
+    written |= {page: with_rule_links(written[page], page) for page in written if page.startswith("problems/")}
     written |= {"gallery.md": gallery(), **command_pages(), **document_pages(), **rule_pages()}
     written |= {"reference/columns.md": columns_page(), "reference/exit-codes.md": exit_codes_page()}
     written["llms.txt"] = llms(written)
@@ -109,7 +118,7 @@ def with_site_links(text: str, folder: Path, page: str) -> str:
         file = os.path.relpath(folder / match[1], ROOT)
         if file in places:
             target = places[file]
-        elif file.startswith("docs/"):
+        elif file.startswith("docs/") and file.endswith(".md"):
             target = file.removeprefix("docs/")
         else:
             target = f"files/{file}"
@@ -118,45 +127,118 @@ def with_site_links(text: str, folder: Path, page: str) -> str:
     return re.sub(r"\]\((?!https?:)([^)#]+)(#[^)]*)?\)", replaced, text)
 
 
+def with_rule_links(text: str, page: str) -> str:
+    """Returns a text in which codes of rules of `mjrun check`, except in code and links, lead to their pages."""
+    folder = os.path.relpath("rules", Path(page).parent)
+    parts = re.split(r"(^```.*?^```|`[^`\n]*`|\[[^]]*\])", text, flags=re.DOTALL | re.MULTILINE)
+    parts[::2] = [re.sub(r"\b(MJ\d{3})\b", rf"[\1]({folder}/\1.md)", part) for part in parts[::2]]
+    return "".join(parts)
+
+
 def copy_files(source: Path) -> None:
     """Copies the files that pages show or offer: images, scenes and the videos that `make gallery` has made."""
     shutil.copytree(ROOT / "scenes", source / "files/scenes", ignore=shutil.ignore_patterns("__pycache__", "*.md"))
     for name in ("LICENSE", "constraints.txt"):
         shutil.copy(ROOT / name, source / "files" / name)
-    for path in sorted((ROOT / "out").glob("*/*.mp4")):
-        target = source / "_static/gallery" / path.name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(path, target)
-    (source / "_static").mkdir(exist_ok=True)
+    media = source / "_static/gallery"
+    media.mkdir(parents=True, exist_ok=True)
+    for path in sorted((ROOT / "scenes").glob("*.xml")):
+        shutil.copy(ROOT / f"scenes/pictures/{path.stem}.jpg", media)
+        video = ROOT / f"out/{path.stem}/{path.stem}.mp4"
+        if video.is_file():
+            shutil.copy(video, media)
+    (source / "files/docs").mkdir()
+    shutil.copy(DOCS / "architecture.svg", source / "files/docs")
     shutil.copy(DOCS / "site.css", source / "_static/site.css")
     shutil.copy(DOCS / "conf.py", source / "conf.py")
 
 
+def architecture() -> str:
+    """Returns a picture of the packages, SVG: a row per level of the table that a test enforces for all imports."""
+    table = re.search(r"^HOUSE = (\(.*?^\))", (ROOT / "tests/test_architecture.py").read_text("utf-8"), re.S | re.M)
+    assert table
+    levels = [names for names in ast.literal_eval(table[1]) if names != ("__main__",)]
+    width, row, box = 760, 40, 28  # pixels
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {row * len(levels)}" role="img">',
+        "<title>The packages and modules of mjrun: each imports only from rows below its own</title>",
+        "<style>",
+        "rect { fill: #eef2f7; stroke: #9fb0c4; } text { fill: #1f2d3d; font: 12px sans-serif; text-anchor: middle; }",
+        "@media (prefers-color-scheme: dark) { rect { fill: #24303d; stroke: #52667c; } text { fill: #e3eaf2; } }",
+        "</style>",
+    ]
+    for level, names in enumerate(levels):
+        shares = [len(name) + 4 for name in names]
+        left = 0.0
+        for name, share in zip(names, shares, strict=True):
+            span = width * share / sum(shares)
+            top = level * row + (row - box) / 2
+            lines += [
+                f'<rect x="{left + 2:.1f}" y="{top:.1f}" width="{span - 4:.1f}" height="{box}" rx="4"/>',
+                f'<text x="{left + span / 2:.1f}" y="{top + 18:.1f}">{name}</text>',
+            ]
+            left += span
+    return "\n".join([*lines, "</svg>", ""])
+
+
 def gallery() -> str:
-    """Returns the page of the scenes: each with its video or image, its command, and its document."""
+    """Returns the page of the scenes: a card for each with a run document, and a section for each other subject."""
     text = (ROOT / "scenes/README.md").read_text("utf-8")
     introduction, *sections = re.split(r"^## ", text, flags=re.MULTILINE)
-    lines = [introduction.replace("# Scenes", "# Gallery", 1).rstrip(), ""]
+    cards: list[str] = []
+    subjects: list[str] = []
     for section in sections:
         title, _, body = section.partition("\n")
-        lines += [f"## {title}", "", *_card(body.strip()), ""]
+        scene = re.match(r"\s*([^`]*)```sh\n(mjrun run scenes/(\w+)\.yaml .*)\n```\s*!\[([^]]*)\]", body)
+        if scene:
+            cards += _card(title, scene[1].strip(), scene[2], scene[3], scene[4])
+        else:
+            subjects += [f"## {title}", "", with_site_links(body.strip(), ROOT / "scenes", "gallery.md"), ""]
+    grid = ["::::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::::", ""]
+    return "\n".join([introduction.replace("# Scenes", "# Gallery", 1).rstrip(), "", *grid, *subjects])
+
+
+def _card(title: str, text: str, command: str, name: str, alternative: str) -> Iterator[str]:
+    """Yields the card of a scene: its video or image, what happens, its command, numbers and document."""
+    yield f":::::{{grid-item-card}} {title}\n"
+    if (ROOT / f"out/{name}/{name}.mp4").is_file():
+        files = f'src="_static/gallery/{name}.mp4" poster="_static/gallery/{name}.jpg" preload="metadata"'
+        yield f'<video controls loop muted playsinline {files} aria-label="{alternative}"></video>\n'
+    else:
+        yield f"![{alternative}](files/scenes/pictures/{name}.jpg)\n"
+    yield f"{text}\n\n```sh\n{command}\n```\n"
+
+    document = (ROOT / f"scenes/{name}.yaml").read_text("utf-8").rstrip()
+    yield f"::::{{dropdown}} Numbers\n{numbers(yaml.safe_load(document))}\n::::\n"
+    yield f"::::{{dropdown}} {name}.yaml\n```yaml\n{document}\n```\n::::\n"
+    yield ":::::\n"
+
+
+def numbers(document: Mapping[str, Any]) -> str:
+    """Returns the size of the model of a run document, and the range of each quantity that its plots show."""
+    import mjrun
+
+    model = mjrun.load(ROOT / "scenes" / document["model"])
+    settings = {key: value for key, value in document.items() if key not in OUTPUTS}
+    simulation = mjrun.Simulation(ROOT / "scenes" / settings.pop("model"), **settings)
+    with tempfile.TemporaryDirectory() as folder:
+        trace = Path(folder, "trace.npz")
+        probes = [probe for plot in document["plots"] for probe in plot["probe"]]
+        mjrun.Trace(simulation, str(trace), probe=probes).run()
+        table = mjrun.read_table(trace)
+
+    steps, timestep = len(table["time"]) - 1, model.opt.timestep
+    lines = [
+        f"Bodies: {model.nbody - 1} · degrees of freedom: {model.nv} · actuators: {model.nu} · "
+        f"steps: {steps:,} of {1000 * timestep:g} ms",
+        "",
+    ]
+    lines += ["| column | unit | lowest | highest | last |", "|---|---|---:|---:|---:|"]
+    for name in [name for name in table if name != "time"][:MOST_NUMBERS]:
+        values = table[name]
+        cells = (f"{each:.4g}" for each in (values.min(), values.max(), values[-1]))
+        lines.append(f"| `{name}` | {table.units.get(name) or '–'} | {' | '.join(cells)} |")
     return "\n".join(lines)
-
-
-def _card(body: str) -> Iterator[str]:
-    image = re.search(r"!\[([^]]*)\]\((pictures/([^.)]+)[^)]*)\)", body)
-    text = body.replace(image[0], "").strip() if image else body
-    video = ROOT / "out" / image[3] / f"{image[3]}.mp4" if image else None
-    if image and video and video.is_file():
-        settings = f'src="_static/gallery/{video.name}" poster="_images/{image[3]}.jpg"'
-        yield f"<video controls loop muted playsinline {settings}></video>\n"
-    if image:
-        yield f"![{image[1]}](files/scenes/{image[2]})\n"
-    yield with_site_links(text, ROOT / "scenes", "gallery.md")
-    document = ROOT / "scenes" / f"{image[3]}.yaml" if image else None
-    if document and document.is_file():
-        content = document.read_text("utf-8").rstrip()
-        yield f"\n:::{{dropdown}} {document.name}\n```yaml\n{content}\n```\n:::"
 
 
 def command_pages() -> dict[str, str]:
@@ -276,7 +358,8 @@ def columns_page() -> str:
     for path in sorted((ROOT / "scenes").glob("*.xml")):
         for column in available_columns(load(path)):
             group = column.name.partition("/")[0]
-            entry = groups.setdefault(group, {"units": {}, "meaning": column.meaning, "of": {}, "example": column.name})
+            entry = groups.setdefault(group, {"units": {}, "meanings": {}, "of": {}, "example": column.name})
+            entry["meanings"][column.meaning] = None
             entry["units"][column.unit or "–"] = None
             entry["of"][column.kind or "–"] = None
     lines = [
@@ -285,10 +368,12 @@ def columns_page() -> str:
         "Everything that `--probe` can measure, by group. A model offers the groups for which it has objects;",
     ]
     lines += ["`mjrun trace MODEL --list` lists its columns, with the unit of each.", ""]
-    lines += ["| group | of | unit | example | meaning |", "|---|---|---|---|---|"]
+    lines += ["| group | meaning | of | unit | example |", "|---|---|---|---|---|"]
     for group, entry in groups.items():
         units, kinds = ", ".join(entry["units"]), ", ".join(entry["of"])
-        lines.append(f"| `{group}` | {kinds} | {units} | `{entry['example']}` | {_prose(entry['meaning'])} |")
+        meanings = [*entry["meanings"]]
+        meaning = "; ".join(meanings[:MOST_MEANINGS]) + "; …" * (len(meanings) > MOST_MEANINGS)
+        lines.append(f"| `{group}` | {_prose(meaning)} | {kinds} | {units} | `{entry['example']}` |")
     return "\n".join([*lines, ""])
 
 

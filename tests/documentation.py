@@ -111,6 +111,8 @@ def shell_environment(folder: Path, smaller: Mapping[str, str]) -> dict[str, str
         f'#!/bin/sh\ncase $1 in {cases} esac\nPYTHONPATH="{path}" exec "{sys.executable}" -m mjrun "$@"\n'
     )
     program.chmod(0o755)
+    (folder / "bin/python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    (folder / "bin/python").chmod(0o755)
     paths = {"PATH": f"{program.parent}:{os.environ['PATH']}", "MJRUN_MENAGERIE": str(folder / "others/menagerie")}
     return {**os.environ, **paths}
 

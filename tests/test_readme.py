@@ -25,7 +25,7 @@ SHELL = blocks("sh", "".join(text for path, text in PAGES.items() if path.name !
 PYTHON = blocks("python")
 COMMANDS = commands("".join(text for path, text in PAGES.items() if path.name != "tutorial.md"))
 DRAWN = [line for line in COMMANDS if line.startswith(("mjrun video", "mjrun image")) or " mjrun video" in line]
-PLOTS = [line for line in COMMANDS if "mjrun plot" in line and not re.search(r"plot (slides|fit)", line)]
+PLOTS = [line for line in COMMANDS if "mjrun plot" in line and not re.search(r"plot (slides|sliding|fit)", line)]
 TABLES = [line for line in COMMANDS if line.startswith(("mjrun trace", "for ")) and line not in (*DRAWN, *PLOTS)]
 TABLES = [line for line in TABLES if " chirp.csv" not in line]  # a fit makes it first
 IMAGE, SHORT = "--size 64x48 --quality draft", "--duration 0.1"
@@ -269,7 +269,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
     names = "video|image|trace|plot|run|schema|info|check|bench|diff|view|sweep|eval|fit"
-    known = rf"mjrun ({names}) |mjrun doctor|for |make |pip install \.|cat |seq |sed |eval "
+    known = rf"mjrun ({names}) |mjrun doctor|for |make |pip install ('?\.|--no-deps )|cat |seq |sed |eval "
     assert all(re.match(known, command) for command in COMMANDS)
 
 
@@ -310,6 +310,14 @@ def test_links_between_pages_lead_somewhere(page: Path) -> None:
         other = page.parent / target if target else page
         assert other.exists(), target
         assert not anchor or anchor in anchors(other), f"{target}#{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_that_pages_name_exist(page: Path) -> None:
+    for name in re.findall(r"`((?:tests|scripts|benchmarks|scenes|packaging)/[\w/.]+)`", PAGES[page]):
+        assert (ROOT / name).exists(), name
+    for name in re.findall(r"\| `(\w+\.py)`", PAGES[page]):
+        assert (ROOT / "benchmarks" / name).exists(), name
 
 
 def test_the_readme_is_short_and_leads_to_every_guide() -> None:

@@ -66,6 +66,16 @@ def test_a_command_page_has_each_option_of_its_help(pages: dict[str, str], tmp_p
     )
 
 
+def test_the_picture_of_the_architecture_is_current() -> None:
+    assert (ROOT / "docs/architecture.svg").read_text("utf-8") == make_docs.architecture()
+
+
+def test_codes_of_rules_lead_to_their_pages_except_in_code() -> None:
+    text = make_docs.with_rule_links("see MJ104, not `MJ104`", "problems/loading.md")
+
+    assert text == "see [MJ104](../rules/MJ104.md), not `MJ104`"
+
+
 @pytest.mark.slow
 def test_sphinx_builds_the_site_without_a_warning(tmp_path: Path) -> None:
     make_docs.write_source(tmp_path / "source")
