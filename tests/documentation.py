@@ -70,7 +70,7 @@ class Execution:
     def __call__(self, commands: str) -> Done:
         """Executes command lines until one of them fails."""
         done = [Done(0, "", "")]
-        for command in re.split(r"\s&&\s|;\s|\n(?!$)", commands.replace("\\\n", " ").strip()):
+        for command in re.split(r"\s&&\s|;\s(?=\w+ )|\n(?!$)", commands.replace("\\\n", " ").strip()):
             is_simple = command.strip().startswith("mjrun ") and not re.search(ELSEWHERE, command)
             done.append(self._in_process(command) if is_simple else self.in_shell(command))
             if done[-1].returncode:
