@@ -12,21 +12,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjrun import errors
 from mjrun.confinement.confinement import CHECKS
 from mjrun.confinement.self_confinement import means
 from mjrun.diff import pictures
-from mjrun.errors import (
-    EncoderError,
-    MissingExtraError,
-    ModelError,
-    NoRendererError,
-    Spelling,
-    UnknownNameError,
-    WrongVersionError,
-    counted,
-    option,
-    spelled,
-)
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
@@ -38,18 +27,7 @@ from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.platform.installation import install_command, pip
 from mjrun.plotting import figure_writer
-from mjrun.rendering.backend import (
-    DEVICE,
-    GL,
-    VULKAN,
-    Backend,
-    BackendTrialProcess,
-    alternative,
-    candidates,
-    install_advice,
-    repair_advice,
-    requested_backends,
-)
+from mjrun.rendering import backend
 from mjrun.version import __version__
 
 OK, WARNING, MISSING = "ok", "warning", "missing"
@@ -90,16 +68,16 @@ class DoctorReport:
     can_encode: bool
 
 
-def examine(spelling: Spelling = str) -> DoctorReport:
+def examine(spelling: errors.Spelling = str) -> DoctorReport:
     """Tests all components, including backends and drivers, in child processes.
 
     Args:
       spelling: spells the names of options in remedies.
     """
-    trials = {name: BackendTrialProcess(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
+    trials = {name: backend.BackendTrialProcess(name, draw=True) for name in ("egl", "osmesa", "glfw", "vulkan")}
     if platform.system() == "Darwin":
-        trials["cgl"] = BackendTrialProcess("cgl", draw=True)
-    devices = BackendTrialProcess("devices").answer().get("devices", [])
+        trials["cgl"] = backend.BackendTrialProcess("cgl", draw=True)
+    devices = backend.BackendTrialProcess("devices").answer().get("devices", [])
     encoder = _encoder()
 
     backends = {name: trial.result() for name, trial in trials.items() if name != "vulkan"}
@@ -119,7 +97,7 @@ def examine(spelling: Spelling = str) -> DoctorReport:
         *_untrusted(),
     ]
     return DoctorReport(
-        [replace(finding, remedy=spelled(finding.remedy, spelling)) for finding in findings],
+        [replace(finding, remedy=errors.spelled(finding.remedy, spelling)) for finding in findings],
         can_draw=bool(opengl.used) or (filament.status == OK and not opengl.variables),
         can_encode=any(finding.name == "codecs" for finding in encoder),
     )
@@ -128,7 +106,7 @@ def examine(spelling: Spelling = str) -> DoctorReport:
 def _versions() -> list[Diagnostic]:
     version = mujoco.mj_versionString()
     known = known_bugs.bugs_of_version(version)
-    system = f"{platform.system()} {platform.machine()}, {counted(available_cores(), 'core')}"
+    system = f"{platform.system()} {platform.machine()}, {errors.counted(available_cores(), 'core')}"
     versions = [
         Diagnostic("software", "mujoco", WARNING if known else OK, version, "; ".join(known)),
         Diagnostic("software", "numpy", OK, np.__version__),
@@ -143,7 +121,7 @@ def _versions() -> list[Diagnostic]:
     ]
 
 
-def _wrong_version(group: str, name: str, status: str, error: WrongVersionError) -> Diagnostic:
+def _wrong_version(group: str, name: str, status: str, error: errors.WrongVersionError) -> Diagnostic:
     value = f"{error.package} {error.version}; mjrun needs {error.needed}"
     return Diagnostic(group, name, status, value, error.remedy.replace("\n", "; "))
 
@@ -159,8 +137,8 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
-        pictures.EXTRA: ([pictures.LIBRARY], [option("min_ssim")]),
-        warp_device.EXTRA: (warp_device.LIBRARIES, [f"{option('engine')} warp"]),
+        pictures.EXTRA: ([pictures.LIBRARY], [errors.option("min_ssim")]),
+        warp_device.EXTRA: (warp_device.LIBRARIES, [f"{errors.option('engine')} warp"]),
     }
 
 
@@ -169,10 +147,10 @@ def _extras() -> list[Diagnostic]:
     for extra, (libraries, uses) in extras().items():
         try:
             versions = require(", ".join(uses), extra, *libraries)
-        except MissingExtraError as error:
+        except errors.MissingExtraError as error:
             remedy = f"for {', '.join(uses)}: {install_command(f'mjrun[{extra}]')}"
             findings.append(Diagnostic("extras", extra, WARNING, f"{error.library} is not installed", remedy))
-        except WrongVersionError as error:
+        except errors.WrongVersionError as error:
             findings.append(_wrong_version("extras", extra, WARNING, error))
         else:
             value = ", ".join(f"{package} {version}" for package, version in versions.items())
@@ -186,12 +164,12 @@ def _collections() -> list[Diagnostic]:
     for prefix, collection in sorted(model_collections().items()):
         try:
             count = len(collection.descriptions())
-        except (ModelError, MissingExtraError) as error:
+        except (errors.ModelError, errors.MissingExtraError) as error:
             message, _, advice = str(error).partition("\n")
             remedy = f"not needed; {advice}" if advice else "not needed"
             findings.append(Diagnostic("models", prefix, MISSING, message.removeprefix(f"{prefix}: "), remedy))
         else:
-            value = f"{counted(count, collection.KIND)}: mjrun info {prefix}:"
+            value = f"{errors.counted(count, collection.KIND)}: mjrun info {prefix}:"
             findings.append(Diagnostic("models", prefix, OK, value))
     return findings
 
@@ -205,24 +183,28 @@ class _OpenGL:
     variables: Mapping[str, str]
 
 
-def _opengl(results: Mapping[str, Backend | str]) -> _OpenGL:
+def _opengl(results: Mapping[str, backend.Backend | str]) -> _OpenGL:
     """Yields the state of the tested backends, and the one that mjrun would use."""
-    variables = {name: os.environ[name] for name in (GL, DEVICE) if os.environ.get(name)}
+    variables = {name: os.environ[name] for name in (backend.GL, backend.DEVICE) if os.environ.get(name)}
     names, error = _requested()
-    if names == candidates():
-        variables.pop(GL, None)
-    used = next((name for name in names if isinstance(results.get(name), Backend)), None)
-    failed = [] if used else [Diagnostic("opengl", "used", MISSING, error or _nothing(variables), alternative(names))]
-    return _OpenGL([*failed, *_backends(results, used, default=GL not in variables)], used, variables)
+    if names == backend.candidates():
+        variables.pop(backend.GL, None)
+    used = next((name for name in names if isinstance(results.get(name), backend.Backend)), None)
+    failed = (
+        []
+        if used
+        else [Diagnostic("opengl", "used", MISSING, error or _nothing(variables), backend.alternative(names))]
+    )
+    return _OpenGL([*failed, *_backends(results, used, default=backend.GL not in variables)], used, variables)
 
 
 def _requested() -> tuple[Sequence[str], str]:
     """Returns the backends that mjrun would try; or an empty list, and the reason."""
     try:
-        return requested_backends(), ""
-    except NoRendererError as error:
-        return (), f"nothing: {GL} {error.tried[GL]}"
-    except UnknownNameError as error:
+        return backend.requested_backends(), ""
+    except errors.NoRendererError as error:
+        return (), f"nothing: {backend.GL} {error.tried[backend.GL]}"
+    except errors.UnknownNameError as error:
         return (), f"nothing: {str(error).splitlines()[0]}"
 
 
@@ -231,15 +213,17 @@ def _nothing(variables: Mapping[str, str]) -> str:
     return f"nothing draws with {settings or 'OpenGL'}"
 
 
-def _backends(results: Mapping[str, Backend | str], used: str | None, default: bool) -> list[Diagnostic]:
+def _backends(results: Mapping[str, backend.Backend | str], used: str | None, default: bool) -> list[Diagnostic]:
     findings = list[Diagnostic]()
     for name, result in results.items():
-        if isinstance(result, Backend):
+        if isinstance(result, backend.Backend):
             kind = "software" if result.software else "GPU"
-            mark = "" if name != used else ", used by default" if default else f", used by {GL}"
+            mark = "" if name != used else ", used by default" if default else f", used by {backend.GL}"
             findings.append(Diagnostic("opengl", name, OK, f"{result.renderer} ({kind}{mark}), {result.version}"))
         else:
-            advice = f"not needed; {repair_advice(name)}" if used else repair_advice(name)  # one is enough
+            advice = (
+                f"not needed; {backend.repair_advice(name)}" if used else backend.repair_advice(name)
+            )  # one is enough
             findings.append(Diagnostic("opengl", name, MISSING, result, advice))
     return findings
 
@@ -247,13 +231,13 @@ def _backends(results: Mapping[str, Backend | str], used: str | None, default: b
 def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
     """Yields the EGL devices, each tested. MuJoCo uses the numbering of CUDA if the driver reports it."""
     numbers = [device["index"] if device["cuda"] is None else device["cuda"] for device in devices]
-    trials = [BackendTrialProcess("egl", draw=True, device=number) for number in numbers]
+    trials = [backend.BackendTrialProcess("egl", draw=True, device=number) for number in numbers]
     findings = list[Diagnostic]()
     for device, number, trial in zip(devices, numbers, trials, strict=True):
         result, cuda = trial.result(), "" if device["cuda"] is None else f", CUDA device {device['cuda']}"
         where = f"MUJOCO_EGL_DEVICE_ID={number}{cuda}" + (f", {device['file']}" if device["file"] else "")
         name = f"device {device['index']}"
-        if isinstance(result, Backend):
+        if isinstance(result, backend.Backend):
             findings.append(Diagnostic("egl devices", name, OK, f"{result.renderer} ({where})"))
         else:
             findings.append(
@@ -262,19 +246,19 @@ def _devices(devices: Sequence[Mapping[str, Any]]) -> list[Diagnostic]:
     return findings
 
 
-def _filament(vulkan: Backend | str, used: str | None) -> Diagnostic:
-    renderer = f"{option('renderer')} filament"
+def _filament(vulkan: backend.Backend | str, used: str | None) -> Diagnostic:
+    renderer = f"{errors.option('renderer')} filament"
     if isinstance(vulkan, str):
-        remedy = f"not needed except for {renderer}; {install_advice(VULKAN)}"
+        remedy = f"not needed except for {renderer}; {backend.install_advice(backend.VULKAN)}"
         return Diagnostic("vulkan", "filament", MISSING, vulkan, remedy)
     kind = "software" if vulkan.software else "GPU"
     remedy = "" if used else f"{renderer} draws, the default renderer does not"
     return Diagnostic("vulkan", "filament", OK, f"{vulkan.renderer} ({kind}, Vulkan {vulkan.version})", remedy)
 
 
-def _window(glfw: Backend | str) -> Diagnostic:
+def _window(glfw: backend.Backend | str) -> Diagnostic:
     """Returns whether `mjrun view` can open a window, which requires GLFW."""
-    if isinstance(glfw, Backend):
+    if isinstance(glfw, backend.Backend):
         return Diagnostic("view", "window", OK, f"{glfw.renderer} draws on this display")
     displays = [f"{name}={os.environ[name]}" for name in DISPLAYS if os.environ.get(name)]
     where = (
@@ -293,21 +277,23 @@ def _studio() -> Diagnostic:
 def _untrusted() -> list[Diagnostic]:
     """Returns the mechanisms that confine untrusted models from other files and the network."""
     if not system.CAN_FORK:
-        remedy = f"this system refuses {option('untrusted')}; run mjrun on Linux, or in a container"
+        remedy = f"this system refuses {errors.option('untrusted')}; run mjrun on Linux, or in a container"
         return [Diagnostic("untrusted", name, WARNING, "not confined", remedy) for name in ("files", "network")]
     files, network = means()
-    kernel = f"{option('untrusted')} checks paths; Linux 5.13 or later, with Landlock, confines the process itself"
+    kernel = (
+        f"{errors.option('untrusted')} checks paths; Linux 5.13 or later, with Landlock, confines the process itself"
+    )
     confined = Diagnostic("untrusted", "files", WARNING if files == CHECKS else OK, files, kernel * (files == CHECKS))
     if network:
         return [confined, Diagnostic("untrusted", "network", OK, network)]
-    remedy = f"{option('untrusted')} leaves it the network; run it in a container that has none"
+    remedy = f"{errors.option('untrusted')} leaves it the network; run it in a container that has none"
     return [confined, Diagnostic("untrusted", "network", WARNING, "not confined", remedy)]
 
 
 def _encoder() -> list[Diagnostic]:
     try:
         version = encoder_version()
-    except EncoderError as error:
+    except errors.EncoderError as error:
         remedy = f"{pip('install')} --force-reinstall imageio-ffmpeg"
         return [Diagnostic("encoder", "ffmpeg", MISSING, str(error), remedy)]
     codecs = working_codecs()
@@ -319,6 +305,6 @@ def _encoder() -> list[Diagnostic]:
     ]
     if failing:
         findings.append(
-            Diagnostic("encoder", "not here", MISSING, ", ".join(failing), f"use another {option('codec')}")
+            Diagnostic("encoder", "not here", MISSING, ", ".join(failing), f"use another {errors.option('codec')}")
         )
     return findings

@@ -8,17 +8,7 @@ from mjrun.cli.page_layout import PageLayout
 from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import golden_summary
 from mjrun.cli.table_cells import Column
-from mjrun.diff.sentences import (
-    cell_texts,
-    frame_facts,
-    frame_place,
-    golden_versions,
-    model_lines,
-    percent,
-    place,
-    shared_sentence,
-    unmatched_place,
-)
+from mjrun.diff import sentences
 from mjrun.errors import clean, counted, flag, listing, spelled
 from mjrun.formats.input_file import is_file
 
@@ -53,7 +43,7 @@ def text(result: "DiffResult", *, every: bool = False) -> str:
     if result.equal or (result.golden and result.golden.updated):
         return verdict(result)
     if result.model:
-        return "\n".join([verdict(result), "", *model_lines(result.model, every=every)])
+        return "\n".join([verdict(result), "", *sentences.model_lines(result.model, every=every)])
     page = PageLayout()
     if result.table:
         _table(page, result, result.table, every)
@@ -71,10 +61,10 @@ def verdict(result: "DiffResult") -> str:
     if result.golden and result.golden.updated:
         return golden_summary(result)
     pair = f"{clean(result.a)} and {clean(result.b)}"
-    golden = f"; {golden_versions(result.golden)}" if result.golden else ""
+    golden = f"; {sentences.golden_versions(result.golden)}" if result.golden else ""
     if result.equal:
         return f"{pair} agree{_agreement(result)}{golden}"
-    shared = shared_sentence(result.table, _row_word(result)) if result.table and not result.golden else ""
+    shared = sentences.shared_sentence(result.table, _row_word(result)) if result.table and not result.golden else ""
     return f"{pair} differ{golden}{f': {spelled(shared, flag)}' if shared else ''}"
 
 
@@ -118,7 +108,7 @@ def _picture_agreement(picture: "PictureDifference") -> str:
     if picture.worst is None:
         return f"{size} pixel for pixel" if picture.frames == 1 else f"{size}, pixel for pixel"
     joint = "" if picture.frames == 1 else ", the worst"
-    return f"{size}{joint} {frame_place(picture.worst, picture)}{frame_facts(picture.worst)}"
+    return f"{size}{joint} {sentences.frame_place(picture.worst, picture)}{sentences.frame_facts(picture.worst)}"
 
 
 def _table(page: PageLayout, result: "DiffResult", table: "TableDifference", every: bool) -> None:
@@ -149,7 +139,7 @@ def _picture(page: PageLayout, picture: "PictureDifference", differences: Sequen
             ("frames", f"{picture.frames} compared, {picture.differing} differ"),
             ("PSNR", "" if picture.psnr is None else f"{picture.psnr:.2f} dB"),
             ("SSIM", "" if picture.ssim is None else f"{picture.ssim:.4f}"),
-            ("pixels", f"{percent(picture.changed)} changed"),
+            ("pixels", f"{sentences.percent(picture.changed)} changed"),
         ]
         page.lines("all frames", facts)
 
@@ -169,12 +159,14 @@ def _first_difference(differing: Sequence["ColumnDifference"], table: "TableDiff
         return ""
     earliest = min((cell for cell, _ in firsts), key=lambda cell: cell.row)
     names = [name for cell, name in firsts if cell.row == earliest.row]
-    return f"{place(earliest, table.aligned)}: {', '.join(names[:NAMED])}{', …' if len(names) > NAMED else ''}"
+    return (
+        f"{sentences.place(earliest, table.aligned)}: {', '.join(names[:NAMED])}{', …' if len(names) > NAMED else ''}"
+    )
 
 
 def _columns(columns: Sequence["ColumnDifference"], table: "TableDifference") -> list[Column]:
     firsts = [column.first for column in columns if column.first]
-    cells = [cell_texts(column, column.first) for column in columns if column.first]
+    cells = [sentences.cell_texts(column, column.first) for column in columns if column.first]
     by_step = table.aligned == "step"
     return [
         Column("column", [clean(column.name) for column in columns]),
@@ -199,7 +191,7 @@ def _row(cell: "CellDifference", by_step: bool) -> str:
 def _unmatched(rows: "UnmatchedRows", aligned: str) -> str:
     if not rows.count:
         return ""
-    return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}{unmatched_place(rows, aligned)}"
+    return f"{rows.count}, {'the first is ' if rows.count > 1 else ''}{sentences.unmatched_place(rows, aligned)}"
 
 
 def _size(column: "ColumnDifference", value: float | None) -> str:

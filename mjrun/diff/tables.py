@@ -5,18 +5,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from mjrun.diff import row_alignment
 from mjrun.diff.result import CellDifference, ColumnDifference, TableDifference, UnitDifference
-from mjrun.diff.row_alignment import (
-    EqualRows,
-    KeyedRows,
-    Pairs,
-    RowSource,
-    RowStream,
-    Skip,
-    pairs_by_columns,
-    pairs_by_key,
-    pairs_by_row,
-)
 from mjrun.diff.tolerances import Tolerance, Tolerances, as_numbers, cell_text, compare_cells, finite_or_none
 from mjrun.errors import FileError
 
@@ -44,7 +34,7 @@ class ColumnDifferences:
         self._rows += rows
         self._last[:] = 0
 
-    def add(self, pairs: Pairs) -> None:
+    def add(self, pairs: row_alignment.Pairs) -> None:
         """Adds rows that belong together."""
         self.add_equal(len(pairs.a))
         if pairs.a.dtype == pairs.b.dtype == np.float64:
@@ -60,7 +50,7 @@ class ColumnDifferences:
             elif not np.array_equal(a.view(np.int64), b.view(np.int64)):
                 self._add_numbers(pairs, np.array([column]), a[None], b[None])
 
-    def _add_numbers(self, pairs: Pairs, columns: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
+    def _add_numbers(self, pairs: row_alignment.Pairs, columns: np.ndarray, a: np.ndarray, b: np.ndarray) -> None:
         """Adds the numbers of some columns, float64 `(columns, n)`."""
         with np.errstate(invalid="ignore", over="ignore"):
             difference = b - a
@@ -70,13 +60,15 @@ class ColumnDifferences:
         agree = [self._tolerances[column].agree(a[i], b[i]) for i, column in enumerate(map(int, columns))]
         self._add_differences(pairs, columns, np.array(agree), difference)
 
-    def _add_cells(self, pairs: Pairs, column: int, a: np.ndarray, b: np.ndarray) -> None:
+    def _add_cells(self, pairs: row_alignment.Pairs, column: int, a: np.ndarray, b: np.ndarray) -> None:
         """Adds the cells of a column that contains texts or large integers."""
         agree, difference = compare_cells(a, b, self._tolerances[column])
         self._text[column] |= any(isinstance(cell, str) for cell in (*a, *b))
         self._add_differences(pairs, np.array([column]), agree[None], difference[None])
 
-    def _add_differences(self, pairs: Pairs, columns: np.ndarray, agree: np.ndarray, difference: np.ndarray) -> None:
+    def _add_differences(
+        self, pairs: row_alignment.Pairs, columns: np.ndarray, agree: np.ndarray, difference: np.ndarray
+    ) -> None:
         size = np.abs(difference)
         with np.errstate(over="ignore"):
             self._squares[columns] += np.einsum("ij,ij->i", size, size)
@@ -87,7 +79,7 @@ class ColumnDifferences:
             if len(beyond):
                 self._add_beyond(pairs, column, beyond, size[index])
 
-    def _add_beyond(self, pairs: Pairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
+    def _add_beyond(self, pairs: row_alignment.Pairs, column: int, beyond: np.ndarray, size: np.ndarray) -> None:
         """Adds the rows of one column that are beyond its tolerance."""
         self._differing[column] += len(beyond)
         self._first[column] = self._first[column] or _cell(pairs, column, int(beyond[0]))
@@ -117,14 +109,14 @@ class ColumnDifferences:
 
 
 def compare_rows(
-    a: RowSource,
-    b: RowSource,
+    a: row_alignment.RowSource,
+    b: row_alignment.RowSource,
     columns: Sequence[str],
     key: str | Sequence[str] | None,
     tolerances: Tolerances,
     names_a: Sequence[str],
     names_b: Sequence[str],
-    skip: Skip = lambda: 0,
+    skip: row_alignment.Skip = lambda: 0,
 ) -> TableDifference:
     """Compares the rows of two tables in one pass.
 
@@ -139,19 +131,19 @@ def compare_rows(
       FileError: a table has no rows, cannot be read, or its key decreases.
     """
     if key is None or isinstance(key, str):
-        stream_a, stream_b = RowStream(a, columns, key), RowStream(b, columns, key)
+        stream_a, stream_b = row_alignment.RowStream(a, columns, key), row_alignment.RowStream(b, columns, key)
         if key is None:
-            all_pairs = pairs_by_row(stream_a, stream_b, skip)
+            all_pairs = row_alignment.pairs_by_row(stream_a, stream_b, skip)
         else:
-            all_pairs = pairs_by_key(stream_a, stream_b, tolerances.of_key(key), skip)
+            all_pairs = row_alignment.pairs_by_key(stream_a, stream_b, tolerances.of_key(key), skip)
     else:
-        stream_a, stream_b = KeyedRows(a, columns, key), KeyedRows(b, columns, key)
-        all_pairs = pairs_by_columns(stream_a, stream_b)
+        stream_a, stream_b = row_alignment.KeyedRows(a, columns, key), row_alignment.KeyedRows(b, columns, key)
+        all_pairs = row_alignment.pairs_by_columns(stream_a, stream_b)
         key = ", ".join(key)
     comparison = ColumnDifferences(columns, [tolerances.of(name) for name in columns])
     rows = 0
     for pairs in all_pairs:
-        if isinstance(pairs, EqualRows):
+        if isinstance(pairs, row_alignment.EqualRows):
             rows += pairs.count
             comparison.add_equal(pairs.count)
         else:
@@ -182,12 +174,12 @@ def _badness(column: ColumnDifference) -> tuple[bool, float, int]:
     return column.differing > 0, math.inf if column.maximum is None else column.maximum, column.differing
 
 
-def _unit_differences(a: RowSource, b: RowSource) -> list[UnitDifference]:
+def _unit_differences(a: row_alignment.RowSource, b: row_alignment.RowSource) -> list[UnitDifference]:
     both = [name for name in a.names if a.units.get(name) and b.units.get(name)]
     return [UnitDifference(name, a.units[name], b.units[name]) for name in both if a.units[name] != b.units[name]]
 
 
-def _cell(pairs: Pairs, column: int, index: int) -> CellDifference:
+def _cell(pairs: row_alignment.Pairs, column: int, index: int) -> CellDifference:
     key = None if pairs.keys is None else pairs.keys[index]
     return CellDifference(
         row=int(pairs.rows_a[index]),

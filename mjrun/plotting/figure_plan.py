@@ -7,15 +7,7 @@ import numpy as np
 
 from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.curve_syntax import (
-    CurveSpec,
-    ReferenceLine,
-    panel_index,
-    parse_curves,
-    parse_log,
-    parse_reference_line,
-    split_unit,
-)
+from mjrun.plotting import curve_syntax
 from mjrun.plotting.envelope import Envelope, Points
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
@@ -72,7 +64,7 @@ class FigurePlan:
                 self._units[name] = self._units.get(name) or unit
         self.x = self._x_axis()
         self.panels = self._panels(panels)
-        self.log_x, self.log_y = parse_log(options.log, len(self.panels))
+        self.log_x, self.log_y = curve_syntax.parse_log(options.log, len(self.panels))
         self.marks = self._marks()
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
@@ -119,10 +111,10 @@ class FigurePlan:
         marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
         return DrawnPanel(panel.label, curves, index in self.log_y, marks)
 
-    def _x_axis(self) -> CurveSpec | None:
+    def _x_axis(self) -> curve_syntax.CurveSpec | None:
         """Returns the x axis; None for the number of the row."""
         if self.options.x is not None:
-            curves = parse_curves(self.options.x, list(self._units), option("x"))
+            curves = curve_syntax.parse_curves(self.options.x, list(self._units), option("x"))
             if len(curves) != 1:
                 raise BadValueError(option("x"), self.options.x, f"one column, it is {len(curves)}")
             return curves[0]
@@ -134,7 +126,7 @@ class FigurePlan:
         if time is None:
             self.notes.append(f"no column is called time: x is the number of the row, from 0 on; see {option('x')}")
             return None
-        (curve,) = parse_curves(time, [time], option("x"))
+        (curve,) = curve_syntax.parse_curves(time, [time], option("x"))
         return curve
 
     @property
@@ -146,7 +138,7 @@ class FigurePlan:
         if self.x is None:
             return "row"
         unit = self._units[self.x.column] if self.x.unit is None and self.x.column else self.x.unit
-        name = split_unit(self.x.name)[0] if self.x.column else self.x.name
+        name = curve_syntax.split_unit(self.x.name)[0] if self.x.column else self.x.name
         return f"{name} [{unit}]" if unit else name
 
     def _panels(self, panels: Sequence[Panel] | None) -> list[Panel]:
@@ -163,13 +155,13 @@ class FigurePlan:
             self.notes.append(f"{len(left)} columns are left out, {listing(left)}; choose with {option('y')}")
         return panels[:PANELS]
 
-    def _marks(self) -> list[ReferenceLine]:
-        marks: list[ReferenceLine] = []
+    def _marks(self) -> list[curve_syntax.ReferenceLine]:
+        marks: list[curve_syntax.ReferenceLine] = []
         for index, text in enumerate(self.options.mark):
             with concerning("mark", index):
-                marks.append(parse_reference_line(text))
+                marks.append(curve_syntax.parse_reference_line(text))
                 if marks[-1].panel is not None:
-                    panel_index(marks[-1].panel, len(self.panels), "mark")
+                    curve_syntax.panel_index(marks[-1].panel, len(self.panels), "mark")
         return marks
 
     def _event_marks(self) -> list[EventLines]:
@@ -212,7 +204,7 @@ class TableCollector:
         self._events = [event for event in events if names.issuperset(event.condition.columns)]
         self._edges = [RisingEdgeDetector() for _ in self._events]
         self._seen = [0 for _ in self._events]
-        self.rows, self.marks = 0, list[ReferenceLine]()
+        self.rows, self.marks = 0, list[curve_syntax.ReferenceLine]()
         self._lost = {"without x": 0, "with x at or below zero": 0}
         self._negative = np.zeros(len(self._curves), int)
 
@@ -279,7 +271,9 @@ class TableCollector:
             detector.indices.clear()
             room = max(0, EVENTS - self._seen[index])
             self._seen[index] += len(places)
-            self.marks += [ReferenceLine(event.label, float(place), vertical=True) for place in places[:room]]
+            self.marks += [
+                curve_syntax.ReferenceLine(event.label, float(place), vertical=True) for place in places[:room]
+            ]
 
 
 def _are(count: int, noun: str, which: str) -> str:

@@ -6,17 +6,8 @@ from pathlib import Path
 
 from mjrun.check.rule import Finding, Rule
 from mjrun.errors import clean, listing, near, quoted
+from mjrun.model import xml_source
 from mjrun.model.description.assets import FACES
-from mjrun.model.xml_source import (
-    LFS_POINTER,
-    LFS_REMEDY,
-    Element,
-    XmlSource,
-    attach_paths,
-    include_paths,
-    is_regular,
-    with_slashes,
-)
 
 MISSING_FILE = Rule("MJ107", "error", "missing file")
 
@@ -31,26 +22,26 @@ ROS_PACKAGE = "package://"  # in URDF
 MAX_SEARCHED = 2000  # files in the search for a file of the same name
 
 
-def missing_files(source: XmlSource) -> Iterator[Finding]:
+def missing_files(source: xml_source.XmlSource) -> Iterator[Finding]:
     """Yields a finding for each file that the XML refers to and that is missing wherever MuJoCo looks."""
     folders = _folders(source)
     for element in source.elements():
         for name in _file_names(element):
             paths = _paths(element, name, source, folders)
-            if not any(is_regular(path) for path in paths):
+            if not any(xml_source.is_regular(path) for path in paths):
                 message = f"no file {quoted(name)} for {element}; tried {listing([str(path) for path in paths])}"
                 yield MISSING_FILE.in_element(element, message, _remedy(name, paths, source))
 
 
-def lfs_pointers(source: XmlSource) -> Iterator[Finding]:
+def lfs_pointers(source: xml_source.XmlSource) -> Iterator[Finding]:
     """Yields a finding for each asset of which only a Git LFS pointer exists; as XML they are not well-formed."""
     folders = _folders(source)
     for element in (e for e in source.elements() if e.tag in FOLDER_ATTRIBUTES):
         for name in _file_names(element):
-            path = next(filter(is_regular, _paths(element, name, source, folders)), None)
-            if path and _starts_with(path, LFS_POINTER):
+            path = next(filter(xml_source.is_regular, _paths(element, name, source, folders)), None)
+            if path and _starts_with(path, xml_source.LFS_POINTER):
                 message = f"{quoted(name)} of {element} is a Git LFS pointer, not the file itself"
-                yield MISSING_FILE.in_element(element, message, LFS_REMEDY)
+                yield MISSING_FILE.in_element(element, message, xml_source.LFS_REMEDY)
 
 
 def _starts_with(path: Path, prefix: bytes) -> bool:
@@ -61,7 +52,7 @@ def _starts_with(path: Path, prefix: bytes) -> bool:
         return False
 
 
-def _folders(source: XmlSource) -> dict[str, str]:
+def _folders(source: xml_source.XmlSource) -> dict[str, str]:
     """Returns the attributes of `<compiler>` that concern paths; the last one wins."""
     folders: dict[str, str] = {}
     for element in source.elements():
@@ -72,23 +63,23 @@ def _folders(source: XmlSource) -> dict[str, str]:
     return folders
 
 
-def _file_names(element: Element) -> list[str]:
+def _file_names(element: xml_source.Element) -> list[str]:
     """Returns the names of files in the attributes of `element`."""
     keys = ("file", *FACES) if element.tag == "texture" else ("file", "filename")  # the latter in URDF
     kinds = (*FOLDER_ATTRIBUTES, "include", "model")
     return [element.attributes[key] for key in keys if element.tag in kinds and element.attributes.get(key)]
 
 
-def _paths(element: Element, name: str, source: XmlSource, folders: dict[str, str]) -> list[Path]:
+def _paths(element: xml_source.Element, name: str, source: xml_source.XmlSource, folders: dict[str, str]) -> list[Path]:
     """Returns the paths at which MuJoCo looks for the file `name` of `element`."""
     home = source.path.parent
     if ROS_PACKAGE in name and folders.get("strippath") != "true":
         return [Path(name)]
     if element.tag == "include":
-        return include_paths(element, source.path)
+        return xml_source.include_paths(element, source.path)
     if element.tag == "model":
-        return attach_paths(element, source.path)
-    name = with_slashes(name)
+        return xml_source.attach_paths(element, source.path)
+    name = xml_source.with_slashes(name)
     if folders.get("strippath") == "true":
         name = os.path.basename(name)  # noqa: PTH119, a name that may end in a slash
     folder = home / folders.get(FOLDER_ATTRIBUTES[element.tag], "")
@@ -99,9 +90,9 @@ def _paths(element: Element, name: str, source: XmlSource, folders: dict[str, st
     return list(dict.fromkeys(paths))
 
 
-def _remedy(name: str, paths: list[Path], source: XmlSource) -> str:
+def _remedy(name: str, paths: list[Path], source: xml_source.XmlSource) -> str:
     """Returns the file that may be meant: one with a similar name, or with the same name in another folder."""
-    base = Path(with_slashes(name)).name
+    base = Path(xml_source.with_slashes(name)).name
     if ROS_PACKAGE in name:
         return 'MuJoCo resolves no packages: write a path, or <mujoco><compiler strippath="true" meshdir=…/></mujoco>'
     below = list(_below(source.path.parent))

@@ -12,13 +12,7 @@ from functools import cache
 import mujoco
 
 from mjrun.check.rule import Finding, Place, Rule
-from mjrun.check.rules.deprecated import (
-    FOREIGN_ELEMENTS,
-    REMOVED_ATTRIBUTES,
-    REMOVED_ELEMENTS,
-    REMOVED_PLUGINS,
-    REMOVED_VALUES,
-)
+from mjrun.check.rules import deprecated
 from mjrun.errors import clean, listing, near, quoted, suggestion
 from mjrun.model.xml_source import Element, XmlSource
 
@@ -125,15 +119,15 @@ def violations(source: XmlSource) -> Iterator[Finding]:
 
 def _attributes(element: Element, node: Node) -> Iterator[Finding]:
     for name, value in element.attributes.items():
-        removed = REMOVED_VALUES.get((element.tag, name, value))
-        if name == "plugin" and value in REMOVED_PLUGINS:
-            removed = REMOVED_PLUGINS[value]
+        removed = deprecated.REMOVED_VALUES.get((element.tag, name, value))
+        if name == "plugin" and value in deprecated.REMOVED_PLUGINS:
+            removed = deprecated.REMOVED_PLUGINS[value]
         if removed:
             message = f"{name}={quoted(value)} of <{element.tag}> was removed {removed[0]}"
             yield REMOVED.in_element(element, message, removed[1])
         if name in node.attributes:
             continue
-        if removed := REMOVED_ATTRIBUTES.get((element.tag, name)):
+        if removed := deprecated.REMOVED_ATTRIBUTES.get((element.tag, name)):
             message = f"the attribute {quoted(name)} of <{element.tag}> was removed {removed[0]}"
             yield REMOVED.in_element(element, message, removed[1])
             continue
@@ -168,18 +162,18 @@ def _unknown(element: Element, node: Node) -> Finding:
     """Returns a finding that explains why this element must not occur here."""
     tag, parent = element.tag, element.parent
     assert parent is not None
-    if tag in REMOVED_ELEMENTS:
-        since, remedy = REMOVED_ELEMENTS[tag]
+    if tag in deprecated.REMOVED_ELEMENTS:
+        since, remedy = deprecated.REMOVED_ELEMENTS[tag]
         return REMOVED.in_element(element, f"<{tag}> was removed {since}", remedy)
     if value := _as_attribute(element, node):
         return value
     parents = [tag for tag, _ in valid_parents().get(tag, [])]
-    if parents and tag not in FOREIGN_ELEMENTS:
+    if parents and tag not in deprecated.FOREIGN_ELEMENTS:
         homes = " or ".join(f"<{home}>" for home in parents[:3])
         message = f"<{tag}> is inside <{clean(parent.tag)}>, but must be directly inside {homes}"
         return MISPLACED_ELEMENT.in_element(element, message, _move(tag, parent, parents[0]))
     message = f"<{clean(parent.tag)}> has no element <{clean(tag)}>{suggestion(tag, node.children)}"
-    remedy = FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
+    remedy = deprecated.FOREIGN_ELEMENTS.get(tag) or _children_remedy(tag, parent, node)
     return UNKNOWN_ELEMENT.in_element(element, message, remedy)
 
 

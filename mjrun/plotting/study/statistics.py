@@ -8,14 +8,7 @@ import numpy as np
 from mjrun.formats.study_reader import StudyResults
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Scale, scale
-from mjrun.plotting.study.figure_data import (
-    EDGE,
-    Band,
-    Series,
-    cell_scale,
-    is_even_in_ratios,
-    is_geometric,
-)
+from mjrun.plotting.study import figure_data
 from mjrun.plotting.ticks import value_labels
 
 SEED = "seed"  # its values are repetitions if any other parameter varies
@@ -57,12 +50,14 @@ class Parameter:
         """Returns its axis, logarithmic if `log`, or by default if the values have equal ratios."""
         is_log = log
         if is_log is None:
-            is_log = is_geometric(self.levels) if self.is_listed else is_even_in_ratios(self.values)
-        return scale(self.name, self.values, log=is_log, categories=self.categories, edge=EDGE)
+            is_log = (
+                figure_data.is_geometric(self.levels) if self.is_listed else figure_data.is_even_in_ratios(self.values)
+            )
+        return scale(self.name, self.values, log=is_log, categories=self.categories, edge=figure_data.EDGE)
 
     def cells(self) -> Scale:
         """Returns its axis with a cell for each level."""
-        return cell_scale(self.name, self.levels, self.labels)
+        return figure_data.cell_scale(self.name, self.levels, self.labels)
 
 
 def parameter_of(results: StudyResults, name: str) -> Parameter:
@@ -83,18 +78,18 @@ def is_grid(a: Parameter, b: Parameter) -> bool:
     return 2 * pairs >= len(a.levels) * len(b.levels)
 
 
-def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> Series:
+def summary(name: str, x: Parameter, values: np.ndarray, chosen: np.ndarray, colour: int) -> figure_data.Series:
     """Returns the median at each value of x, with bands if several points share a value."""
     chosen = chosen & np.isfinite(values) & np.isfinite(x.values)
     groups = list(grouped(x.values[chosen], values[chosen]))
     places = np.array([place for place, _ in groups])
     medians = np.array([np.median(inside) for _, inside in groups])
     bands = [
-        Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
+        figure_data.Band(*(np.array([np.quantile(inside, share) for _, inside in groups]) for share in shares))
         for shares in (QUANTILES if any(len(inside) > 1 for _, inside in groups) else ())
     ]
     joined = not x.categories and x.name != SEED  # neither has an order
-    return Series(name, places, medians, bands, joined, len(groups) <= DOTS, colour)
+    return figure_data.Series(name, places, medians, bands, joined, len(groups) <= DOTS, colour)
 
 
 def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.ndarray]]:
