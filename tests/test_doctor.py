@@ -75,7 +75,7 @@ def test_the_first_backend_that_works_is_the_one_used() -> None:
 def test_the_backend_that_the_environment_asks_for_is_the_only_one_used(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(GL, "osmesa")
     assert mjrun.doctor._opengl({"egl": GPU, "osmesa": SOFTWARE}).used == "osmesa"
-    monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
+    monkeypatch.setattr(mjrun.doctor.backend, "alternative", lambda tried: "")
     opengl = mjrun.doctor._opengl({"egl": GPU, "osmesa": "not installed"})
     assert opengl.used is None
     assert opengl.variables == {GL: "osmesa"}
@@ -86,8 +86,8 @@ def test_a_backend_that_does_not_exist_is_explained(monkeypatch: pytest.MonkeyPa
     def requested() -> None:
         raise UnknownNameError("backend", "eg1", ["egl"])
 
-    monkeypatch.setattr(mjrun.doctor, "requested_backends", requested)
-    monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
+    monkeypatch.setattr(mjrun.doctor.backend, "requested_backends", requested)
+    monkeypatch.setattr(mjrun.doctor.backend, "alternative", lambda tried: "")
     used = mjrun.doctor._opengl({"egl": GPU}).findings[0]
     assert used.value == "nothing: no backend 'eg1' (did you mean 'egl'?)"
 
@@ -103,8 +103,8 @@ def test_options_in_remedies_are_spelled_as_asked(monkeypatch: pytest.MonkeyPatc
         def result(self) -> str:
             return "it fails"
 
-    monkeypatch.setattr(mjrun.doctor, "BackendTrialProcess", Failing)
-    monkeypatch.setattr(mjrun.doctor, "alternative", lambda tried: "")
+    monkeypatch.setattr(mjrun.doctor.backend, "BackendTrialProcess", Failing)
+    monkeypatch.setattr(mjrun.doctor.backend, "alternative", lambda tried: "")
     for spelling, name in ((str, "renderer"), (lambda name: f"--{name}", "--renderer")):
         report = examine(spelling)
         assert not report.can_draw

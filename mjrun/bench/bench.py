@@ -16,9 +16,8 @@ import mujoco
 from mjrun.bench import grid_timing, output_timing
 from mjrun.bench.baseline import check_same, compare, read_base, steps_of, workload_obstacle
 from mjrun.bench.block_timing import Clock
-from mjrun.bench.machine_info import MachineInfo, machine_info
 from mjrun.bench.reference_workload import WorkloadInfo
-from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, ModelInfo
+from mjrun.bench.results import BenchResult, BenchSettings, EngineInfo, MachineInfo, ModelInfo, machine_info
 from mjrun.bench.warp_timing import LEFT_OUT, C, WarpOptions, check_engine
 from mjrun.errors import FileError, UsageError, option
 from mjrun.experiment.design import SHORT_PATHS, value_list

@@ -12,7 +12,7 @@ from mjrun.options.task import CONTROL, POSITION, TORQUE, VELOCITY
 from mjrun.policy.inferred_task import JOINTS
 from mjrun.policy.policy import ObservationFacts, Policy, PolicyFacts
 from mjrun.task.action_map import TRANSMISSIONS
-from mjrun.task.observation_vector import ObservedNumber
+from mjrun.task.observation_plan import ObservedNumber
 from mjrun.task.task import Observation, Task
 from mjrun.task.worlds import TaskWorlds
 

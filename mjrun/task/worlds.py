@@ -39,7 +39,8 @@ from mjrun.task.command_signals import CommandSignals
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
-from mjrun.task.observation_vector import ObservationPlan, ObservationVector, ObservedNumber
+from mjrun.task.observation_plan import ObservationPlan, ObservedNumber
+from mjrun.task.observation_vector import ObservationVector
 from mjrun.task.task import Task
 
 Ids = Sequence[int] | np.ndarray

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from mjrun.bench.machine_info import MachineInfo, machine_info
+from mjrun.bench.results import MachineInfo, machine_info
 
 
 @pytest.mark.parametrize(
