@@ -23,6 +23,7 @@ TAGS = {
     "tendon": ("fixed", "spatial"),
     "keyframe": ("key",),
 }
+OWNERS = {"geom": "geom_bodyid", "site": "site_bodyid", "joint": "jnt_bodyid"}  # the bodies of objects
 SECTIONS = ("actuator", "sensor", "equality")  # kinds whose objects are the children of one element
 IN_FILE_ORDER = (*SECTIONS, "keyframe")  # kinds whose ids follow the order of the file
 
@@ -73,7 +74,10 @@ class LintContext:
         return self._names[kind][index]
 
     def object(self, kind: str, index: int) -> str:
-        """Returns an object as findings refer to it: `joint 'knee'`."""
+        """Returns an object as findings refer to it: `joint 'knee'`, or `geom 13 of body 'thigh'` without a name."""
+        owner = OWNERS.get(kind, "")
+        if owner and not mujoco.mj_id2name(self.model, KINDS[kind], index):
+            return f"{kind} {index} of {self.object('body', int(getattr(self.model, owner)[index]))}"
         return f"{kind} '{self.name(kind, index)}'"
 
     @cached_property

@@ -16,6 +16,7 @@ from mjrun.errors import BrokenModelError, ModelError, UnknownNameError, clean
 from mjrun.model.xml_source import XmlSource
 
 MAX_FINDINGS = 20  # of one code in one model
+MAX_OBJECTS = 5  # that one finding names in addition to its own
 TOPICS = {  # by the first digit of the code
     "0": "The check itself",
     "1": "Loading",
@@ -90,11 +91,12 @@ def _by_place(findings: Iterable[Finding], model: Path) -> list[Finding]:
 
 
 def capped(findings: Sequence[Finding]) -> list[Finding]:
-    """Returns at most `MAX_FINDINGS` findings of one code: repeated ones are merged, and the last counts the rest."""
-    groups: dict[tuple[str, str, int | None, str], list[Finding]] = {}
+    """Returns at most `MAX_FINDINGS` findings of one code: those that say the same of several objects are merged, and
+    the last counts the rest.
+    """
+    groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in findings:
-        name = "" if finding.line else finding.object  # replicated elements share their line
-        groups.setdefault((finding.message, finding.file, finding.line, name), []).append(finding)
+        groups.setdefault((finding.message, finding.severity, finding.file), []).append(finding)
     merged = [_merged(group) for group in groups.values()]
     if len(merged) <= MAX_FINDINGS:
         return merged
@@ -103,6 +105,10 @@ def capped(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def _merged(group: Sequence[Finding]) -> Finding:
-    """Returns one finding for `group`, whose messages and lines are the same."""
-    more = f" (and {len(group) - 1} more like it)" if len(group) > 1 else ""
-    return replace(group[0], message=f"{group[0].message}{more}")
+    """Returns one finding for `group`, whose messages are the same, with its other objects."""
+    first, *others = group
+    if not others:
+        return first
+    names = [finding.object for finding in others[:MAX_OBJECTS]] + ["…"] * (len(others) > MAX_OBJECTS)
+    listed = f": {', '.join(names)}" if all(names) else " like it"
+    return replace(first, message=f"{first.message} (and {len(others)} more{listed})")

@@ -2,7 +2,11 @@
 
 from pathlib import Path
 
-from tests.check.models import arms, attaching, lint, mjcf
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Finding
+from mjrun.check.rule_table import RULES
+from mjrun.model.xml_source import read_xml
+from tests.check.models import arms, attaching, lint, mjcf, write
 
 
 def test_lines_are_those_of_included_files_too() -> None:
@@ -14,8 +18,14 @@ def test_lines_are_those_of_included_files_too() -> None:
     assert [(f.code, f.file, f.line) for f in findings] == [("MJ302", "parts/arm.xml", 3)]
 
 
+def reversed_ranges(text: str) -> list[Finding]:
+    """All findings of MJ302, which a check merges."""
+    path = Path(write("model.xml", text))
+    return list(RULES["MJ302"].findings(LintContext.load(path, read_xml(path))))
+
+
 def test_what_is_attached_is_told_where_the_model_attaches_it_with_its_origin() -> None:
-    findings = lint(arms(f"{attaching('l_')}\n{attaching('right_')}"))
+    findings = reversed_ranges(arms(f"{attaching('l_')}\n{attaching('right_')}"))
     assert [(f.object, f.file, f.line) for f in findings] == [
         ("joint 'l_j'", "model.xml", 5),
         ("joint 'right_j'", "model.xml", 7),
@@ -28,8 +38,7 @@ def test_where_it_is_not_clear_what_attached_an_object_only_the_file_is_told() -
     Path("arm.xml").write_text(
         Path("arm.xml").read_text().replace('name="j" ', "").replace("<mujoco", '<mujoco model="arm"')
     )
-    findings = [f for f in lint(text) if f.code == "MJ302"]
-    assert [(f.file, f.line) for f in findings] == [("model.xml", None)] * 2
+    assert [(f.file, f.line) for f in reversed_ranges(text)] == [("model.xml", None)] * 2
 
 
 def test_the_origin_of_what_is_attached_is_the_element_whose_name_is_closest() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import mjrun.check.rules
 from mjrun.check.rule import Finding, Rule
-from mjrun.check.rule_table import MAX_FINDINGS, RULES, capped
+from mjrun.check.rule_table import MAX_FINDINGS, MAX_OBJECTS, RULES, capped
 from mjrun.errors import ModelError
 from mjrun.model.sources import load
 from tests.check.models import ROOT, lint, lint_file, mjcf
@@ -49,7 +49,20 @@ def test_what_is_replicated_is_told_once_at_the_line_that_says_it() -> None:
     body = '<body name="b"><joint name="j" range="2 1"/><geom size="1"/></body>'
     findings = lint(mjcf(f'<replicate count="5" offset="0 0 3">\n{body}</replicate>'))
     assert [(f.code, f.line) for f in findings] == [("MJ302", 5)]
-    assert findings[0].message.endswith("(and 4 more like it)")
+    assert findings[0].message.endswith("(and 4 more: joint 'j1', joint 'j2', joint 'j3', joint 'j4')")
+
+
+def test_findings_that_say_the_same_of_several_objects_are_one_with_their_names() -> None:
+    feet = [Finding("MJ203", "note", "it has no mass", "a.xml", line, f"geom '{line}'") for line in range(1, 9)]
+    (merged,) = capped(feet)
+    names = ", ".join(f"geom '{line}'" for line in range(2, 2 + MAX_OBJECTS))
+    assert (merged.line, merged.object) == (1, "geom '1'")
+    assert merged.message == f"it has no mass (and 7 more: {names}, …)"
+
+    (unnamed,) = capped([Finding("MJ115", "warning", "it warns", "a.xml")] * 3)
+    assert unnamed.message == "it warns (and 2 more like it)"
+    other_file = [feet[0], Finding("MJ203", "note", "it has no mass", "b.xml", 1, "geom '1'")]
+    assert capped(other_file) == other_file
 
 
 def test_findings_of_one_code_are_counted_when_there_are_many() -> None:

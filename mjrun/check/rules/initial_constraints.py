@@ -8,8 +8,11 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
+from mjrun.check.rules.limits import joints_beyond_range
+from mjrun.errors import clean
 
-MAX_DEPTH = 0.1  # relative to the smaller geom's half size
+MAX_SHARE = 0.1  # of the smaller geom's half size
+MAX_DEPTH, MAX_STATIC_DEPTH = 0.002, 0.01  # [m] between moving geoms, and against one that cannot move
 MAX_ACCELERATION = 20.0  # times gravity; a contact with the default solref pushes that hard at a depth of 7 cm
 GRAVITY = 9.81  # [m/s²] for models without gravity
 ROUNDING = 1e-9  # relative, of a timestep
@@ -23,8 +26,7 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
     """Yields geoms that penetrate each other deeply: the worst pair of each start, and no pair twice."""
     reported: set[tuple[int, int]] = set()
     for start in context.starts:
-        depths = penetration_depths(context, start).items()
-        deep = {pair: depth for pair, depth in depths if depth[1] > MAX_DEPTH and pair not in reported}
+        deep = {pair: depth for pair, depth in deep_penetrations(context, start).items() if pair not in reported}
         reported |= deep.keys()
         if not deep:
             continue
@@ -38,9 +40,21 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
             f"{context.start_phrase(start)} it penetrates {context.object('geom', other)} by {depth:.3g} m, "
             f"{100 * share:.0f} % of the smaller one's half size{others}"
         )
-        remedy = "move one of them, or exclude their contact: <contact><exclude body1=… body2=…/>"
+        bodies = [clean(context.name("body", int(context.model.geom_bodyid[geom]))) for geom in (one, other)]
+        exclude = f'<contact><exclude body1="{bodies[0]}" body2="{bodies[1]}"/></contact>'
+        remedy = f"move one of them, or exclude their contact: {exclude}"
         place = context.place("geom", one) if start is None else context.place("keyframe", start)
         yield Violation(message, remedy, place, context.object("geom", one))
+
+
+def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
+    """Returns the pairs of geoms that penetrate each other deeply at a start, as `penetration_depths` does."""
+    model, deep = context.model, {}
+    for pair, (depth, share) in penetration_depths(context, start).items():
+        is_static = (model.body_weldid[model.geom_bodyid[list(pair)]] == 0).any()
+        if share > MAX_SHARE and depth > (MAX_STATIC_DEPTH if is_static else MAX_DEPTH):
+            deep[pair] = (depth, share)
+    return deep
 
 
 def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
@@ -68,7 +82,10 @@ def _half_size(model: mujoco.MjModel, geom: int) -> float:
 
 @rule("MJ502", "warning", "violent initial forces")
 def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
-    """Yields bodies that contacts, limits or equalities launch when a simulation starts at rest."""
+    """Yields bodies that contacts, limits or equalities launch when a simulation starts at rest.
+
+    Starts with a deep penetration or a joint beyond its range are left to the rules that report these.
+    """
     model, reported = context.model, set[int]()
     gravity = float(np.linalg.norm(model.opt.gravity)) or GRAVITY
     for start in context.starts if model.nv else ():
@@ -76,6 +93,8 @@ def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
         accelerations = constraint_accelerations(model, data)
         body = int(accelerations.argmax())
         if accelerations[body] <= MAX_ACCELERATION * gravity or body in reported:
+            continue
+        if joints_beyond_range(context, start) or deep_penetrations(context, start):
             continue
 
         reported.add(body)

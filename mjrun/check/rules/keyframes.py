@@ -7,7 +7,8 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
-from mjrun.check.rules.limits import beyond_range, beyond_span
+from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
+from mjrun.errors import counted, listing
 from mjrun.model.names import BALL, FREE, actuator_parts
 
 # The fields of a keyframe, and the values with which MuJoCo completes them.
@@ -31,19 +32,24 @@ def keyframes_not_finite(context: LintContext) -> Iterator[Violation]:
 
 
 @rule("MJ402", "warning", "keyframe beyond a joint range")
-def joints_beyond_range(context: LintContext) -> Iterator[Violation]:
-    """Yields keyframes that put a joint beyond its range."""
+def keyframes_beyond_range(context: LintContext) -> Iterator[Violation]:
+    """Yields keyframes that put joints beyond their ranges."""
     model = context.model
     for key in range(model.nkey):
         qpos = model.key_qpos[key]
         if not np.isfinite(qpos).all() or np.array_equal(qpos, model.qpos0):
             continue  # MJ304 reports qpos0
-        for joint in map(int, np.flatnonzero(model.jnt_limited)):
-            if beyond := beyond_range(model, joint, qpos):
-                message = f"{context.object('joint', joint)} is {beyond}"
-                number = _entry(context, key, "qpos", int(model.jnt_qposadr[joint])) or "the position of the joint"
-                remedy = f"change {number} in the keyframe, or the range of the joint"
-                yield context.violation("keyframe", key, message, remedy)
+        joints = joints_beyond_range(context, key)
+        if not joints:
+            continue
+        first, *others = joints
+        more = f" (and {counted(len(others), 'more joint')} beyond theirs)" if others else ""
+        message = f"{context.object('joint', first)} is {beyond_range(model, first, qpos)}{more}"
+        entries = [_entry(context, key, "qpos", int(model.jnt_qposadr[joint])) for joint in joints]
+        numbers = listing(entries) if all(entries) else "the position of the joint"
+        yield context.violation(
+            "keyframe", key, message, f"change {numbers} in the keyframe, or the range of the joint"
+        )
 
 
 @rule("MJ403", "warning", "keyframe beyond a control range")

@@ -60,18 +60,30 @@ def reversed_ranges(context: LintContext) -> Iterator[Violation]:
 
 @rule("MJ304", "warning", "joint or tendon starts beyond its range")
 def starts_beyond_range(context: LintContext) -> Iterator[Violation]:
-    """Yields joints and tendons that start beyond their range."""
+    """Yields joints and tendons that start beyond their range; as a note if a keyframe starts a joint within it."""
     model = context.model
-    for joint in map(int, np.flatnonzero(model.jnt_limited)):
-        if beyond := beyond_range(model, joint, model.qpos0):
-            message = f"it starts {beyond}, and is pushed back from the first step on"
+    for joint in joints_beyond_range(context, None):
+        message = f"it starts {beyond_range(model, joint, model.qpos0)}, and is pushed back from the first step on"
+        keyframes = (key for key in context.starts if key is not None)
+        within = next((key for key in keyframes if not beyond_range(model, joint, model.key_qpos[key])), None)
+        if within is None:
             remedy = f"choose a range that includes the start, 0 or ref, or start from a keyframe with {option('key')}"
             yield context.violation("joint", joint, message, remedy)
+        else:
+            remedy = f"start from {context.object('keyframe', within)} with {option('key')}"
+            yield context.violation("joint", joint, message, remedy, "note")
     for tendon in map(int, np.flatnonzero(model.tendon_limited)):
         if beyond := beyond_span(float(context.data_at(None).ten_length[tendon]), model.tendon_range[tendon], "m"):
             message = f"it starts {beyond}, and is pulled back from the first step on"
             remedy = f"choose a range that includes its initial length, or start from a keyframe with {option('key')}"
             yield context.violation("tendon", tendon, message, remedy, "note")  # usually a taut string
+
+
+def joints_beyond_range(context: LintContext, start: int | None) -> list[int]:
+    """Returns the limited joints that are beyond their range at a start."""
+    model = context.model
+    qpos = model.qpos0 if start is None else model.key_qpos[start]
+    return [joint for joint in map(int, np.flatnonzero(model.jnt_limited)) if beyond_range(model, joint, qpos)]
 
 
 @rule("MJ305", "warning", "angle probably in the wrong unit")

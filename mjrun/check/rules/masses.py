@@ -8,7 +8,6 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.unnamed_objects import flex_bodies
-from mjrun.errors import quoted
 
 # Double precision has 16 digits; factoring the inertia matrix costs as many as its condition number has.
 MAX_PRINCIPAL_RATIO = 1e6  # largest to smallest principal inertia of a body; a rod of 1 m by 1 mm has 3e5
@@ -34,7 +33,7 @@ def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
         collides = model.geom_contype[geom.id] or model.geom_conaffinity[geom.id]
         massless = 0 in (geom.mass, geom.density if np.isnan(geom.mass) else 1)
         if moves and collides and massless and body in inferred:
-            message = f"it collides, but adds no mass to {quoted(context.name('body', body))}"
+            message = "it collides, but adds no mass to its body"
             remedy = 'give it a density or mass, or contype="0" conaffinity="0" if it is only visual'
             yield context.violation("geom", geom.id, message, remedy)
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding, Rule
+from mjrun.check.rules.initial_constraints import deep_penetrations
+from mjrun.check.rules.limits import joints_beyond_range
 from mjrun.errors import FailedStepError, SimulationError
 from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings
@@ -56,7 +58,9 @@ def _step(context: LintContext, steps: int) -> Iterator[Finding]:
     for text in warnings:
         line = "; ".join(text.split("\n"))
         yield WARNING.in_model(context.path, f"within {steps} steps MuJoCo warns: {line}")
-    if passive and _conserves_energy(context.model):
+    # A joint beyond its range and geoms that penetrate each other store energy, and have rules of their own.
+    strained = joints_beyond_range(context, None) or deep_penetrations(context, None)
+    if passive and not strained and _conserves_energy(context.model):
         yield from _energy_gain(context, np.array(energies))
 
 

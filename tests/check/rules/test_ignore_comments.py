@@ -6,7 +6,7 @@ import pytest
 
 from tests.check.models import checked, codes, write
 
-REVERSED = '<joint name="{}" type="slide" range="2 1"/>'
+REVERSED = '<joint name="{}" type="slide" range="{} 1"/>'  # each its own range, as equal findings are merged
 
 
 def model(*lines: str, after: str = "") -> str:
@@ -17,7 +17,7 @@ def model(*lines: str, after: str = "") -> str:
 def body(name: str, comment: str = "") -> str:
     """Four lines: a body, its joint with a reversed range and a comment, and its geom."""
     position = 9 * ord(name)
-    joint = REVERSED.format(name)
+    joint = REVERSED.format(name, position)
     return f'<body name="{name}" pos="{position} 0 0">\n{joint} {comment}\n<geom name="{name}" size="1"/>\n</body>'
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mjrun.check.context import LintContext
 from mjrun.check.rules import initial_constraints
 from mjrun.model.xml_source import read_xml
-from tests.check.models import hinged, lint
+from tests.check.models import hinged, lint, mjcf
 
 
 def apart(gap: float) -> str:
@@ -80,6 +80,41 @@ def test_the_depth_of_two_spheres_is_that_of_geometry(depth: float) -> None:
     context = LintContext.load(path, read_xml(path))
     ((deepest, share),) = initial_constraints.penetration_depths(context, None).values()
     np.testing.assert_allclose([deepest, share], [depth, depth / 0.1], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("other", "depth", "reported"),
+    [("moving", 0.0019, False), ("moving", 0.0021, True), ("static", 0.0099, False), ("static", 0.0101, True)],
+)
+def test_a_penetration_is_reported_from_2_mm_on_or_10_mm_against_a_static_geom(
+    other: str, depth: float, reported: bool
+) -> None:
+    """The spheres are small, so that both depths are large shares of their sizes."""
+    joint = '<joint name="k" type="slide"/>' if other == "moving" else ""
+    sphere = '<geom size=".015" mass="1"/>'
+    text = mjcf(
+        f'<body name="b"><joint name="j" type="slide"/>{sphere}</body>'
+        f'<body name="c" pos="{0.03 - depth} 0 0">{joint}{sphere}</body>'
+    )
+    penetrations = [f for f in lint(text) if f.code == "MJ501"]
+    assert len(penetrations) == reported
+    assert all(
+        '<exclude body1="c" body2="b"/>' in f.remedy or '<exclude body1="b" body2="c"/>' in f.remedy
+        for f in penetrations
+    )
+    assert all(f.object.endswith(("geom 0 of body 'b'", "geom 1 of body 'c'")) for f in penetrations)
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [(apart(-0.15), "MJ501"), (hinged('type="slide" axis="1 0 0" range="2 3"', before="<option/>"), "MJ304")],
+)
+def test_a_cause_with_a_rule_of_its_own_is_not_reported_as_violent_forces(text: str, cause: str) -> None:
+    path = Path("violent.xml")
+    path.write_text(text)
+    context = LintContext.load(path, read_xml(path))
+    assert initial_constraints.constraint_accelerations(context.model, context.data_at(None)).max() > 20 * 9.81
+    assert [f.code for f in lint(text)] == [cause]
 
 
 def test_bodies_are_thrown_as_a_bare_step_throws_them() -> None:

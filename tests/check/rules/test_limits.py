@@ -45,6 +45,24 @@ def test_an_actuator_has_limits_exactly_when_a_huge_control_makes_no_huge_force(
 
 
 @pytest.mark.parametrize(
+    ("positions", "severity", "remedy"),
+    [
+        ([], "warning", "choose a range"),
+        ([2.5], "warning", "choose a range"),
+        ([2.5, 1.5], "note", "start from keyframe '1'"),
+    ],
+)
+def test_a_start_beyond_a_range_is_a_note_if_a_keyframe_is_within(
+    positions: list[float], severity: str, remedy: str
+) -> None:
+    keys = "".join(f'<key name="{index}" qpos="{position}"/>' for index, position in enumerate(positions))
+    text = hinged('type="slide" range="1 2"', after=f"<keyframe>{keys}</keyframe>")
+    (finding,) = [f for f in lint(text) if f.code == "MJ304"]
+    assert finding.severity == severity
+    assert finding.remedy.startswith(remedy)
+
+
+@pytest.mark.parametrize(
     ("unit", "joint", "mistaken", "remedy"),
     [
         ("degree", 'range="0 6.28"', True, 'range="0 360"'),
