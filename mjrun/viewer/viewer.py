@@ -21,7 +21,7 @@ from mjrun.simulation.episode import EpisodeResult
 from mjrun.simulation.manifest import origin
 from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import rational
-from mjrun.viewer import browser_window, native_window
+from mjrun.viewer import window as windows
 from mjrun.viewer.live_simulation import LiveSimulation, SessionRecording
 from mjrun.viewer.window import Action, Edit, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep, Window
 
@@ -120,13 +120,13 @@ class Viewer(ViewerOptions):
         """Opens the window or the page, whichever is requested and available."""
         reasons: dict[str, str] = {}
         if not self.browser and self.port is None:
-            reasons["window"] = native_window.obstacle()
+            reasons["window"] = windows.native_obstacle()
             if not reasons["window"]:
-                return native_window.NativeWindow(model)
+                return windows.NativeWindow(model)
         if self.browser is not False:
-            reasons["browser"] = browser_window.obstacle()
+            reasons["browser"] = windows.browser_obstacle()
             if not reasons["browser"]:
-                page = browser_window.BrowserWindow(model, self.port, float(self.speed))
+                page = windows.BrowserWindow(model, self.port, float(self.speed))
                 why = f"{reasons['window']}; " if "window" in reasons else ""
                 reporter.ask(f"{why}open {page.url} in a browser on this machine; the simulation begins then")
                 return page

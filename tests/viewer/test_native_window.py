@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.confinement.confinement import VARIABLE, Confinement
-from mjrun.viewer import native_window
+from mjrun.viewer.window import native_obstacle
 from tests.processes import PATIENCE
 
 pytestmark = pytest.mark.gl
@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import sys, threading, time
 import mujoco, numpy as np
-from mjrun.viewer.native_window import NativeWindow, RIGHT, SPACE
+from mjrun.viewer.window import NativeWindow, RIGHT, SPACE
 from mjrun.viewer.window import Edit, Pull, Reset, SetPaused, SetSpeed, Status, TakeStep
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
@@ -84,18 +84,18 @@ def test_what_is_done_in_it_arrives_and_nothing_of_it_stays(display: dict[str, s
 def test_a_display_is_tried(display: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in display.items():
         monkeypatch.setenv(name, value)
-    assert native_window.obstacle() == ""
+    assert native_obstacle() == ""
     monkeypatch.setenv("DISPLAY", ":54321")
-    assert native_window.obstacle() != ""
+    assert native_obstacle() != ""
 
 
 def test_a_confined_process_tries_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setenv(VARIABLE, json.dumps(asdict(Confinement(()))))
-    assert native_window.obstacle() == "a confined process cannot access a display"
+    assert native_obstacle() == "a confined process cannot access a display"
 
 
 def test_without_a_display_it_says_so(monkeypatch: pytest.MonkeyPatch, no_display: dict[str, str]) -> None:
     for name, value in no_display.items():
         monkeypatch.setenv(name, value)
-    assert "no display" in native_window.obstacle()
+    assert "no display" in native_obstacle()

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mjrun.errors import NoWindowError, UnstableError, UsageError
 from mjrun.outputs.recording import Recording
 from mjrun.simulation.simulation import Simulation
-from mjrun.viewer import browser_window, native_window
+from mjrun.viewer import window as windows
 from mjrun.viewer.viewer import WATCHED, Pace, Viewer
 from mjrun.viewer.window import Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
 
@@ -57,8 +57,8 @@ def window(monkeypatch: pytest.MonkeyPatch) -> Opened:
 
     def scripted(*script: Sequence[Action] | None, seen_at: int = 0) -> ScriptedWindow:
         made = ScriptedWindow(script, seen_at)
-        monkeypatch.setattr(native_window, "obstacle", lambda: "")
-        monkeypatch.setattr(native_window, "NativeWindow", lambda model: made)
+        monkeypatch.setattr(windows, "native_obstacle", lambda: "")
+        monkeypatch.setattr(windows, "NativeWindow", lambda model: made)
         return made
 
     return scripted
@@ -174,8 +174,8 @@ def test_whatever_ends_it_the_recording_is_kept_and_the_window_closed(
 
 
 def test_where_nothing_can_be_shown_both_reasons_are_given(monkeypatch: pytest.MonkeyPatch, swing: Path) -> None:
-    monkeypatch.setattr(native_window, "obstacle", lambda: "no display")
-    monkeypatch.setattr(browser_window, "obstacle", lambda: "no Studio")
+    monkeypatch.setattr(windows, "native_obstacle", lambda: "no display")
+    monkeypatch.setattr(windows, "browser_obstacle", lambda: "no Studio")
     for browser, reasons in [
         (None, {"window": "no display", "browser": "no Studio"}),
         (True, {"browser": "no Studio"}),

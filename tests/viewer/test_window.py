@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UsageError, spelled
-from mjrun.viewer import browser_window
-from mjrun.viewer.browser_window import BrowserWindow
-from mjrun.viewer.window import PHYSICS_SETTINGS, Pull, Reset
+from mjrun.viewer import window
+from mjrun.viewer.window import PHYSICS_SETTINGS, BrowserWindow, Pull, Reset
 
 
 def test_actions_are_values() -> None:
@@ -39,16 +38,16 @@ def test_without_a_wish_the_first_free_port_is_taken(monkeypatch: pytest.MonkeyP
         free.bind(("127.0.0.1", 0))
         taken, port = other.getsockname()[1], free.getsockname()[1]
         free.close()
-        monkeypatch.setattr(browser_window, "PORTS", [taken, port])
-        assert browser_window._free_port(None) == port
-        monkeypatch.setattr(browser_window, "PORTS", [taken])
+        monkeypatch.setattr(window, "PORTS", [taken, port])
+        assert window._free_port(None) == port
+        monkeypatch.setattr(window, "PORTS", [taken])
         with pytest.raises(UsageError, match="all in use"):
-            browser_window._free_port(None)
+            window._free_port(None)
 
 
 def test_a_missing_studio_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail() -> None:
         raise ImportError("No module named 'mujoco.studio'")
 
-    monkeypatch.setattr(browser_window, "_studio_page", fail)
-    assert browser_window.obstacle() == "MuJoCo Studio cannot be loaded: No module named 'mujoco.studio'"
+    monkeypatch.setattr(window, "_studio_page", fail)
+    assert window.browser_obstacle() == "MuJoCo Studio cannot be loaded: No module named 'mujoco.studio'"
