@@ -144,5 +144,5 @@ def _counted(number: int, what: str) -> str:
 
 def _uri(path: str) -> str:
     """Converts a file name to a URI, relative unless the name is absolute."""
-    text = quote(os.fsencode(Path(path).as_posix()))
-    return f"file://{text}" if text.startswith("/") else text
+    place = Path(path)
+    return place.as_uri() if place.is_absolute() else quote(os.fsencode(place.as_posix()))

@@ -114,7 +114,7 @@ class StagedFile(_Staged):
             raise FileError(self.shown, "exists and is read-only")
 
     def sync(self) -> None:
-        with self._temporary.path.open("rb") as file:
+        with self._temporary.path.open("r+b") as file:  # Windows syncs only files that are open for writing
             os.fsync(file.fileno())
 
     def publish(self) -> list[Path]:

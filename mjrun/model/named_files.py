@@ -11,9 +11,9 @@ import re
 import stat
 import struct
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
@@ -27,7 +27,7 @@ _FILE_NAMES = rb"file(?:name|right|left|up|down|front|back)?"
 _FOLDER_NAMES = rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))"
 _FILE = re.compile(_FILE_NAMES + _VALUE)
 _FOLDER = re.compile(_FOLDER_NAMES + _VALUE)
-_ABSOLUTE = re.compile(rb"((?:" + _FILE_NAMES + rb"|" + _FOLDER_NAMES + rb")\s*=\s*[\"'])(?=/)")
+_PATH = re.compile(rb"((?:" + _FILE_NAMES + rb"|" + _FOLDER_NAMES + rb")\s*=\s*([\"']))(.*?)(?=\2)", re.DOTALL)
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
 MOST_PIXELS = 2**28  # per image: 16384x16384 pixels, which MuJoCo decodes into 805 MB
@@ -96,15 +96,16 @@ def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Pat
     return [*files]
 
 
-def with_root(text: bytes, root: Path) -> bytes:
-    """Returns MJCF or URDF with `root` prepended to every absolute path in it."""
-    prefix = html.escape(str(root)).encode()
-    return _ABSOLUTE.sub(lambda match: match[1] + prefix, text)
+def with_absolute_paths(text: bytes, place: Callable[[str], Path]) -> bytes:
+    """Returns MJCF or URDF with every absolute path in it replaced by its `place`."""
 
+    def moved(match: re.Match[bytes]) -> bytes:
+        name = with_slashes(html.unescape(match[3].decode(errors="surrogateescape")))
+        if not PurePath(name).root:
+            return match[0]
+        return match[1] + html.escape(str(place(name))).encode(errors="surrogateescape")
 
-def without_root(text: bytes, root: Path) -> bytes:
-    """Returns the argument of `with_root` from its result."""
-    return text.replace(html.escape(str(root)).encode(), b"")
+    return _PATH.sub(moved, text)
 
 
 def foreign_file(path: Path, text: bytes | None) -> str | None:

@@ -12,8 +12,11 @@ from typing import Self
 from mjrun.errors import FileError, MjrunError
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
-from mjrun.model.named_files import with_root, without_root
+from mjrun.model.named_files import with_absolute_paths
+from mjrun.platform.mirror import mirrored, with_original_paths
 from mjrun.suffixes import XML
+
+ORIGINALS = ".originals"  # folder of the models whose copies have other paths in them, by digest
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,8 @@ class InputSnapshot:
             except OSError as error:
                 raise FileError(path, f"cannot be read: {error.strerror or error}") from None
             folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
-            self._write(absolute, content, folder)
             digests[absolute] = hashlib.sha256(content).hexdigest()
+            self._write(absolute, content, digests[absolute], folder)
             folders.add(folder)
         return replace(self, digests=digests, folders=frozenset(folders))
 
@@ -81,7 +84,7 @@ class InputSnapshot:
             content = contents.get(path, b"")
             if hashlib.sha256(content).hexdigest() != digest:
                 raise FileError(path, "its copy is damaged")
-            copy._write(path, content, os.path.dirname(path))  # noqa: PTH120
+            copy._write(path, content, digest, os.path.dirname(path))  # noqa: PTH120
         for folder in self.folders:
             copy._make_folder(folder)
         return copy
@@ -89,7 +92,7 @@ class InputSnapshot:
     def place(self, path: str | Path) -> Path:
         """Returns the path of the copy of a file or folder, whether or not it is part of the snapshot."""
         absolute = _absolute(path, self.cwd)
-        return Path(absolute) if self._holds(absolute) else Path(f"{self.root}{absolute}")
+        return Path(absolute) if self._holds(absolute) else self._copy(absolute)
 
     def digest(self, path: str | Path) -> str:
         """Returns the SHA-256 of an original file; empty if it is not part of the snapshot."""
@@ -103,12 +106,11 @@ class InputSnapshot:
 
     def contents(self) -> dict[str, bytes]:
         """Returns the original contents of all files, by their absolute paths."""
-        return {path: self._original(path) for path in self.digests}
+        return {path: self._original(path, digest).read_bytes() for path, digest in self.digests.items()}
 
     def with_original_names(self, text: str) -> str:
         """Returns a message with the copies' paths replaced by the paths of their originals."""
-        here = f"{self.root}{self.cwd}".rstrip("/")
-        return text.replace(f"{here}/", "").replace(str(self.root), "")
+        return with_original_paths(text, self.root, Path(self.cwd))
 
     @contextmanager
     def original_names_in_errors(self) -> Generator[None]:
@@ -129,27 +131,35 @@ class InputSnapshot:
         return Path(self.with_original_names(str(value))) if isinstance(value, Path) else value
 
     def _holds(self, absolute: str) -> bool:
-        return absolute.startswith(f"{self.root}/")
+        return Path(absolute).is_relative_to(self.root)
 
-    def _write(self, absolute: str, content: bytes, folder: str) -> None:
-        copy = Path(f"{self.root}{absolute}")
+    def _copy(self, absolute: str) -> Path:
+        return mirrored(self.root, Path(absolute))
+
+    def _write(self, absolute: str, content: bytes, digest: str, folder: str) -> None:
+        copy = self._copy(absolute)
+        copied = with_absolute_paths(content, self.place) if copy.suffix in XML else content
         self._make_folder(folder)
         try:
             copy.parent.mkdir(parents=True, exist_ok=True)
-            copy.write_bytes(with_root(content, self.root) if copy.suffix in XML else content)
+            copy.write_bytes(copied)
+            if copied != content:
+                (self.root / ORIGINALS).mkdir(exist_ok=True)
+                (self.root / ORIGINALS / digest).write_bytes(content)
         except OSError as error:
             raise FileError(copy, f"cannot be written: {error.strerror or error}") from None
 
     def _make_folder(self, folder: str) -> None:
         """Creates a folder with every part of its path, since MuJoCo opens `a/../b` only where `a` exists."""
         try:
-            os.makedirs(f"{self.root}{folder}", exist_ok=True)  # noqa: PTH103
+            os.makedirs(self._copy(folder), exist_ok=True)  # noqa: PTH103
         except OSError as error:
             raise FileError(folder, f"cannot be copied: {error.strerror or error}") from None
 
-    def _original(self, path: str) -> bytes:
-        content = Path(f"{self.root}{path}").read_bytes()
-        return without_root(content, self.root) if Path(path).suffix in XML else content
+    def _original(self, path: str, digest: str) -> Path:
+        """Returns the file with the unchanged content of an original."""
+        original = self.root / ORIGINALS / digest
+        return original if original.exists() else self._copy(path)
 
 
 class _Owner:

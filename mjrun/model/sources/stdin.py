@@ -48,7 +48,7 @@ class StdinSource(Source):
         return (DEVICE,)
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
-        path = place(Path(f"{LABEL}.xml"))  # next to the copies of its assets, as its paths are relative
+        path = place(Path("-.xml"))  # next to the copies of its assets, as its paths are relative
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(self._read(), "utf-8")
