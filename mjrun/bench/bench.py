@@ -274,7 +274,7 @@ class Bench(BenchOptions):
 
 def _publish(target: StagedFile, result: BenchResult) -> None:
     try:
-        Path(target.path).write_text(json.dumps(asdict(result), indent=2) + "\n", "utf-8")
+        Path(target.path).write_text(json.dumps(asdict(result), indent=2) + "\n", "utf-8", newline="\n")
         target.sync()
     except OSError as error:
         raise FileError(target.shown, f"cannot be written: {error.strerror or error}") from None

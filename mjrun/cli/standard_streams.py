@@ -7,6 +7,7 @@ import sys
 from typing import Any, TextIO
 
 from mjrun.errors import ClosedPipeError, FileError
+from mjrun.platform import system
 
 STDIN, STDOUT, STDERR = 0, 1, 2
 
@@ -50,6 +51,7 @@ def open_standard_streams() -> None:
     for number, mode in MODES.items():
         if _is_closed(number):
             os.set_inheritable(os.open(os.devnull, mode), True)  # the lowest that is free, which is `number`
+    system.show_utf8()
     sys.stdout = text_stream(Payload(STDOUT, "w", closefd=False))
     sys.stderr = text_stream(Messages(STDERR, "w", closefd=False), line_buffering=True)
 
@@ -60,6 +62,7 @@ def text_stream(raw: io.FileIO, *, line_buffering: bool = False) -> TextIO:
         io.BufferedWriter(raw),
         encoding="utf-8",
         errors="surrogateescape" if isinstance(raw, Payload) else "backslashreplace",
+        newline="\n",
         line_buffering=line_buffering or raw.isatty(),
     )
 

@@ -96,7 +96,7 @@ def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Pat
     return [*files]
 
 
-def with_absolute_paths(text: bytes, place: Callable[[str], Path]) -> bytes:
+def with_absolute_paths(text: bytes, place: Callable[[str], str | Path]) -> bytes:
     """Returns MJCF or URDF with every absolute path in it replaced by its `place`."""
 
     def moved(match: re.Match[bytes]) -> bytes:

@@ -153,6 +153,10 @@ def effective_user() -> int:
     return os.geteuid()
 
 
+def show_utf8() -> None:
+    """Does nothing: terminals show what the user has chosen."""
+
+
 def machine_name() -> str:
     """Returns the name of this machine in its network."""
     return os.uname().nodename

@@ -4,6 +4,7 @@ A process works without a crash monitor and without limits, and nothing confines
 renamed there, so outputs are written without locks: a killed process leaves its unfinished outputs behind.
 """
 
+import ctypes
 import errno
 import os
 import signal
@@ -18,6 +19,7 @@ PASSES_DESCRIPTORS = False
 SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
 )  # the last is Ctrl-Break, and the closing of a console
+CP_UTF8 = 65001
 READ_FLAGS = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
@@ -123,6 +125,13 @@ def hard_link(existing: Path, new: Path) -> None:
 def effective_user() -> int:
     """Returns 0: no folder keeps users from replacing each other's files."""
     return 0
+
+
+def show_utf8() -> None:
+    """Lets the console show UTF-8, which it would decode by an older code page."""
+    libraries = getattr(ctypes, "windll", None)
+    if libraries:
+        libraries.kernel32.SetConsoleOutputCP(CP_UTF8)
 
 
 def machine_name() -> str:

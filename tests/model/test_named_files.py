@@ -2,12 +2,13 @@
 
 import os
 import zipfile
-from pathlib import Path
+from pathlib import Path, PurePath, PurePosixPath, PureWindowsPath
 
 import pytest
 
 from mjrun.errors import BrokenModelError
-from mjrun.model.named_files import require_regular_files
+from mjrun.model import named_files
+from mjrun.model.named_files import require_regular_files, with_absolute_paths
 from mjrun.model.sources import load
 
 MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><geom type="mesh" mesh="m"/></worldbody>'
@@ -108,3 +109,25 @@ def test_an_image_larger_than_any_texture_is_refused_by_its_first_bytes(tmp_path
     model.write_text('<mujoco><asset>\n<texture name="t" type="2d" file="bomb.png"/></asset></mujoco>')
     with pytest.raises(BrokenModelError, match=r"a\.xml:2: 'bomb.png' has 30000x30000 pixels"):
         load(model)
+
+
+@pytest.mark.parametrize(
+    ("system", "text", "expected"),
+    [
+        (PurePosixPath, """<mesh file="/a/b.obj"/>""", """<mesh file="[/a/b.obj]"/>"""),
+        (PurePosixPath, """<mesh file = '/it&quot;s&amp;b.obj'/>""", """<mesh file = '[/it&quot;s&amp;b.obj]'/>"""),
+        (PurePosixPath, """<mesh file="\\a\\b.obj"/>""", """<mesh file="[/a/b.obj]"/>"""),
+        (PurePosixPath, """<compiler meshdir="/a/"/>""", """<compiler meshdir="[/a/]"/>"""),
+        (PurePosixPath, """<mesh file="b.obj"/>""", """<mesh file="b.obj"/>"""),
+        (PurePosixPath, """<mesh file="C:/b.obj"/>""", """<mesh file="C:/b.obj"/>"""),
+        (PureWindowsPath, """<mesh file="C:\\a\\b.obj"/>""", """<mesh file="[C:/a/b.obj]"/>"""),
+        (PureWindowsPath, """<mesh file="C:b.obj"/>""", """<mesh file="C:b.obj"/>"""),
+        (PureWindowsPath, """<texture fileup="//server/a/b.png"/>""", """<texture fileup="[//server/a/b.png]"/>"""),
+        (PureWindowsPath, """<mesh file="/b.obj"/>""", """<mesh file="[/b.obj]"/>"""),
+    ],
+)
+def test_absolute_paths_are_replaced(
+    monkeypatch: pytest.MonkeyPatch, system: type[PurePath], text: str, expected: str
+) -> None:
+    monkeypatch.setattr(named_files, "PurePath", system)
+    assert with_absolute_paths(text.encode(), lambda name: f"[{name}]") == expected.encode()

@@ -130,6 +130,19 @@ def test_untrusted_files_are_refused_in_one_sentence(bootstrap: Path, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+def test_text_has_the_same_line_ends_on_every_system() -> None:
+    writes = [
+        (path.relative_to(PACKAGE).as_posix(), node.lineno)
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in ("write_text", "TextIOWrapper")
+        and not any(keyword.arg == "newline" for keyword in node.keywords)
+    ]
+    assert writes == []
+
+
 def test_posix_is_used_in_its_own_modules_only() -> None:
     users = {
         path.relative_to(PACKAGE).as_posix()

@@ -51,7 +51,7 @@ class StdinSource(Source):
         path = place(Path("-.xml"))  # next to the copies of its assets, as its paths are relative
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(self._read(), "utf-8")
+            path.write_bytes(self._read().encode())
         return FileSource(path, self.text, overrides=self.overrides)
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
