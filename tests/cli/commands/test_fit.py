@@ -38,16 +38,16 @@ def prepared(mjrun: Command) -> tuple[str, str]:
 
 
 @pytest.mark.slow
-def test_a_table_and_a_document_say_what_was_found(mjrun: Command) -> None:
-    model, log = prepared(mjrun)
-    done = mjrun("fit", model, log, *FREE, "--json", "-o", "new/fitted.xml")
+def test_a_table_and_a_document_say_what_was_found(mjrun_here: Command) -> None:
+    model, log = prepared(mjrun_here)
+    done = mjrun_here("fit", model, log, *FREE, "--json", "-o", "new/fitted.xml")
     assert (done.returncode, done.stderr) == (0, b"")
     report = json.loads(done.stdout)
     assert report["schema"] == "mjrun-fit-1"
     assert [each["path"] for each in report["parameters"]] == ["joint/hinge.damping", "joint/hinge.armature"]
     assert abs(report["parameters"][0]["value"] - 0.05) < 0.01
     assert report["files"] == ["new/fitted.xml"]
-    assert (mjrun.folder / "new/fitted.xml").is_file()
+    assert (mjrun_here.folder / "new/fitted.xml").is_file()
 
 
 def test_what_cannot_be_told_exits_with_1_and_says_what_to_do(mjrun_here: Command) -> None:
@@ -77,16 +77,16 @@ def test_wrong_usage_exits_with_2(mjrun_here: Command) -> None:
 
 
 @pytest.mark.slow
-def test_an_input_is_written_before_anything_is_measured(mjrun: Command) -> None:
-    model, _ = prepared(mjrun)
+def test_an_input_is_written_before_anything_is_measured(mjrun_here: Command) -> None:
+    model, _ = prepared(mjrun_here)
     limits = ("--set", "actuator/motor.ctrlrange=-1,1", "--set", "actuator/motor.ctrllimited=true")
-    done = mjrun("fit", model, *FREE, "--excite", "chirp.csv", *limits, "--duration", "2", "--json")
+    done = mjrun_here("fit", model, *FREE, "--excite", "chirp.csv", *limits, "--duration", "2", "--json")
     assert (done.returncode, done.stderr) == (0, b"")
     report = json.loads(done.stdout)
     assert report["schema"] == "mjrun-excite-1"
     assert report["files"] == ["chirp.csv"]
-    assert (mjrun.folder / "chirp.csv").read_bytes().startswith(b"time,ctrl/motor\n")
-    done = mjrun("fit", model, "log.csv", *FREE, "--excite", "chirp.csv", *limits)
+    assert (mjrun_here.folder / "chirp.csv").read_bytes().startswith(b"time,ctrl/motor\n")
+    done = mjrun_here("fit", model, "log.csv", *FREE, "--excite", "chirp.csv", *limits)
     assert done.returncode == 2
     assert b"precedes measurements" in done.stderr
 
@@ -126,9 +126,9 @@ def test_an_interrupted_fit_leaves_the_best_so_far_if_asked_and_else_nothing(
 
 
 @pytest.mark.slow
-def test_a_log_of_another_simulator_is_mapped_and_filmed(mjrun: Command) -> None:
+def test_a_log_of_another_simulator_is_mapped_and_filmed(mjrun_here: Command) -> None:
     """Its names, units and clock are others; it has gaps, and commands of a lower rate."""
-    model, _ = prepared(mjrun)
+    model, _ = prepared(mjrun_here)
     commanded = np.repeat(np.sin(0.05 * np.arange(0, 150, 3)), 15)
     times, angles = simulate(1.5, controls=commanded)
     columns = {"ms": 1000 * times, "J1": np.degrees(noisy(angles)), "tau": 1000 * commanded[::5]}
@@ -136,14 +136,14 @@ def test_a_log_of_another_simulator_is_mapped_and_filmed(mjrun: Command) -> None
     cells[np.arange(150) % 3 > 0, 2] = ""
     cells[60:64, 1] = ""
     lines = [",".join(columns), *(",".join(row) for row in cells)]
-    (mjrun.folder / "other.csv").write_text("\n".join(lines))
+    (mjrun_here.folder / "other.csv").write_text("\n".join(lines))
     texts = ("time=ms/1000", "qpos/hinge=J1*pi/180", "ctrl/motor=tau/1000")
     maps = [part for text in texts for part in ("--map", text)]
-    done = mjrun("fit", model, "other.csv", *FREE, *maps, "--json", "--video", "fit.webp", "--size", "64x48")
+    done = mjrun_here("fit", model, "other.csv", *FREE, *maps, "--json", "--video", "fit.webp", "--size", "64x48")
     assert done.returncode == 0, done.stderr
     assert b"4 samples missing" in done.stderr
     assert b"100 commands missing and replaced by the one before" in done.stderr
     report = json.loads(done.stdout)
     assert [each["value"] for each in report["parameters"]] == pytest.approx([0.05, 0.01], rel=0.1)
     assert report["files"] == ["fit.webp"]
-    assert (mjrun.folder / "fit.webp").read_bytes()[8:12] == b"WEBP"
+    assert (mjrun_here.folder / "fit.webp").read_bytes()[8:12] == b"WEBP"

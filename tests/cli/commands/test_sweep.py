@@ -19,7 +19,7 @@ from tests.study.models import BALL
 if TYPE_CHECKING:
     from tests.conftest import Command
 
-METRIC = ("--metric", "low=min(qpos/ball/z)")
+METRIC = ("--metric", "low=min(qpos/ball/z)", "--jobs", "1")
 
 
 @pytest.fixture
@@ -258,7 +258,7 @@ def test_what_does_not_go_together_is_told(
 @pytest.mark.slow
 def test_a_model_on_standard_input_is_swept(mjrun: Command, ball: str) -> None:
     text = (mjrun.folder / ball).read_bytes()
-    varied = ("--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
+    varied = ("--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)", "--jobs", "1")
     command = [sys.executable, "-m", "mjrun", "sweep", "-", *varied]
     done = subprocess.run(command, cwd=mjrun.folder, input=text, capture_output=True)
     assert done.returncode == 0
@@ -267,7 +267,7 @@ def test_a_model_on_standard_input_is_swept(mjrun: Command, ball: str) -> None:
 
 @pytest.mark.slow
 def test_an_untrusted_model_is_swept_from_copies_and_reads_nothing_else(mjrun: Command, ball: str) -> None:
-    varied = ("--untrusted", "--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)")
+    varied = ("--untrusted", "--vary", "seed=1..3:3", "--steps", "5", "--metric", "t=last(time)", "--jobs", "1")
     assert mjrun("sweep", ball, *varied).returncode == 0
     (mjrun.folder / "nosy.xml").write_text('<mujoco><asset><mesh file="/etc/hostname"/></asset></mujoco>')
     refused = mjrun("sweep", "nosy.xml", *varied)
