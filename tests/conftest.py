@@ -23,9 +23,12 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import mjrun.cli.main as cli
+from mjrun import doctor
 from mjrun.errors import NoRendererError
 from mjrun.platform import cores, system
+from mjrun.rendering import backend as backend_module
 from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
+from tests.backend_trials import RememberedTrial
 from tests.processes import PATIENCE, without_progress
 
 ROOT = Path(__file__).parents[1]
@@ -48,7 +51,7 @@ for ending, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 
 SWING = """
 <mujoco>
-  <visual><global offwidth="64" offheight="64"/><map force=".1"/></visual>
+  <visual><global offwidth="64" offheight="64"/><quality shadowsize="512"/><map force=".1"/></visual>
   <worldbody>
     <light pos="0 0 3"/>
     <geom name="floor" type="plane" size="2 2 .1" rgba=".4 .5 .6 1"/>
@@ -103,6 +106,12 @@ def exploding(tmp_path: Path) -> Path:
         """
     )
     return path
+
+
+@pytest.fixture(autouse=True)
+def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (backend_module, doctor):
+        monkeypatch.setattr(module, "BackendTrialProcess", RememberedTrial)
 
 
 @pytest.fixture(scope="session")

@@ -66,6 +66,11 @@ def test_glfw_is_tried_only_where_there_is_a_display(monkeypatch: pytest.MonkeyP
     assert candidates() == ("egl", "osmesa", "glfw")
 
 
+@pytest.fixture(autouse=True)
+def backends_are_tried_once() -> None:
+    """Replaces the fixture of all tests: here, each trial takes place."""
+
+
 def test_a_renderer_is_found_without_being_told(backend: Backend) -> None:
     assert backend.name in candidates()
     assert backend.renderer

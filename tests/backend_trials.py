@@ -1,14 +1,12 @@
-"""What tests of outputs share: each backend is tried once, since no test here is about how it is detected."""
+"""Trials of backends whose results are kept, since hardly any test is about how a backend is detected."""
 
 import os
 from collections.abc import Sequence
 from typing import Any
 
-import pytest
+from mjrun.rendering.backend import GL, BackendTrialProcess
 
-from mjrun.rendering import backend as backend_module
-from mjrun.rendering.backend import BackendTrialProcess
-
+WITHOUT_EFFECT = ("PYTEST_CURRENT_TEST", GL)  # on a trial, which sets the latter itself
 ANSWERS: dict[object, dict[str, Any]] = {}  # of backends, by all that decides them
 
 
@@ -17,7 +15,7 @@ class RememberedTrial(BackendTrialProcess):
 
     def __init__(self, name: str, draw: bool = False, device: int | None = None, unset: Sequence[str] = ()) -> None:
         self.name = name
-        environment = {variable: value for variable, value in os.environ.items() if variable != "PYTEST_CURRENT_TEST"}
+        environment = {variable: value for variable, value in os.environ.items() if variable not in WITHOUT_EFFECT}
         self._key = (name, draw, device, *unset, *sorted(environment.items()))
         self._is_new = self._key not in ANSWERS
         if self._is_new:
@@ -26,13 +24,9 @@ class RememberedTrial(BackendTrialProcess):
     def answer(self) -> dict[str, Any]:
         if self._is_new:
             ANSWERS[self._key] = super().answer()
+            self._is_new = False
         return ANSWERS[self._key]
 
     def cancel(self) -> None:
         if self._is_new:
             super().cancel()
-
-
-@pytest.fixture(autouse=True)
-def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
