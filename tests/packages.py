@@ -5,16 +5,19 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 METADATA = "Metadata-Version: 2.1\nName: {}\nVersion: {}\n{}\n\nRequires-Dist: in a description\n"
 HIDING = """
 import sys
 from importlib.machinery import PathFinder
 
+HIDDEN = {}
+
 class Hiding(PathFinder):
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        return None if name.partition(".")[0] in {} else super().find_spec(name, path, target)
+        return None if name.partition(".")[0] in HIDDEN else super().find_spec(name, path, target)
 
 sys.meta_path[sys.meta_path.index(PathFinder)] = Hiding
 """
@@ -28,7 +31,9 @@ def hidden(folder: Path, *modules: str) -> Path:
 
 def run_without(arguments: list[str]) -> int:
     """Runs mjrun in a forked process without the modules that are hidden in the folder PYTHONPATH."""
-    exec(Path(os.environ["PYTHONPATH"], "sitecustomize.py").read_text(), {})
+    hiding: dict[str, Any] = {}
+    exec(Path(os.environ["PYTHONPATH"], "sitecustomize.py").read_text(), hiding)
+    assert not hiding["HIDDEN"] & {*sys.modules}, "imported before they were hidden"
     return import_module("mjrun.cli.main").run(arguments)
 
 

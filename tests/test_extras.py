@@ -10,7 +10,7 @@ import pytest
 import mjrun
 from tests.packages import hidden, run_with
 from tests.processes import PATIENCE
-from tests.scoreboard.command import QUICK_IMPORTS, CommandServer, Ended
+from tests.scoreboard.command import CommandServer, Ended, modules_of_mjrun
 
 pytestmark = pytest.mark.slow
 
@@ -87,7 +87,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def server() -> Iterator[CommandServer]:
     """A process that has imported mjrun, and no library of an extra; each command runs in a fork of it."""
-    with CommandServer(limit=PATIENCE, imports=QUICK_IMPORTS) as started:
+    lazy = [name for name in modules_of_mjrun() if name.startswith("mjrun.") and name not in EAGER]
+    with CommandServer(limit=PATIENCE, imports=lazy) as started:
         yield started
 
 
