@@ -1,17 +1,20 @@
 """The architecture of mjrun: which module may import which, checked on every import."""
 
 import ast
+import inspect
 import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from types import FrameType
 
 import pytest
 
 import mjrun
+from mjrun.cli.console import Console
 from mjrun.cli.main import COMMANDS
 
 # Imports run downward. Rooms on one line are siblings and never import each other.
@@ -168,6 +171,52 @@ def violations(package: Path) -> list[str]:
 
 def test_imports_run_one_way_and_every_library_has_one_home() -> None:
     assert violations(PACKAGE) == []
+
+
+def room_of(frame: FrameType) -> str | None:
+    """Returns the room of the code that a frame runs; None outside of mjrun."""
+    path = Path(frame.f_code.co_filename)
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py") if path.is_relative_to(PACKAGE) else None
+
+
+def upward_calls(action: Callable[[], object]) -> set[tuple[str, str]]:
+    """Returns the rooms of callers and functions called in `action` where the caller is below the function.
+
+    A generator that is handed down and read there counts as a value, and so does what an import runs.
+    """
+    pairs: set[tuple[str, str]] = set()
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        if event != "call" or frame.f_code.co_flags & inspect.CO_GENERATOR:
+            return
+        chain = [frame]
+        while above := chain[-1].f_back:
+            chain.append(above)
+        ours = [(room, each.f_code.co_name) for each in chain if (room := room_of(each))]
+        if room_of(frame) and len(ours) > 1 and all(name != "<module>" for _, name in ours):
+            (called, _), (caller, _), *_ = ours
+            if LEVEL[called] < LEVEL[caller]:
+                pairs.add((caller, called))
+
+    sys.setprofile(note)
+    try:
+        action()
+    finally:
+        sys.setprofile(None)
+    return pairs
+
+
+def test_a_video_calls_upward_only_its_taps_and_its_reporter(swing: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(swing, steps=5)
+    video = mjrun.Video(simulation, str(tmp_path / "a.mp4"), size=(64, 48), jobs=1)
+    assert upward_calls(lambda: video.run(Console())) == {("physics", "outputs"), ("outputs", "cli")}
+
+
+def test_the_modules_to_read_exist_and_are_few() -> None:
+    guide = (PACKAGE.parent / "CONTRIBUTING.md").read_text("utf-8").partition("## Read\n")[2].partition("\n## ")[0]
+    modules = re.findall(r"`([\w/]+\.py)`", guide)
+    assert [module for module in modules if not (PACKAGE / module).is_file()] == []
+    assert 30 < len(set(modules)) <= 45
 
 
 def plant(folder: Path, module: str, source: str) -> Path:

@@ -141,7 +141,7 @@ class Options:
     def __post_init__(self) -> None:
         for each in options_of(type(self)):
             value = getattr(self, each.attribute)
-            if value is each.default:  # which was converted when it was declared
+            if value is each.default or value == {} == each.default:  # which was converted when it was declared
                 continue
             try:
                 made = each.kind(value)
