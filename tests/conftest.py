@@ -23,7 +23,6 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 import mjrun.cli.main as cli
-from mjrun import doctor
 from mjrun.errors import NoRendererError
 from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
@@ -110,8 +109,7 @@ def exploding(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (backend_module, doctor):
-        monkeypatch.setattr(module, "BackendTrialProcess", RememberedTrial)
+    monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
 
 
 @pytest.fixture(scope="session")
