@@ -5,6 +5,7 @@ prints SARIF.
 """
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -23,6 +24,7 @@ MEANINGS = {
     70: "a bug in mjrun",
 }
 LIMIT = 60_000  # characters of the report; a comment holds 65,536
+ANNOTATION = re.compile(r"^::\w+ file=(.*?)(?:,line=(\d+))?,title=(.*?)::(.*)$", re.MULTILINE)
 
 
 def main() -> None:
@@ -56,10 +58,20 @@ def files() -> dict[Path, int]:
 
 def markdown(words: list[str], code: int, text: str) -> str:
     """Returns the report: the command, its exit code in words, and what it printed."""
-    fence = "`" * 4
+    text = ANNOTATION.sub(readable, text)
+    fence = "`" * (1 + max(map(len, re.findall("`+", text)), default=3))
     body = text if len(text) <= LIMIT else f"{text[:LIMIT]}\n… {len(text) - LIMIT} more characters are in the log"
     meaning = MEANINGS.get(code, "ended by a signal" if code < 0 or code > 128 else "failed")
     return f"### `mjrun {shlex.join(words)}`\n\nExit code {code}: {meaning}\n\n{fence}text\n{body.rstrip()}\n{fence}\n"
+
+
+def readable(annotation: "re.Match[str]") -> str:
+    """Returns an annotation of `--github` as a person reads it."""
+    file, line, title, message = annotation.groups("")
+    text = f"{file}{line and ':'}{line}: {title}: {message}"
+    for code, character in (("%0A", "\n    "), ("%0D", ""), ("%3A", ":"), ("%2C", ","), ("%25", "%")):
+        text = text.replace(code, character)
+    return text
 
 
 def append(variable: str, text: str) -> None:

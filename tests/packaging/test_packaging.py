@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -118,6 +119,91 @@ def test_the_action_uploads_findings_and_comments_on_differences(runner: dict[st
     comment = run_step(runner, "Comment on the pull request", NUMBER="7", REPORT=outputs["report"], FILES="https://a/b")
     assert comment[:3] == ["pr", "comment", "7"]
     assert "(https://a/b)" in Path(outputs["report"]).read_text("utf-8")
+
+
+GITHUB = """#!{python}
+import base64, json, os, subprocess, sys
+path, method = sys.argv[2].removeprefix("repos/owner/name/git/"), sys.argv[4]
+fields = json.load(sys.stdin) if "--input" in sys.argv else {{}}
+
+def git(*arguments, content=b""):
+    command = ["git", "-C", "{repository}", *arguments]
+    return subprocess.run(command, input=content, stdout=subprocess.PIPE, check=True).stdout.decode().strip()
+
+if path == "blobs":
+    answer = {{"sha": git("hash-object", "-w", "--stdin", content=base64.b64decode(fields["content"]))}}
+elif path == "trees":
+    for each in fields["tree"]:
+        git("update-index", "--add", "--cacheinfo", each["mode"] + "," + each["sha"] + "," + each["path"])
+    answer = {{"sha": git("write-tree")}}
+elif path == "commits":
+    parents = [word for parent in fields["parents"] for word in ("-p", parent)]
+    answer = {{"sha": git("commit-tree", fields["tree"], *parents, "-m", fields["message"])}}
+elif path.startswith("matching-refs/"):
+    words = git("for-each-ref", "--format=%(refname) %(objectname)", "refs/" + path.partition("/")[2]).split()
+    answer = [{{"ref": name, "object": {{"sha": sha}}}} for name, sha in zip(words[::2], words[1::2])]
+else:
+    assert method == ("POST" if path == "refs" else "PATCH")
+    git("update-ref", fields.get("ref", path), fields["sha"])
+    answer = {{}}
+print(json.dumps(answer))
+"""
+
+
+def test_the_action_shows_images_from_a_branch_of_their_own(runner: dict[str, str]) -> None:
+    folder = Path(runner["RUNNER_TEMP"])
+    repository = folder / "repository"
+    git = ["git", "-C", str(repository), "-c", "user.name=a", "-c", "user.email=a@b"]
+    subprocess.run(["git", "init", "-q", "-b", "main", repository], check=True)
+    (folder / "bin/gh").write_text(GITHUB.format(python=sys.executable, repository=repository))
+    report, summary = folder / "report.md", folder / "summary.md"
+    (folder / "work/plots").mkdir()
+    images = {"plots/a & b.png": b"one", "worst.webp": b"two"}
+    for name, content in images.items():
+        (folder / "work" / name).write_bytes(content)
+    (folder / "work/table.csv").write_text("time\n0\n")
+    written = "\n".join(str(folder / "work" / name) for name in [*images, "table.csv"])
+    names = {f"GIT_{who}_{what}": "x" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")}
+    variables = {"FILES": written, "REPORT": str(report), "GITHUB_STEP_SUMMARY": str(summary), **names}
+    environment = {**runner, **variables, "GITHUB_SERVER_URL": "https://github.com", "GITHUB_RUN_ID": "7"}
+
+    def publish() -> str:
+        script = ROOT / "packaging/publish_images.py"
+        done = subprocess.run(
+            [sys.executable, script], cwd=folder / "work", env=environment, check=True, capture_output=True
+        )
+        assert done.stdout == b""
+        return subprocess.run(
+            [*git, "rev-parse", "mjrun-images"], check=True, capture_output=True, text=True
+        ).stdout.strip()
+
+    commit = publish()
+    for name, content in images.items():
+        stored = subprocess.run([*git, "show", f"{commit}:{name}"], check=True, capture_output=True).stdout
+        assert stored == content
+    address = f"https://github.com/owner/name/blob/{commit}/plots/a%20%26%20b.png?raw=true"
+    assert f'<p>plots/a &amp; b.png<br><img src="{address}" alt="plots/a &amp; b.png"></p>' in report.read_text()
+    assert report.read_text() == summary.read_text()
+
+    assert subprocess.run([*git, "merge-base", "--is-ancestor", commit, publish()]).returncode == 0
+
+
+def test_without_permission_the_action_warns_and_goes_on(runner: dict[str, str]) -> None:
+    folder = Path(runner["RUNNER_TEMP"])
+    (folder / "bin/gh").write_text("#!/bin/sh\necho 'gh: Resource not accessible (HTTP 403)' >&2\nexit 1\n")
+    (folder / "worst.png").write_bytes(b"image")
+    environment = {**runner, "FILES": str(folder / "worst.png"), "REPORT": str(folder / "report.md")}
+    script = ROOT / "packaging/publish_images.py"
+    done = subprocess.run([sys.executable, script], env=environment, check=True, capture_output=True, text=True)
+    assert done.stdout.startswith("::warning title=Images are not shown::gh: Resource not accessible (HTTP 403)")
+    assert not (folder / "report.md").exists()
+
+
+def test_annotations_are_readable_in_the_report_and_code_ends_no_fence() -> None:
+    text = "::error file=a.xml,line=3,title=MJ100 broken::size%0Agive 100%25\n`````"
+    report = runpy.run_path(str(ROOT / "packaging/action.py"))["markdown"](["check", "a.xml"], 1, text)
+    assert "a.xml:3: MJ100 broken: size\n    give 100%\n" in report
+    assert report.endswith("\n`````\n``````\n")
 
 
 def run_step(runner: dict[str, str], name: str, **variables: str) -> list[str]:
