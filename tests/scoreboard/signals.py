@@ -27,6 +27,7 @@ ENDLESS = 3.0  # [s] in which moments of endless cases are drawn
 MANY = '<mujoco><worldbody><replicate count="{}" offset="0.1 0 0"><geom size="0.01"/></replicate></worldbody></mujoco>'
 HANGING = "#!/bin/sh\nsleep 600 &\nexec sleep 600\n"  # an ffmpeg with a child that holds its standard error
 MARK = "MJRUN_SCOREBOARD_RUN"
+BEGINNING = ("__init__.py", "__main__.py", "platform/")  # of the package: what it imports first
 NOISE = ("Traceback (most recent call last)", "Exception ignored", "KeyboardInterrupt", "Fatal Python error")
 
 
@@ -185,7 +186,7 @@ class Signals:
             took = time.monotonic() - sent
             faults = run.leftovers(5)
             limit = max(AT_MOST, PULSES * _pulse())
-            if _in_python(ended):
+            if _too_early(ended):
                 self.too_early += 1
                 return
 
@@ -232,10 +233,10 @@ def _pulse() -> float:
     return time.monotonic() - began
 
 
-def _in_python(ended: Ended) -> bool:
-    """Tells whether the signal came before Python had read the first line of mjrun, which mjrun cannot handle."""
-    lines = [line for line in ended.message.splitlines() if line.lstrip().startswith("File ")]
-    return bool(noise(ended)) and not any(f'"{ROOT}/mjrun/' in line for line in lines)
+def _too_early(ended: Ended) -> bool:
+    """Tells whether the signal came before mjrun, which begins with the imports of `BEGINNING`, could hold it back."""
+    lines = [line for line in ended.message.splitlines() if line.lstrip().startswith(f'File "{ROOT}/mjrun/')]
+    return bool(noise(ended)) and all(any(f"/mjrun/{place}" in line for place in BEGINNING) for line in lines)
 
 
 def _changes(before: dict[str, bytes], after: dict[str, bytes]) -> str:
@@ -275,7 +276,5 @@ def signals(quick: bool) -> Tally:
                 number = generator.choice([signal.SIGINT, signal.SIGTERM])
                 sender.send(name, number, longest * (part + generator.random()) / MOMENTS, whole)
     if sender.too_early:
-        sender.tally.leave_out(
-            f"{sender.too_early} signals came before Python had read the first line of mjrun, and Python ended"
-        )
+        sender.tally.leave_out(f"{sender.too_early} signals came before mjrun could hold them back, and Python ended")
     return sender.tally
