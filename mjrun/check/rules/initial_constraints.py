@@ -49,7 +49,7 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
 
 def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
     """Returns the pairs of geoms that penetrate each other deeply at a start, as `penetration_depths` does."""
-    model, deep = context.model, {}
+    model, deep = context.model, dict[tuple[int, int], tuple[float, float]]()
     for pair, (depth, share) in penetration_depths(context, start).items():
         is_static = (model.body_weldid[model.geom_bodyid[list(pair)]] == 0).any()
         if share > MAX_SHARE and depth > (MAX_STATIC_DEPTH if is_static else MAX_DEPTH):

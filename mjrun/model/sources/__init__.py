@@ -41,19 +41,18 @@ class CompiledSource(Source):
         return None, self.model
 
 
-def parse_source(text: str, overrides: Sequence[Override] = (), folder: str | Path = "") -> Source:
+def parse_source(text: str, overrides: Sequence[Override] = ()) -> Source:
     """Returns the source that `text` names: `PREFIX:NAME` of a collection, `-` for standard input, else a file.
 
     Args:
       overrides: the overrides to load it with.
-      folder: the folder that a relative file name is relative to.
     """
     prefix, colon, name = text.partition(":")
     if text == "-":
         return StdinSource(overrides=tuple(overrides))
     if colon and (collection := model_collections().get(prefix)):
         return collection(name, overrides=tuple(overrides))
-    return FileSource(Path(folder, text), overrides=tuple(overrides))
+    return FileSource(Path(text), overrides=tuple(overrides))
 
 
 def is_file(text: str) -> bool:

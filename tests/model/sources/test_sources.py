@@ -55,13 +55,6 @@ def test_text_is_a_collection_or_standard_input_or_else_a_file(text: str, source
     assert parse_source(text) == source_of(text) == source
 
 
-def test_a_file_is_relative_to_the_folder_and_a_name_is_not() -> None:
-    assert parse_source("m.xml", folder="study") == FileSource(Path("study/m.xml"))
-    assert parse_source("/m.xml", folder="study") == FileSource(Path("/m.xml"))
-    assert parse_source("scene:car", folder="study") == BundledScene("car")
-    assert parse_source("-", folder="study") == StdinSource()
-
-
 @pytest.mark.parametrize("text", ["-", "scene:car", "m.xml"])
 def test_overrides_are_part_of_a_source(text: str) -> None:
     overrides = [Override("opt.cone", "elliptic")]
