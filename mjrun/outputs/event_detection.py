@@ -66,7 +66,7 @@ class EventDetector:
         time = float(self._timeline.time(stepper.step))
         rows: list[dict[str, np.ndarray]] = []
         for table in self._tables:
-            values = np.array([time, *table.read(stepper).values])[:, None]
+            values = np.array([time, *table.values(stepper)])[:, None]
             rows.append({column.name: value for column, value in zip(table.columns, values, strict=True)})
         return rows
 

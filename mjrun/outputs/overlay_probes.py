@@ -75,7 +75,7 @@ class OverlayProbes:
 
     def read(self, stepper: Stepper) -> list[np.ndarray]:
         """Returns the values of each table at the stepper's instant."""
-        return [table.read(stepper).values for table in self.tables]
+        return [table.values(stepper) for table in self.tables]
 
     def overlay(
         self,

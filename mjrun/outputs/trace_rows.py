@@ -5,7 +5,9 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from operator import attrgetter
+from typing import NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -16,9 +18,10 @@ from mjrun.physics.c_engine import SLEEP, RecordingBatch
 from mjrun.physics.engine import BLOCK_STEPS
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper, Stepper
-from mjrun.probe.contacts import contact_columns, contacts
+from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
-from mjrun.probe.fields import FieldProbe, Fields, InstantProbe
+from mjrun.probe.fields import FieldProbe, Fields
+from mjrun.probe.recorded_contacts import ContactProbe, CopiedContacts, RecordedContacts, copy_contacts
 from mjrun.probe.select import select
 from mjrun.task.episode import EpisodeStepper
 from mjrun.timeline import Timeline, rational, seconds
@@ -35,6 +38,22 @@ class SampledRows:
 
     values: np.ndarray
     contacts: np.ndarray | None = None
+
+
+class InstantReading(NamedTuple):
+    """Copies of what a row is computed from.
+
+    Attributes:
+      fields: the bytes of fields of MjData, or numbers.
+      initial: fields at step 0.
+      measured: the values of probes that read an MjData or an episode.
+      contacts: the contacts, if a column needs them.
+    """
+
+    fields: Sequence[bytes | int]
+    initial: Fields
+    measured: Sequence[np.ndarray]
+    contacts: CopiedContacts | None
 
 
 class ProbeSampler:
@@ -67,6 +86,11 @@ class ProbeSampler:
         of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]
         self._fields = sorted({name for probe in of_fields for name in probe.fields})
         self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
+        self._of_instants = [probe for probe in self.probes if not isinstance(probe, FieldProbe | ContactProbe)]
+        self._copies_contacts = with_contacts or any(isinstance(probe, ContactProbe) for probe in self.probes)
+        self._stepper: Stepper | None = None  # the last one that was read
+        self._initial_values: Fields = {}
+        self._like: Fields = {}  # an instance of each field
         self.model = model
         if "energy" in self._fields and not model.opt.enableflags & ENERGY:
             self.model = copy.copy(model)
@@ -89,7 +113,7 @@ class ProbeSampler:
 
     def blocks(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Yields blocks of the rows at the steps `rows`, as functions that the caller calls to compute them."""
-        if self.contact_columns or not all(isinstance(probe, FieldProbe) for probe in self.probes):
+        if self._copies_contacts or not all(isinstance(probe, FieldProbe) for probe in self.probes):
             yield from self._by_instants(stepper, rows)
             return
         initial = self._initial(stepper)
@@ -104,39 +128,68 @@ class ProbeSampler:
     def _by_instants(self, stepper: PhysicsStepper, rows: Sequence[int]) -> Iterator[Callable[[], SampledRows]]:
         """Yields the same blocks, read from one consistent MjData per row."""
         for start in range(0, len(rows), ROWS):
-            steps, instants = rows[start : start + ROWS], list[SampledRows]()
+            steps, readings = rows[start : start + ROWS], list[InstantReading]()
             try:
-                observe(stepper, [Tap(steps, self.read, instants.append)], steps[-1])
+                observe(stepper, [Tap(steps, self.read, readings.append)], steps[-1])
             except SimulationError:
-                if instants:
-                    yield lambda steps=steps, instants=instants: self.stack(steps, instants)
+                if readings:
+                    yield partial(self.stack, steps, readings)
                 raise
-            yield lambda steps=steps, instants=instants: self.stack(steps, instants)
+            yield partial(self.stack, steps, readings)
 
-    def stack(self, steps: Sequence[int], instants: Sequence[SampledRows]) -> SampledRows:
-        """Stacks the results of `read` at `steps`, or at the first of them, into rows with their times."""
-        touching = [row.contacts for row in instants if row.contacts is not None]
-        values = np.stack([row.values for row in instants])
-        timed = self._timed(np.array(steps[: len(instants)]), [values])
-        return SampledRows(timed, np.concatenate(touching) if touching else None)
+    def read(self, stepper: Stepper) -> InstantReading:
+        """Copies the stepper's instant, as far as the row needs it."""
+        data = stepper.instant()
+        if stepper is not self._stepper:
+            self._stepper, self._initial_values = stepper, self._initial(stepper)
+            self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
+        measured: list[np.ndarray] = []
+        for probe in self._of_instants:
+            if isinstance(probe, EpisodeProbe):
+                assert isinstance(stepper, EpisodeStepper)
+                measured.append(probe.read(stepper.now()))
+            else:
+                measured.append(probe.measure(stepper.model, data))
+        return InstantReading(
+            _copied(stepper.model, data, self._fields),
+            self._initial_values,
+            measured,
+            copy_contacts(data) if self._copies_contacts else None,
+        )
 
-    def read(self, stepper: Stepper) -> SampledRows:
+    def values(self, stepper: Stepper) -> np.ndarray:
         """Returns the row of the stepper's instant, without its time."""
-        data, initial = stepper.instant(), self._initial(stepper)
-        fields = _fields(stepper.model, data, self._fields)
-        values: list[np.ndarray] = []
+        return self._computed([self.read(stepper)])[0][0]
+
+    def stack(self, steps: Sequence[int], readings: Sequence[InstantReading]) -> SampledRows:
+        """Computes the rows of `readings` at `steps`, or at the first of them, with their times."""
+        values, contacts = self._computed(readings)
+        timed = self._timed(np.array(steps[: len(readings)]), [values])
+        return SampledRows(timed, contact_rows(contacts, timed[:, 0]) if contacts and self.contact_columns else None)
+
+    def _computed(self, readings: Sequence[InstantReading]) -> tuple[np.ndarray, RecordedContacts | None]:
+        """Returns the rows of `readings`, without their times, and their contacts if any column needs them."""
+        first = readings[0]
+        fields = {
+            name: _joined_copies(like, [reading.fields[index] for reading in readings])
+            for index, (name, like) in enumerate(self._like.items())
+        }
+        contacts = None
+        if self._copies_contacts:
+            contacts = RecordedContacts(self.model, [reading.contacts for reading in readings if reading.contacts])
+        measured = iter(range(len(first.measured)))
+        parts: list[np.ndarray] = [np.empty((len(readings), 0))]
         for probe in self.probes:
             match probe:
                 case FieldProbe():
-                    values.append(probe.compute(fields, initial))
-                case InstantProbe():
-                    values.append(probe.measure(stepper.model, data))
-                case EpisodeProbe():
-                    assert isinstance(stepper, EpisodeStepper)
-                    values.append(probe.read(stepper.now()))
-        time = float(self._timeline.time(stepper.step))
-        touching = contacts(stepper.model, data, time) if self.contact_columns else None
-        return SampledRows(np.concatenate([np.empty(0), *values]), touching)
+                    parts.append(probe.compute(fields, first.initial))
+                case ContactProbe():
+                    assert contacts
+                    parts.append(probe.compute(contacts))
+                case _:
+                    index = next(measured)
+                    parts.append(np.stack([reading.measured[index] for reading in readings]))
+        return np.concatenate(parts, axis=1), contacts
 
     def _initial(self, stepper: Stepper) -> Fields:
         """Returns the fields at step 0 that probes require."""
@@ -151,12 +204,12 @@ class RowBuffer:
 
     def __init__(self, table: ProbeSampler, steps: Sequence[int], write: Callable[[SampledRows], object]) -> None:
         self._table, self._steps, self._write = table, steps, write
-        self._rows: list[SampledRows] = []
+        self._rows: list[InstantReading] = []
         self._written = 0
 
-    def add(self, row: SampledRows) -> None:
+    def add(self, reading: InstantReading) -> None:
         """Adds the next row, as `ProbeSampler.read` returns it."""
-        self._rows.append(row)
+        self._rows.append(reading)
         if len(self._rows) == ROWS:
             self.flush()
 
@@ -176,14 +229,30 @@ def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str
     return f"{text}: each step gives one row; a smaller {option('timestep')} gives more"
 
 
-def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Fields:
-    if "energy" in names and not model.opt.enableflags & ENERGY:
+def _copied(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> list[bytes | int]:
+    """Returns the bytes of fields of `data`, or their numbers."""
+    if "energy" in names:
         data = _with_energy(model, data)
+    values = [getattr(data, name) for name in names]
+    return [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
+
+
+def _joined_copies(like: np.ndarray, copies: Sequence[bytes | int]) -> np.ndarray:
+    """Returns copies of a field at n instants as an array `(n, …)`."""
+    if not like.ndim:
+        return np.array(copies)
+    return np.frombuffer(b"".join(cast("Sequence[bytes]", copies)), like.dtype).reshape(len(copies), *like.shape)
+
+
+def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Fields:
+    data = _with_energy(model, data) if "energy" in names else data
     return {name: np.array(getattr(data, name)) for name in names}
 
 
 def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """Returns a copy of an instant with energy, for a model that leaves energy out."""
+    """Returns an instant with energy: a copy, if the model leaves energy out."""
+    if model.opt.enableflags & ENERGY:
+        return data
     instant = mujoco.MjData(model)
     mujoco.mj_copyData(instant, model, data)
     mujoco.mj_energyPos(model, instant)

@@ -6,7 +6,6 @@ are about the contact point. The contact frame is the normal and the two tangent
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.table_column import Column
-from mjrun.probe.fields import InstantProbe
+from mjrun.probe.recorded_contacts import ContactProbe, RecordedContacts
 
 FRAME, WORLD = ("normal", "tangent1", "tangent2"), ("x", "y", "z")
 ACTION = "{} that geom1 exerts on geom2, {} frame"
@@ -24,7 +23,7 @@ PARTIES, FLEX = ("body", "geom"), "flex"
 
 
 def contact_columns(model: mujoco.MjModel) -> list[Column]:
-    """Returns the columns of `contacts`: time first; geoms and bodies are indices into their labels.
+    """Returns the columns of `contact_rows`: time first; geoms and bodies are indices into their labels.
 
     A flex is `flex/cloth`, or `flex:0` without a name. It has a body only if the contact is at a vertex with a body.
     """
@@ -47,31 +46,26 @@ def contact_columns(model: mujoco.MjModel) -> list[Column]:
     ]
 
 
-def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndarray:
-    """Returns a row for each contact, in MuJoCo's order: `(ncon, len(contact_columns(model)))` float64.
+def contact_rows(contacts: RecordedContacts, times: np.ndarray) -> np.ndarray:
+    """Returns a row for each contact: `(m, len(contact_columns(model)))` float64.
 
     A contact without a constraint, as in the gap or for lack of memory, has no force.
 
     Args:
-      data: data of one instant, as after `mj_forward`.
-      time: time of that instant [s].
+      times: times of the instants `(n,)` [s].
     """
-    touching, count = data.contact, data.ncon
-    wrenches = np.empty((count, 6))
-    for index, wrench in enumerate(wrenches):
-        mujoco.mj_contactForce(model, data, index, wrench)
-    frames = touching.frame.reshape(count, 3, 3)  # rows: normal, two tangents
-    world = wrenches.reshape(count, 2, 3) @ frames
+    frames, wrenches = contacts.frames, contacts.wrenches
+    world = wrenches.reshape(-1, 2, 3) @ frames
     parts = (
-        np.full(count, time),
-        np.arange(count),
-        _things(model, touching),
-        _bodies(model, touching),
-        touching.dist,
-        touching.pos,
+        times[contacts.instants],
+        contacts.indices,
+        contacts.things,
+        contacts.bodies,
+        contacts.fields["dist"],
+        contacts.fields["pos"],
         frames[:, 0],
         wrenches,
-        world.reshape(count, 6),
+        world.reshape(-1, 6),
     )
     return np.column_stack(parts)
 
@@ -93,7 +87,7 @@ def identify_party(text: str, model: mujoco.MjModel) -> tuple[str, int]:
     raise UnknownNameError("object", text, list(dict.fromkeys([*known["body"], *known["geom"]])), plural=plural)
 
 
-def pair(text: str, model: mujoco.MjModel) -> InstantProbe:
+def pair(text: str, model: mujoco.MjModel) -> ContactProbe:
     """Returns the probe of the number of contacts between two objects, `A/B`, in either order.
 
     A body includes its geoms and those of all bodies below it, so that `world` is everything. A contact counts, once,
@@ -108,13 +102,14 @@ def pair(text: str, model: mujoco.MjModel) -> InstantProbe:
     first, second = _split(text, model)
     one, other = _party(model, first), _party(model, second)
 
-    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        sides = _things(model, data.contact), _bodies(model, data.contact)
-        between = one.has(*sides) & other.has(*sides)[:, ::-1]
-        return np.array([np.count_nonzero(between.any(axis=1))], float)
+    def compute(contacts: RecordedContacts) -> np.ndarray:
+        sides = contacts.things, contacts.bodies
+        between = (one.has(*sides) & other.has(*sides)[:, ::-1]).any(axis=1)
+        numbers = np.bincount(contacts.instants[between], minlength=len(contacts.counts))
+        return numbers[:, None].astype(float)
 
     meaning = f"number of contacts between {quoted(first)} and {quoted(second)}"
-    return InstantProbe([Column(f"contact/{text}", "", meaning)], measure)
+    return ContactProbe.of([Column(f"contact/{text}", "", meaning)], compute)
 
 
 @dataclass(frozen=True)
@@ -182,17 +177,3 @@ def _is_party(text: str, model: mujoco.MjModel) -> bool:
     except UnknownNameError:
         return False
     return True
-
-
-def _things(model: mujoco.MjModel, contact: Any) -> np.ndarray:
-    """Returns the geoms that touch, or flexes, counted after all geoms: `(ncon, 2)`."""
-    return np.where(contact.geom < 0, model.ngeom + contact.flex, contact.geom)
-
-
-def _bodies(model: mujoco.MjModel, contact: Any) -> np.ndarray:
-    """Returns the bodies that touch, −1 for none: `(ncon, 2)`."""
-    bodies = np.full(contact.geom.shape, -1)
-    rigid, soft = contact.geom >= 0, contact.vert >= 0
-    bodies[rigid] = model.geom_bodyid[contact.geom[rigid]]
-    bodies[soft] = model.flex_vertbodyid[model.flex_vertadr[contact.flex[soft]] + contact.vert[soft]]
-    return bodies

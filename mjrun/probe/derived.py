@@ -13,6 +13,7 @@ import numpy as np
 from mjrun.model.names import enum_members, names
 from mjrun.model.table_column import Column
 from mjrun.probe.fields import FieldProbe, Fields, InstantProbe, Probe
+from mjrun.probe.recorded_contacts import ContactProbe, RecordedContacts
 
 POSITIONS = {"body": "xpos", "geom": "geom_xpos", "site": "site_xpos"}
 WARNINGS = {
@@ -105,7 +106,7 @@ def momentum(model: mujoco.MjModel) -> FieldProbe:
     return FieldProbe(columns, ("cvel", "subtree_com", "xipos", "ximat"), compute, reads_model=True)
 
 
-def contact_force(model: mujoco.MjModel) -> InstantProbe:
+def contact_force(model: mujoco.MjModel) -> ContactProbe:
     """Measures the sum over all contacts of the normal and of the friction force, world frame [N].
 
     Each contact counts with the force that acts on its second geom, which is the one above on a floor.
@@ -117,26 +118,26 @@ def contact_force(model: mujoco.MjModel) -> InstantProbe:
         for axis in "xyz"
     ]
 
-    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        sums, wrench = np.zeros((2, 3)), np.zeros(6)
-        for index in range(data.ncon):
-            mujoco.mj_contactForce(model, data, index, wrench)
-            frame = data.contact[index].frame.reshape(3, 3)  # rows: normal, two tangents
-            sums[0] += frame[0] * wrench[0]
-            sums[1] += frame[1:].T @ wrench[1:3]
-        return sums.ravel()
+    def compute(contacts: RecordedContacts) -> np.ndarray:
+        frames, wrenches = contacts.frames, contacts.wrenches
+        friction = (frames[:, 1:].swapaxes(1, 2) @ wrenches[:, 1:3, None])[..., 0]
+        sums = np.zeros((len(contacts.counts), 6))
+        np.add.at(sums, contacts.instants, np.column_stack([frames[:, 0] * wrenches[:, :1], friction]))
+        return sums
 
-    return InstantProbe(columns, measure)
+    return ContactProbe.of(columns, compute)
 
 
-def penetration(model: mujoco.MjModel) -> InstantProbe:
+def penetration(model: mujoco.MjModel) -> ContactProbe:
     """Measures the depth of the deepest contact [m]; 0 without contacts."""
     column = Column("penetration/deepest", "m", "depth of the deepest contact")
 
-    def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        return np.array([max([0.0, *(-data.contact.dist)])])
+    def compute(contacts: RecordedContacts) -> np.ndarray:
+        deepest = np.zeros(len(contacts.counts))
+        np.maximum.at(deepest, contacts.instants, 0 - contacts.fields["dist"])  # never -0.0
+        return deepest[:, None]
 
-    return InstantProbe([column], measure)
+    return ContactProbe.of([column], compute)
 
 
 def warning(model: mujoco.MjModel) -> InstantProbe:

@@ -54,7 +54,7 @@ def test_a_single_instant_is_the_row_of_the_whole_table(integrator: str) -> None
         for step in (0, 3, 150, STEPS):
             for stepper in (stepper_of(table), ReplayStepper(table.model, states)):
                 stepper.advance(step)
-                assert table.read(stepper).values.tobytes() == whole[step, 1:].tobytes()
+                assert table.values(stepper).tobytes() == whole[step, 1:].tobytes()
 
 
 def test_text_over_one_late_image_says_what_the_trace_says() -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.contacts import contact_columns, contacts, pair
+from mjrun.probe.contacts import contact_columns, contact_rows, pair
 from mjrun.probe.derived import contact_force
+from mjrun.probe.recorded_contacts import RecordedContacts, copy_contacts
 
 # The ball on the box rolls, slides and spins; the bead lies off its body's origin.
 PILE = """
@@ -37,6 +38,11 @@ SHEET = """
   </worldbody>
 </mujoco>
 """
+
+
+def contacts(model: mujoco.MjModel, data: mujoco.MjData, time: float) -> np.ndarray:
+    """The rows of one instant."""
+    return contact_rows(RecordedContacts(model, [copy_contacts(data)]), np.array([time]))
 
 
 class Read:
@@ -177,6 +183,38 @@ def test_what_geom1_does_to_a_free_sphere_is_how_it_accelerates(cone: str, condi
     assert acts * read["world_force"].sum(axis=0) == pytest.approx(needed, rel=1e-6, abs=1e-6)
     assert acts * read["world_force"][0, 2] > 0  # it is pushed up, off the ground
     assert acts * read["normal"][0, 2] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+@pytest.mark.parametrize("condim", [1, 3, 4, 6])
+def test_contacts_of_many_instants_are_those_of_each_to_the_last_bit(cone: str, condim: int) -> None:
+    model, data = pile(cone, condim)
+    model.geom_condim[: model.ngeom // 2] = 1  # several dimensions at the same instant
+    mujoco.mj_resetData(model, data)
+    copies, rows, forces, counts = [], [], [], []
+    for step in range(60):
+        mujoco.mj_forward(model, data)
+        copies.append(copy_contacts(data))
+        rows.append(contacts(model, data, float(step)))
+        counts.append(data.ncon)
+        for index in range(data.ncon):
+            force = np.zeros(6)
+            mujoco.mj_contactForce(model, data, index, force)
+            forces.append(force)
+        mujoco.mj_step(model, data)
+    together = RecordedContacts(model, copies)
+    assert len({*counts}) > 1
+    assert together.counts.tolist() == counts
+    assert together.wrenches.tobytes() == np.array(forces).tobytes()
+    assert contact_rows(together, np.arange(60.0)).tobytes() == np.concatenate(rows).tobytes()
+
+
+def test_the_layout_of_a_contact_is_that_of_mujoco() -> None:
+    _, data = pile("elliptic", 6)
+    fields = RecordedContacts(_, [copy_contacts(data)]).fields
+    assert data.ncon > 1
+    for name in ("dist", "pos", "frame", "friction", "solimp", "dim", "geom", "flex", "vert", "exclude", "efc_address"):
+        assert np.array_equal(fields[name], getattr(data.contact, name))
 
 
 def test_the_sums_are_those_of_the_probe_of_all_contacts() -> None:
