@@ -15,10 +15,10 @@ import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError
 from mjrun.interruption import uninterrupted
 from mjrun.platform import system

@@ -6,7 +6,7 @@ import os
 import platform
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -15,6 +15,7 @@ import numpy as np
 from mjrun import errors
 from mjrun.confinement.confinement import CHECKS
 from mjrun.confinement.self_confinement import means
+from mjrun.dataclass import dataclass
 from mjrun.diff import pictures
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS

@@ -12,10 +12,11 @@ import traceback
 import unicodedata
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
+from mjrun.dataclass import dataclass
 from mjrun.platform.installation import install_command, pip
 
 LISTED = 24  # names shown before a list is cut

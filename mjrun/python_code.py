@@ -12,12 +12,12 @@ import site
 import sys
 import sysconfig
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache, reduce
 from pathlib import Path
 from types import ModuleType
 
 from mjrun.confinement.confinement import require_unconfined
+from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, FileError, UnknownNameError, UsageError, option, quoted
 
 

@@ -11,10 +11,11 @@ import threading
 import time
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
+from mjrun.dataclass import dataclass
 from mjrun.platform import system
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used

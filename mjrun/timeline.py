@@ -7,9 +7,10 @@ is exactly 1/500.
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
+
+from mjrun.dataclass import dataclass
 
 EXACT = 2**53  # below it every integer is a float
 _VAST = re.compile(r"[eE][+-]?\d{4}")

@@ -15,7 +15,6 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, Listener, Pipe
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, clean
 from mjrun.platform import system
 

@@ -16,11 +16,11 @@ its median and by its fastest sample.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mjrun.bench.statistics import CONFIDENCE, median, ratio_interval
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, listing, option
 
 FigureId = tuple[str, str]  # name, and device if that is not the processor

@@ -5,13 +5,13 @@ This loop is separate from `observe`, and reads nothing while it runs.
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch  # pyright: ignore[reportMissingTypeStubs]
 
+from mjrun.dataclass import dataclass
 from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources
 from mjrun.physics.stepper import BAD, PhysicsStepper

@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 
@@ -15,6 +14,7 @@ from mjrun.bench.results import Accuracy, GridPointResult, StepCounts
 from mjrun.bench.step_timing import MOST_STEPS, StepTimer, TimingBudget
 from mjrun.bench.testspeed_noise import controls
 from mjrun.bench.warp_timing import WarpOptions, WarpStepTimer
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, SimulationError, option, spelled
 from mjrun.model.names import enum_members
 from mjrun.physics.initial_state import InitialState

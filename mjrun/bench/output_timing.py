@@ -1,7 +1,7 @@
 """Wall time of loading a model, of frames, and of whole traces and videos from the model to the finished file."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
@@ -12,6 +12,7 @@ from mjrun.bench.block_timing import Clock
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.statistics import SampleStatistics, summarized
 from mjrun.confinement.self_confinement import confined_load
+from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.formats.video_writer import VideoWriter

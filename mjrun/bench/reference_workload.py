@@ -5,12 +5,11 @@ both; the quotient of their wall times stays the same. This is duet benchmarking
 Prokopec, Duet Benchmarking: Improving Measurement Accuracy in the Cloud, ICPE 2020.
 """
 
-from dataclasses import dataclass
-
 import mujoco
 
 from mjrun.bench.block_timing import BatchRoller, Clock, RolloutInputs
 from mjrun.bench.statistics import SampleStatistics, summarized
+from mjrun.dataclass import dataclass
 from mjrun.model.mujoco_globals import without_timers
 
 VERSION = 1  # to be increased when the model or the steps change

@@ -8,7 +8,6 @@ import hashlib
 import os
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -20,6 +19,7 @@ from mjrun.bench.reference_workload import WorkloadInfo
 from mjrun.bench.statistics import SampleStatistics
 from mjrun.bench.step_timing import ThreadScaling
 from mjrun.bench.warp_timing import WARP, C, WarpOptions
+from mjrun.dataclass import dataclass
 from mjrun.platform.cores import available_cores
 
 CPU_INFO = Path("/proc/cpuinfo")

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+
+from mjrun.dataclass import dataclass
 
 CONFIDENCE = 0.95
 

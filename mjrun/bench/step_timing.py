@@ -1,7 +1,6 @@
 """Wall time of steps, from rollouts of one simulation that are repeated as often as the budget allows."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from mjrun.bench import block_timing
 from mjrun.bench.block_timing import BatchRoller, Clock, Roller, RolloutInputs, StepProfile
 from mjrun.bench.reference_workload import ReferenceWorkload
 from mjrun.bench.statistics import SampleStatistics, summarized
+from mjrun.dataclass import dataclass
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.platform.cores import available_cores
 

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.options.kinds import Choice
 from mjrun.options.number_kinds import Integer, Real
 from mjrun.options.option import Options, option, options

@@ -1,7 +1,6 @@
 """The motion of a camera: a camera script bound to a model, and a pose for every frame."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 
 import mujoco
@@ -12,6 +11,7 @@ from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.targets import Bounds, object_bounds
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning
 from mjrun.model.state import restore
 

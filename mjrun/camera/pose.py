@@ -3,12 +3,13 @@
 import math
 from array import array
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, replace
 from typing import overload
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError
 from mjrun.model.rendered_image import CameraCalibration
 

@@ -1,7 +1,7 @@
 """Camera scripts as plain values: shots in time, each with a rig. Names are not yet resolved in a model."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import cast
 
@@ -9,6 +9,7 @@ from mjrun.camera.animation import BLENDS, Blend, EasedNumber, Shake
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, near
 from mjrun.options.kinds import Choice, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Integer, Number, Real

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import repeat
@@ -16,6 +16,7 @@ from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UnknownNameError, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.source import CollectionSource

@@ -3,10 +3,10 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from mjrun.dataclass import dataclass
 from mjrun.model.xml_source import Element
 
 if TYPE_CHECKING:

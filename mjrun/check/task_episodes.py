@@ -1,12 +1,13 @@
 """Episodes, in which rules about tasks look for faults, and the places of a task's parts."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
 
 from mjrun.check.rule import Place
+from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, Problem, UsageError
 from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.task.task import UNSTABLE, Task

@@ -6,11 +6,12 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from mjrun.child_process import ChildProcess, ExitStatus, python_call
+from mjrun.dataclass import dataclass
 from mjrun.errors import option
 
 MIB = 2**20

@@ -5,12 +5,13 @@ import sys
 import textwrap
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
 from mjrun.cli.console import Console, flag
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions

@@ -5,7 +5,7 @@ import os
 import signal
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import cast
 
@@ -16,6 +16,7 @@ from mjrun.child_process import limit_this_process
 from mjrun.cli.click_command import Declaration, DeclaredOption, ModelArgument, SectionedCommand
 from mjrun.confinement.confinement import Confinement
 from mjrun.confinement.self_confinement import confine, with_temporary
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, FileError, OutOfMemoryError, UnknownNameError, UsageError, clean, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOptions

@@ -2,7 +2,6 @@
 
 import os.path
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from mjrun.cli.table_cells import (
     vector,
     vectors,
 )
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 
 if TYPE_CHECKING:

@@ -1,10 +1,11 @@
 """The reference of all options in Markdown, as spelled on the command line, in run documents and in Python."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, load_command
+from mjrun.dataclass import dataclass
 from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of

@@ -1,9 +1,11 @@
 """The report of a command: prose, JSON, and the other forms in which it can be printed."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from importlib import import_module
 from typing import Any
+
+from mjrun.dataclass import dataclass
 
 
 def _nothing() -> str:

@@ -1,8 +1,8 @@
 """Columns of report tables: texts, numbers, vectors and ranges with their units."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 
 UNITS = ("B", "KiB", "MiB", "GiB")

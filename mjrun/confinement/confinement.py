@@ -5,10 +5,10 @@ Paths are checked before they are opened, whether the kernel confines the proces
 
 import json
 import os
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
 
 VARIABLE = "MJRUN_CONFINEMENT"  # the environment variable with the limits, for the processes that a confined one starts

@@ -1,7 +1,8 @@
 """The differences between two models."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from mjrun.dataclass import dataclass
 
 Value = str | int | float | bool
 

@@ -7,7 +7,6 @@ refer to the same objects, and then the remaining unnamed objects one after the 
 """
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cached_property
 from itertools import takewhile
@@ -16,6 +15,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.model.fields import ModelField, array, as_rows, model_fields, referred_kinds
 from mjrun.model.names import COUNTS, KIND_OF, KIND_OF_COUNT, KINDS, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS
 

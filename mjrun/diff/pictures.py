@@ -3,13 +3,13 @@
 import importlib.util
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.diff.result import SSIM_WINDOW, FrameDifference, PictureDifference
 from mjrun.diff.tolerances import Tolerance, finite_or_none
 from mjrun.errors import FileError, option

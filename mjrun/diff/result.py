@@ -4,8 +4,8 @@ Reports with the same `schema` have these keys, and may have new ones.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from mjrun.dataclass import dataclass
 from mjrun.diff.model_differences import ModelComparison
 
 SCHEMA = "mjrun-diff-1"

@@ -6,12 +6,12 @@ memory.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.diff.result import UnmatchedRows
 from mjrun.diff.tolerances import Tolerance, as_numbers, cell_text
 from mjrun.errors import FileError, clean, option

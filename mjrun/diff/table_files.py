@@ -6,11 +6,11 @@ Tables of results of many simulations, the points of a study and the episodes of
 import contextlib
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from mjrun.dataclass import dataclass
 from mjrun.diff.provenance import provenance_notes
 from mjrun.diff.result import TableDifference
 from mjrun.diff.tables import compare_rows

@@ -1,9 +1,10 @@
 """Resolution of the paths in a document; all output files are inside one folder, and no two are the same."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path, PurePosixPath
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import Problem, UsageError, clean, quoted
 from mjrun.model.sources import is_file
 from mjrun.options.kinds import ReadingContext

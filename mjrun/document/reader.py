@@ -2,10 +2,10 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, cast
 
+from mjrun.dataclass import dataclass
 from mjrun.document import tree
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS, merged, without_variables
 from mjrun.document.yaml_parser import DEPTH, LineIndex, compose

@@ -20,12 +20,12 @@ terminations:
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
 from mjrun.confinement.confinement import is_readable
+from mjrun.dataclass import dataclass
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
 from mjrun.document.forms import DocumentReader
 from mjrun.document.reader import read, unchecked_document

@@ -1,9 +1,11 @@
 """The tree of a document, values with their lines and columns, and the faults at its places."""
 
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import cast
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import DocumentError, Problem, UsageError, clean, listing, quoted, spelled, suggestion
 from mjrun.options.kinds import Several
 from mjrun.options.option import Options, document_options
@@ -17,7 +19,7 @@ Mapped = dict[str, Plain]
 Place = tuple[str | int, ...]  # keys of mappings and indices of lists, from the top
 
 
-@dataclass(frozen=True, order=True)
+@dataclasses.dataclass(frozen=True, order=True)
 class Mark:
     """A place in a document.
 
@@ -36,7 +38,7 @@ class Mark:
         return clean(self.source) + (f":{self.line}:{self.column}" if self.line else "")
 
 
-@dataclass(frozen=True, order=True)
+@dataclasses.dataclass(frozen=True, order=True)
 class Fault:
     """A problem at a place of a document; faults are reported in order."""
 

@@ -1,11 +1,13 @@
 """Episodes to play and records of episodes that were played: picklable values."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.model.source import Source
 from mjrun.policy.load import load_policy
 from mjrun.policy.policy import Policy
@@ -64,7 +66,7 @@ class EpisodeSpec:
     metrics: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)  # since there may be a million of them
+@dataclasses.dataclass(frozen=True, slots=True)  # since there may be a million of them
 class EpisodeRecord:
     """The record of an episode that was played.
 

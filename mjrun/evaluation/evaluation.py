@@ -4,11 +4,12 @@ import dataclasses
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError, PartlyDoneError, clean, counted, listing, option
 from mjrun.evaluation.execution import play_all
 from mjrun.evaluation.prepared import PreparedEvaluation, Rewritten

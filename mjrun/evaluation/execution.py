@@ -7,8 +7,9 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import LostEpisodesError
 from mjrun.evaluation.episode import EpisodeRecord, EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.player import EpisodePlayer, player_of

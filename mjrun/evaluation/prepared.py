@@ -1,9 +1,10 @@
 """An evaluation that is ready to run: policies loaded, names and numbers checked, nothing written."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.evaluation.episode import OUTCOMES, EpisodeSpec, PolicyChoice
 from mjrun.evaluation.player import EpisodePlayer, player_of

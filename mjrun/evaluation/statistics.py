@@ -11,10 +11,11 @@ sums of clusters, and counts are divided by their design effect (J. N. K. Rao an
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
+
+from mjrun.dataclass import dataclass
 
 CONFIDENCE = 0.95
 

@@ -5,11 +5,11 @@ Each video shows the very episode, as `mjrun video TASK --policy P --seed S` doe
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.evaluation.episode import EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.prepared import PreparedEvaluation

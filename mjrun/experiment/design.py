@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from fnmatch import fnmatchcase
 from fractions import Fraction
@@ -13,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.model.names import names

@@ -1,11 +1,11 @@
 """Inertia of a body as mass, centre and shape, a parametrization of which all values are physical."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, listing, option
 from mjrun.fit.signal_properties import Floats
 from mjrun.model.override import Override, indices_at

@@ -7,10 +7,11 @@ these slopes do not explain is its roughness. It counts as noise, and many times
 slopes: rattling signals have little weight, and smooth ones decide.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.fit.gauss_newton import NormalEquations, Slopes, normal_equations
 from mjrun.fit.shooting_problem import Advanced, Point, ShootingProblem, Simulating
 from mjrun.fit.solution import Floats, Solution, loss_weights

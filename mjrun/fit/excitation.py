@@ -3,12 +3,12 @@
 import itertools
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnidentifiableError, UsageError, clean, listing, option
 from mjrun.fit.comparison import TIME
 from mjrun.fit.fit import Fit

@@ -3,12 +3,13 @@
 import math
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option
 from mjrun.fit.body_inertia import INERTIA, QUANTITIES, STRETCHES, BodyInertia, body_inertia
 from mjrun.model.fingerprint import physics_fingerprint

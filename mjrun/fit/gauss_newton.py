@@ -7,10 +7,10 @@ C. G. Broyden, "A class of methods for solving nonlinear simultaneous equations"
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.fit.shooting_problem import STATE_SCALE, Advanced, Point, ShootingProblem, Simulating
 from mjrun.fit.solution import Floats, Solution, loss_weights
 

@@ -10,10 +10,10 @@ by the distances between the ends of several searches.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.shooting_problem import STATE_SCALE

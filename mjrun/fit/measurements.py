@@ -2,11 +2,12 @@
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option
 from mjrun.fit.signal_properties import normalize, rotations
 from mjrun.model.names import control_names

@@ -3,9 +3,10 @@
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
 from mjrun.fit.comparison import comparison_rows, write_comparison
 from mjrun.fit.fit_page import write_fit_page

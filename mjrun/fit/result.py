@@ -1,10 +1,10 @@
 """The result of a fit, as its report has it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.fit.body_inertia import BodyInertia
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.information import Intervals

@@ -7,10 +7,11 @@ of the shorter ones. If contacts make the motion rough, ensembles fit openings o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.fit.ensemble_gauss_newton import Ensemble
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton

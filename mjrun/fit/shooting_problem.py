@@ -5,11 +5,11 @@ several problems are simulated in one batch on all cores (`together`).
 """
 
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.prediction import Chunk, InitialStates, Predictor, Rollout
 from mjrun.fit.solution import LOSSES, Floats, Solution

@@ -1,10 +1,11 @@
 """Solutions of least squares, and loss functions of their residuals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.fit.prediction import Chunk
 from mjrun.fit.signal_properties import NORMAL_MEDIAN, Floats
 

@@ -1,10 +1,10 @@
 """Verdicts on a fit: its residuals compared with the noise, and its predictions compared with the original model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, option
 from mjrun.fit.information import bound_reached
 from mjrun.fit.signal_properties import shared, spread_of

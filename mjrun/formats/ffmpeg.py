@@ -3,12 +3,12 @@
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import imageio_ffmpeg
 
 from mjrun.child_process import ChildProcess, ExitStatus
+from mjrun.dataclass import dataclass
 from mjrun.errors import EncoderError
 from mjrun.formats.codecs import CODECS
 

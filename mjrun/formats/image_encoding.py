@@ -7,11 +7,11 @@ import io
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError
 
 if TYPE_CHECKING:

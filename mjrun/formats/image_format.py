@@ -19,10 +19,10 @@ Labels are a second file, `NAME.labels.json`, published with the image; standard
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
 
 if TYPE_CHECKING:

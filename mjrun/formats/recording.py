@@ -15,13 +15,13 @@ import weakref
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 import numpy as np
 
 from mjrun.confinement.confinement import is_readable
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, option, quoted
 from mjrun.formats import npy_reader
 from mjrun.formats.atomic_output import OutputWriter, closing_quietly

@@ -2,12 +2,12 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.input_file import decoding, opened
 from mjrun.suffixes import MODELS

@@ -4,7 +4,7 @@ The formats share these functions. Text from a file is untrusted, and cleaned be
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import IntEnum
 from itertools import groupby
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, quoted
 from mjrun.formats.input_file import cut, decoded, decoding
 

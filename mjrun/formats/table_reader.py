@@ -9,13 +9,14 @@ import contextlib
 import io
 import sys
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats.input_file import require_file

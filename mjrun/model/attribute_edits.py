@@ -7,13 +7,13 @@ element gets an attribute itself.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from mjrun.confinement.self_confinement import confined_load
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
 from mjrun.model.xml_source import START_TAG, Element, XmlSource, read_xml

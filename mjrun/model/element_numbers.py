@@ -1,12 +1,12 @@
 """Numbers of elements that the compiler copies, while `DerivedNumbers` computes everything that depends on them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.model.copied_fields import Rows, field_name, field_of, new_values, numbers_of
 from mjrun.model.override import Override, elements_at

@@ -13,7 +13,6 @@ Units are in `mjrun.model.units`.
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -21,6 +20,7 @@ import mujoco
 import numpy as np
 from mujoco.introspect import structs
 
+from mjrun.dataclass import dataclass
 from mjrun.model.names import KIND_OF, KIND_OF_COUNT, KINDS, enum_name, object_name
 
 Obj = mujoco.mjtObj

@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError
 from mjrun.model import known_bugs
 from mjrun.model.description.model_description import SECTIONS, ModelDescription

@@ -12,11 +12,12 @@ import stat
 import struct
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, depends_on_processes, is_readable
+from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, quoted
 from mjrun.model.archive_paths import file_content, file_size
 from mjrun.model.xml_source import MAX_FILES, is_regular, with_slashes

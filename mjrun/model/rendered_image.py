@@ -1,9 +1,10 @@
 """One instant as seen by one camera: colours, depth, segmentation, and the camera's calibration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+
+from mjrun.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,13 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import ClassVar, Self
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, ModelNotFoundError, clean
 from mjrun.model.override import Override
 

@@ -1,6 +1,6 @@
 """The description of a table column: its name, its unit, and the model object that it belongs to."""
 
-from dataclasses import dataclass
+from mjrun.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ one that compiling the source with all overrides gives.
 import copy
 from collections import OrderedDict
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.model.copied_fields import CopiedFields, Rows, field_of, may_be_copied, read_array, write_array
 from mjrun.model.derived_numbers import DerivedNumbers

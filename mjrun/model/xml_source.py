@@ -7,12 +7,13 @@ import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
 from mjrun.confinement.confinement import is_readable
+from mjrun.dataclass import dataclass
 from mjrun.suffixes import XML
 
 MAX_DEPTH = 50  # levels of nested includes

@@ -3,11 +3,11 @@
 import dataclasses
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from enum import Flag, auto
 from functools import cache
 from typing import Any, ClassVar, TypeVar, cast, dataclass_transform
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError
 from mjrun.errors import option as mention
 from mjrun.options.kinds import AnyKind

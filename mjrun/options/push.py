@@ -3,10 +3,10 @@
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import cast
 
+from mjrun.dataclass import dataclass
 from mjrun.options.kinds import Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Point
 from mjrun.options.option import Options, option, options, required

@@ -4,9 +4,10 @@ import math
 import re
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import cast
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, quoted, suggestion
 
 # A rule of JSON Schema, with annotations for messages:

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from array import array
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -17,6 +17,7 @@ from mjrun.camera.argument import parse_camera
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, PoseArray
 from mjrun.camera.script import CameraScript, Event
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options

@@ -3,12 +3,12 @@
 import math
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
 from itertools import repeat
 
 from mjrun.camera.script import CameraScript, Event
+from mjrun.dataclass import dataclass
 from mjrun.errors import OptionPath, UsageError, clean, option
 from mjrun.outputs.event_detection import time_of
 from mjrun.timeline import Timeline

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, listing, option, quoted
 from mjrun.formats.keyframe_writer import KeyframeWriter, key_names
 from mjrun.model.names import names

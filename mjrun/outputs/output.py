@@ -7,13 +7,14 @@ An *output* observes the simulation through its taps. `finish` completes its fil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import field
 from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options

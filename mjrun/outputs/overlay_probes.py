@@ -5,11 +5,12 @@ The text over frames is a template: time, speed and measured values in braces.
 
 import string
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, concerning, option, quoted
 from mjrun.outputs.trace_rows import ProbeSampler
 from mjrun.physics.stepper import Stepper

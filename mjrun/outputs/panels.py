@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, lens
 from mjrun.camera.script import CameraScript
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.formats.destinations import FRAME_NAME

@@ -5,12 +5,13 @@ import os
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from mjrun import errors
+from mjrun.dataclass import dataclass
 from mjrun.formats.atomic_output import OutputWriter, nobody_else_publishes, publish_together
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers

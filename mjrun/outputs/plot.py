@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, concerning, option, quoted
 from mjrun.formats.image_format import figure_format
 from mjrun.options.option import options

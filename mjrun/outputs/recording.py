@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from mjrun.dataclass import dataclass
 from mjrun.formats.recording import RecordingWriter
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint

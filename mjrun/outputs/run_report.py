@@ -2,9 +2,10 @@
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from pathlib import Path
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, PartlyDoneError
 from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN

@@ -4,12 +4,12 @@ import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.table_writer import TableWriter

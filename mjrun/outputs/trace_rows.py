@@ -3,7 +3,6 @@
 import copy
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from operator import attrgetter
@@ -12,6 +11,7 @@ from typing import NamedTuple, cast
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import SLEEP, RecordingBatch

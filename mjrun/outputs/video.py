@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import cached_property, partial
 from math import prod
@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from mjrun.camera.script import CameraScript
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.codecs import Encoding, encoding

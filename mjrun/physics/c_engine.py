@@ -7,13 +7,13 @@ states instead.
 
 import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch  # pyright: ignore[reportMissingTypeStubs]
 from mujoco.batch import SimulationError as BatchError  # pyright: ignore[reportMissingTypeStubs]
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources

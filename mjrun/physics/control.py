@@ -6,13 +6,13 @@ Controls belong to an instant: those set at step k act from step k to k + 1, and
 import inspect
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names

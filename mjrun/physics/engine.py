@@ -1,12 +1,13 @@
 """The interface of engines, which step n simulations at once and record them as blocks of rows."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Protocol
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError
 from mjrun.model import state
 

@@ -1,11 +1,12 @@
 """The initial state of a simulation: a keyframe, joint positions and velocities, controls, noise; all by name."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, control_names, control_slices, identify, matching, names
 

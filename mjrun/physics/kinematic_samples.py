@@ -1,12 +1,12 @@
 """Samples of a motion in time, some of them missing: checked, completed, and differentiated."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, listing
 from mjrun.model.names import BALL, FREE
 from mjrun.physics.timed_rows import require_times, without_gaps

@@ -2,11 +2,11 @@
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby, takewhile
 from operator import itemgetter
 from typing import Generic, Protocol, TypeVar
 
+from mjrun.dataclass import dataclass
 from mjrun.physics.stepper import Stepper
 
 T = TypeVar("T")

@@ -1,13 +1,13 @@
 """Pushes in a simulation: the steps on which they act, and the forces on the bodies at each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option
 from mjrun.model.names import identify, names
 from mjrun.options.push import Push

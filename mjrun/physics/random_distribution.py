@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, cast
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.options.setting_kinds import DISTRIBUTIONS
 

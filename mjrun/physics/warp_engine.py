@@ -7,7 +7,7 @@ import copy
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import partial
 from math import ceil
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunWarning, SimulationError, UsageError, option, quoted
 from mjrun.model import state
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of

@@ -5,9 +5,9 @@ first, lowest, highest and last value remain: U. Jugel and others, "M4: a visual
 aggregation", 2014. Memory does not grow with the number of samples, and their division into blocks has no effect.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
+
+from mjrun.dataclass import dataclass
 
 GROUP, GROUPS = 8, 4096  # points in a group of a path, and maximum number of groups
 

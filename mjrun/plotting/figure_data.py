@@ -1,10 +1,10 @@
 """The data of a figure: panels of curves as points, with their marks, and the ranges of their axes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.envelope import Points
 

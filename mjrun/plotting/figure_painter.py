@@ -7,7 +7,7 @@ of matplotlib does; otherwise in columns.
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2DBase, ScaledTranslation, blended_transform_factory
 
+from mjrun.dataclass import dataclass
 from mjrun.plotting.axis_ticks import set_scale
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, Scale

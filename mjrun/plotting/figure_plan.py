@@ -1,10 +1,10 @@
 """The plan of a figure, from options and the columns of tables: every name is resolved before the first row."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax

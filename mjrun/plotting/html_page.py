@@ -5,10 +5,10 @@ import math
 import os
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError
 from mjrun.plotting.manifest_section import FileManifest, manifest_articles
 from mjrun.plotting.markup import Markup, element, table_element

@@ -1,9 +1,9 @@
 """Manifests as sections of a page."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import cast
 
+from mjrun.dataclass import dataclass
 from mjrun.plotting.markup import Markup, element, table_element
 
 _VERSIONS = ("mjrun", "mujoco", "numpy", "python")

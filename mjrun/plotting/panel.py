@@ -2,9 +2,10 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby, takewhile
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.model.names import FREE, QPOS_COMPONENTS, QVEL_COMPONENTS
 from mjrun.model.units import DATA_UNITS

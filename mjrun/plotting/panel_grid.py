@@ -1,7 +1,6 @@
 """The size of a figure and the positions of its panels."""
 
-from dataclasses import dataclass
-
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, option
 
 WIDTHS = (1280, 1600, 1920)  # default width of a figure, by panels side by side [pixels]

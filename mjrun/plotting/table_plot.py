@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option, quoted
 from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.image_format import figure_format

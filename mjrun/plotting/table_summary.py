@@ -1,10 +1,10 @@
 """Statistics and assertions of a table, evaluated while its rows stream by."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.probe.assertion import Assertion, parse
 from mjrun.probe.verdict import Verdict

@@ -4,8 +4,8 @@ Figures in a page follow its colour scheme: light on a light background, dark on
 """
 
 import re
-from dataclasses import dataclass
 
+from mjrun.dataclass import dataclass
 from mjrun.palette import ON_DARK, ON_LIGHT, Colour
 
 SOLID = ()

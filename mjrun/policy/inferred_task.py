@@ -2,11 +2,11 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option, quoted
 from mjrun.model.names import names
 from mjrun.model.source import CollectionSource, Source

@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import NoReturn, cast
 import numpy as np
 import yaml
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, listing, quoted
 from mjrun.formats.input_file import cut, decoding, is_file, is_folder, opened
 from mjrun.suffixes import YAML, is_yaml

@@ -8,12 +8,12 @@ import math
 import pickle
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import decoding, opened
 from mjrun.formats.npy_reader import read_arrays

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from pathlib import Path
 from typing import cast
@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from mjrun.confinement.confinement import require_unconfined
+from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, MjrunError, UsageError, clean, counted, listing, option
 from mjrun.formats.input_file import require_file
 from mjrun.task.episode import Actor

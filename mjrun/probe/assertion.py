@@ -53,10 +53,11 @@ the values of a quantile are stored. Expressions are evaluated by this package, 
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean, option
 from mjrun.probe import expression as tree
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk, evaluate_rows, shown

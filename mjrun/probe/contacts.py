@@ -5,11 +5,10 @@ The table has a row for each contact of an instant. Forces and torques are those
 are about the contact point. The contact frame is the normal and the two tangents that follow it in `mjContact.frame`.
 """
 
-from dataclasses import dataclass
-
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
 from mjrun.model.names import PLURALS, identify, names
 from mjrun.model.table_column import Column

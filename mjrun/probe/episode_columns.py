@@ -1,10 +1,10 @@
 """Columns of episodes, in which a policy acts: `obs/…`, `action/…`, `reward/…` and `return`."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option, quoted
 from mjrun.model.table_column import Column
 

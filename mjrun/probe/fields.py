@@ -4,7 +4,7 @@ The meaning of a field, and the kind of object that indexes it, are read from Mu
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from itertools import product
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 from mujoco.batch import DATA_FIELDS
 from mujoco.introspect import structs
 
+from mjrun.dataclass import dataclass
 from mjrun.model import state
 from mjrun.model.names import KIND_OF_COUNT, QPOS_COMPONENTS, QUATERNION, QVEL_COMPONENTS, VECTOR, actuator_parts, names
 from mjrun.model.table_column import Column

@@ -5,7 +5,6 @@
 
 import ctypes
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ import mujoco
 import numpy as np
 from mujoco.introspect import structs
 
+from mjrun.dataclass import dataclass
 from mjrun.probe.fields import InstantProbe
 
 ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)

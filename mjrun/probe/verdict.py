@@ -1,7 +1,8 @@
 """The outcomes of assertions about tables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from mjrun.dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ import os
 import platform
 import sys
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from mjrun.child_process import ChildProcess
+from mjrun.dataclass import dataclass
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError, option
 from mjrun.platform.installation import as_root
 from mjrun.rendering.worker_process import memory_file

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from math import prod
 from typing import Protocol
@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose
+from mjrun.dataclass import dataclass
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
 from mjrun.model.rendered_image import RenderedView
 from mjrun.rendering.backend import Backend

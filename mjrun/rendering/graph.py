@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from PIL import Image, ImageDraw
 
+from mjrun.dataclass import dataclass
 from mjrun.palette import ON_DARK
 from mjrun.rendering.colormaps import figures, segmentation_palette, ticks
 from mjrun.rendering.layout import BACKGROUND

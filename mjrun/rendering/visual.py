@@ -2,12 +2,13 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.pose import Pose, user_camera
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import enum_members, enum_value

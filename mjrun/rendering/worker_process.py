@@ -13,10 +13,11 @@ import os
 import pickle
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+
+from mjrun.dataclass import dataclass
 
 ArraySpec = tuple[tuple[int, ...], np.dtype]  # shape and dtype of an array
 

@@ -12,7 +12,6 @@ In `qpos/{}={}_deg*pi/180`, `{}` represents any text for which both sides are va
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +19,7 @@ from types import MappingProxyType
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listing, near, option, quoted
 from mjrun.formats.input_file import opened
 from mjrun.physics.kinematic_samples import FIELDS, quaternions

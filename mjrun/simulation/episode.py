@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UsageError, clean, option
 from mjrun.formats.input_file import is_file
 from mjrun.model.source import Source

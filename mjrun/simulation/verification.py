@@ -2,13 +2,13 @@
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, UsageError, clean, concerning, listing, option
 from mjrun.formats.input_file import cut
 from mjrun.formats.recording import RecordingReader, is_recording

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.formats.codecs import encoding
 from mjrun.formats.video_reader import read_video
 from mjrun.formats.video_writer import VideoWriter

@@ -4,8 +4,8 @@ import hashlib
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
 from mjrun.experiment.design import Design
 from mjrun.reporter import Reporter

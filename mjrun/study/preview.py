@@ -4,10 +4,10 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.platform.cores import available_cores
 from mjrun.study.chunk_files import part_bytes

@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import POINT, ResultsTable

@@ -1,15 +1,17 @@
 """Specification of a study, its points and their results: picklable values for other processes and machines."""
 
+import dataclasses
 import hashlib
 import math
 import socket
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option
 from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
@@ -78,7 +80,7 @@ class StudyPoint:
     values: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)  # since there may be a million of them
+@dataclasses.dataclass(frozen=True, slots=True)  # since there may be a million of them
 class PointResult:
     """The result of a point.
 

@@ -5,12 +5,13 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import Requirements, manifest_writer, raise_failures

@@ -1,11 +1,11 @@
 """The mapping of a policy's actions to the controls of actuators."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError, concerning, counted, option, quoted
 from mjrun.model.names import control_names, control_slices, identify, matching, names
 from mjrun.options.number_kinds import Numbers

@@ -1,7 +1,7 @@
 """Columns of many worlds at one instant: the fields of `mujoco.batch` that provide them, selected once."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from mjrun.dataclass import dataclass
 from mjrun.model import state
 from mjrun.model.source import Source
 from mjrun.model.table_column import Column

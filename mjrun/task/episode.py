@@ -1,12 +1,12 @@
 """The course of an episode, whether a task of mjrun's or a Gymnasium environment steps it."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Literal, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import InvalidActionError
 from mjrun.physics.recorded_states import RecordedStates, ReplayStepper
 from mjrun.physics.stepper import Stepper

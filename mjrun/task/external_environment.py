@@ -4,13 +4,13 @@ import copy
 import sys
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, FailedStepError, MjrunError, UsageError, clean, option
 from mjrun.model import state
 from mjrun.model.names import control_names

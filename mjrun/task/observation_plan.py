@@ -1,11 +1,11 @@
 """The plan of the observations of a task: the numbers of the vector in order, and where each comes from."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.names import matching
 from mjrun.model.table_column import Column

@@ -5,13 +5,14 @@ The terms of a task check their own options; names are looked up in the model la
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Protocol, cast
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of

@@ -4,11 +4,12 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import NoWindowError, UsageError, concerning, option
 from mjrun.model import state
 from mjrun.model.fingerprint import physics_fingerprint

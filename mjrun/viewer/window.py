@@ -8,13 +8,13 @@ import socket
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import mujoco
 import numpy as np
 
 from mjrun.confinement.confinement import confinement
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
 from mjrun.model import state
 from mjrun.rendering.backend import BackendTrialProcess

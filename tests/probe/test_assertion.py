@@ -222,7 +222,18 @@ def test_an_expression_never_reaches_pythons_own_evaluation(module: str) -> None
     ours = {"mjrun.errors"} | {f"mjrun.probe.{name}" for name in MODULES}
     assert (
         imported
-        <= {"math", "re", "fnmatch", "functools", "numpy", "operator", "collections.abc", "dataclasses", "fractions"}
+        <= {
+            "math",
+            "re",
+            "fnmatch",
+            "functools",
+            "numpy",
+            "operator",
+            "collections.abc",
+            "mjrun.dataclass",
+            "dataclasses",
+            "fractions",
+        }
         | {"typing"}
         | ours
     )

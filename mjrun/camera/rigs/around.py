@@ -1,7 +1,6 @@
 """MuJoCo's free camera around a point or an object: free, orbiting or tracking."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -12,6 +11,7 @@ from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
 from mjrun.camera.setting_kinds import ObjectName, PlaceKind, RampKind
 from mjrun.camera.targets import Place, Target, Vector, find_target
+from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.kinds import Choice, Flag, Optional
 from mjrun.options.number_kinds import Point

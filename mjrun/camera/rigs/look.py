@@ -1,7 +1,6 @@
 """A camera at one place that looks at another."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -10,6 +9,7 @@ from mjrun.camera.pose import Frustum, Pose
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.setting_kinds import PlaceKind
 from mjrun.camera.targets import Place, Target, find_target
+from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.option import options, required
 from mjrun.options.schema_validation import Path

@@ -1,7 +1,6 @@
 """The interface of rigs: settings, which are bound to a model and then give the camera's pose at any time of a shot."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import mujoco
@@ -9,6 +8,7 @@ import numpy as np
 
 from mjrun.camera.curve import SAME_POINT
 from mjrun.camera.pose import Frustum, Pose, heading, pose_of, rotation
+from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError
 from mjrun.options.kinds import AnyKind
 from mjrun.options.option import Options, options_of

@@ -6,9 +6,9 @@ concerns its whole file, and findings about the model in which it stands.
 
 import re
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
 
 from mjrun.check.rule import Finding, Place, Rule, short_path
+from mjrun.dataclass import dataclass
 from mjrun.model.xml_source import Comment
 
 BAD_COMMENT = Rule("MJ006", "warning", "ignore comment without effect")

@@ -6,13 +6,14 @@ MuJoCo stops at the first violation, and does not check attributes inside `<fram
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 
 import mujoco
 
 from mjrun.check.rule import Finding, Place, Rule
 from mjrun.check.rules import deprecated
+from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
 from mjrun.model.xml_source import Element, XmlSource
 

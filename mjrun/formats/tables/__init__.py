@@ -16,10 +16,10 @@ and its rows arrive as indices into them; for the index −1, no text, a format 
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.packages import require
 

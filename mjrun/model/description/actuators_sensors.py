@@ -1,11 +1,11 @@
 """Descriptions of actuators, with their targets and force laws, and of sensors."""
 
-from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.model.description.declaration import (
     ModelObject,
     Pair,

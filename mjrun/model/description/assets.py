@@ -5,12 +5,12 @@ A compiled model does not record its includes, attached models and cube faces; t
 
 import os.path
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.model.archive_paths import file_content, file_size, main_mjcf
 from mjrun.model.names import PREFIXES, names
 from mjrun.model.xml_source import scan

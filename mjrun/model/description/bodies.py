@@ -1,11 +1,11 @@
 """Descriptions of bodies and of the objects attached to them: joints, geoms, sites, cameras and lights."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.model.description.declaration import (
     ModelObject,
     Pair,

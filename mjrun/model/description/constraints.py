@@ -1,10 +1,10 @@
 """Descriptions of tendons, equality constraints, contact pairs, contact excludes, and flexes."""
 
-from dataclasses import dataclass
 from operator import itemgetter
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.model.description.declaration import (
     ModelObject,
     Pair,

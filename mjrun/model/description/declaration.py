@@ -6,11 +6,11 @@ name of the attribute.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.model.fields import as_rows, floats, plain_values, referred_kinds
 from mjrun.model.names import COUNTS, enum_name, names
 from mjrun.model.units import Unit, field_unit

@@ -1,7 +1,6 @@
 """The description of a compiled model: its summary, and plain values for each kind of object, computed on demand."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,6 +8,7 @@ from typing import Any, TypeVar
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.model.description.actuators_sensors import Actuator, Sensor
 from mjrun.model.description.assets import Asset, assets
 from mjrun.model.description.bodies import Body, Camera, Geom, Joint, Light, Site

@@ -1,13 +1,13 @@
 """The options and visual settings of a model that differ from MuJoCo's defaults, or from those of another model."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.model.fields import decimal_float, floats
 from mjrun.model.names import enum_members, enum_name
 from mjrun.model.override import NAMED_INTEGERS

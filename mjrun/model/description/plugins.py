@@ -2,12 +2,12 @@
 
 import ctypes
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.model.description.declaration import ModelObject, computed, of_field
 from mjrun.model.names import PREFIXES, names
 

@@ -2,7 +2,7 @@
 
 import pkgutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, lru_cache
 from importlib import import_module
 from os import PathLike
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import mujoco
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, CompiledOverrideError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source

@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
 from typing import ClassVar
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError
 from mjrun.model.bundled_scene_folder import scene_folder
 from mjrun.model.sources.file import FileCollectionSource

@@ -3,11 +3,11 @@
 import ast
 import importlib.util
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError
 from mjrun.model.sources.file import FileCollectionSource
 from mjrun.platform.installation import install_command

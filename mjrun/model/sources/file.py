@@ -5,13 +5,14 @@ import stat
 import zipfile
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from mjrun.confinement.confinement import OUTSIDE, advice, confinement, is_readable
+from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import HINT, excess
 from mjrun.errors import BrokenModelError, CompiledOverrideError, ModelNotFoundError, clean, option
 from mjrun.model import archive_paths

@@ -12,7 +12,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, cast
@@ -21,6 +21,7 @@ from urllib.parse import parse_qsl
 import mujoco
 
 from mjrun.confinement.confinement import require_unconfined
+from mjrun.dataclass import dataclass
 from mjrun.errors import (
     BrokenModelError,
     CompiledOverrideError,

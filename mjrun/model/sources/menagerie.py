@@ -3,10 +3,10 @@
 import importlib.util
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ModelNotFoundError
 from mjrun.model.sources.file import FileCollectionSource
 

@@ -3,13 +3,13 @@
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import mujoco
 
 from mjrun.confinement.confinement import confinement
+from mjrun.dataclass import dataclass
 from mjrun.errors import BrokenModelError, MjrunError, UsageError
 from mjrun.model.compilation import compile_model
 from mjrun.model.named_files import existing_files, require_regular_files

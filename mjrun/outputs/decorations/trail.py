@@ -1,13 +1,13 @@
 """Trails of objects, coloured by speed."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import mujoco
 import numpy as np
 
 from mjrun.camera.targets import identify_objects
+from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.options.view import ViewOptions
 from mjrun.rendering.decorations import LIMIT, Trail, trails

@@ -1,10 +1,10 @@
 """The data of a study's figure: its panels, as numbers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.plotting.figure_data import Scale, scale
 from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
 

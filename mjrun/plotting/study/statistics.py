@@ -1,10 +1,10 @@
 """The parameters of a study, and statistics of its points: medians with bands, ranks and their correlations."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.formats.study_reader import StudyResults
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Scale, scale

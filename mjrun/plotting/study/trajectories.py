@@ -1,10 +1,10 @@
 """Trajectories of single points over time, overlaid: the stored traces of a study."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.formats.study_reader import StudyResults, point_values, values_in_words
 from mjrun.formats.table_reader import Table, open_table, read_table
 from mjrun.plotting.curve_syntax import CurveSpec, parse_panel

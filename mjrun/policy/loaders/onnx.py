@@ -6,12 +6,13 @@ onnxruntime opens models with restrictions, and runs them on the CPU by one thre
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option, quoted
 from mjrun.formats.input_file import decoding, is_file, require_file
 from mjrun.packages import require
