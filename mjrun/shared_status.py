@@ -2,6 +2,8 @@
 
 Without such memory, as in programs that import mjrun, nothing is recorded. A process that is about to confine itself
 makes a promise, which its parent records at once: later contents of the memory may come from an attacker.
+
+The command imports this module before it forks, and everything that is imported then makes forking slower.
 """
 
 import json
@@ -9,13 +11,12 @@ import mmap
 import os
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal, cast, get_args
 
-from mjrun.dataclass import dataclass
 from mjrun.platform import system
 
 SIZE = 2**19  # bytes of either copy of the notice; the system provides only those that are used
@@ -27,8 +28,7 @@ PATIENCE = 60.0  # [s] to wait for that
 Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
 
 
-@dataclass
-class Promise:
+class Promise(SimpleNamespace):
     """The resources to which a process is about to confine itself.
 
     Attributes:
@@ -41,9 +41,11 @@ class Promise:
     written: list[str]
     seconds: float
 
+    def __init__(self, temporary: str, written: list[str], seconds: float) -> None:
+        super().__init__(temporary=temporary, written=written, seconds=seconds)
 
-@dataclass
-class ProcessStatus:
+
+class ProcessStatus(SimpleNamespace):
     """The activity of a process.
 
     Attributes:
@@ -55,12 +57,28 @@ class ProcessStatus:
       promise: its future confinement, if any.
     """
 
-    activity: Activity = ""
-    model: str = ""
-    folders: list[str] = field(default_factory=list[str])
-    made: list[str] = field(default_factory=list[str])
-    children: list[int] = field(default_factory=list[int])
-    promise: Promise | None = None
+    activity: Activity
+    model: str
+    folders: list[str]
+    made: list[str]
+    children: list[int]
+    promise: Promise | None
+
+    def __init__(
+        self,
+        activity: Activity = "",
+        model: str = "",
+        folders: Sequence[str] = (),
+        made: Sequence[str] = (),
+        children: Sequence[int] = (),
+        promise: Promise | None = None,
+    ) -> None:
+        lists = {"folders": [*folders], "made": [*made], "children": [*children]}
+        super().__init__(activity=activity, model=model, promise=promise, **lists)
+
+    def document(self) -> dict[str, object]:
+        """Returns the status as a JSON object."""
+        return {**vars(self), "promise": self.promise and vars(self.promise)}
 
 
 class _Mark:
@@ -96,7 +114,7 @@ class SharedStatus:
 
     def write(self, notice: ProcessStatus) -> None:
         """Replaces the status; if the process dies meanwhile, either the old or the new status remains."""
-        text = json.dumps(asdict(notice)).encode()
+        text = json.dumps(notice.document()).encode()
         if len(text) >= SIZE:
             return
         other = 1 - self.memory[CURRENT]

@@ -1,6 +1,7 @@
 """Commands made from declared options: click parameters, help by section, and typed values."""
 
 import faulthandler
+import gc
 import sys
 import textwrap
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -264,6 +265,8 @@ def command(
     def decorate(body: Body) -> SectionedCommand:
         @click.pass_obj
         def callback(console: Console, /, **params: object) -> None:
+            gc.freeze()
+            gc.enable()
             command_line = CommandLine(params)
             _set_verbosity(console, command_line.make(ConsoleOptions))
             with _confined_if_asked(console, command_line):

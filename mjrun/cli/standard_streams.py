@@ -6,7 +6,6 @@ import os
 import sys
 from typing import Any, TextIO
 
-from mjrun.errors import ClosedPipeError, FileError
 from mjrun.platform import system
 
 STDIN, STDOUT, STDERR = 0, 1, 2
@@ -28,6 +27,8 @@ class Payload(io.FileIO):
         try:
             return super().write(data)
         except OSError as error:
+            from mjrun.errors import ClosedPipeError, FileError  # not before the command forks
+
             _write_nowhere(self.fileno())  # Python would complain once more when it exits
             if isinstance(error, BrokenPipeError):
                 raise ClosedPipeError from None
