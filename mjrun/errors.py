@@ -4,11 +4,9 @@ A class takes facts and writes the message; the command line prints it in one pl
 the problem and its place; further lines list valid choices and what to do next.
 """
 
-import difflib
 import math
 import re
 import signal
-import traceback
 import unicodedata
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
@@ -87,16 +85,15 @@ def near(name: str, valid: Iterable[str]) -> list[str]:
     """
     if len(name) > QUOTED:  # comparing it would be slow
         return []
+    from difflib import get_close_matches
+
     by_fold: dict[str, list[str]] = {}
     for spelling in valid:
         by_fold.setdefault(spelling.casefold(), []).append(spelling)
-    alike = [fold for fold in by_fold if _alike(*_beginnings(name.casefold(), fold))]
-    close = difflib.get_close_matches(name.casefold(), alike, n=3, cutoff=NEAR)
+    pairs = {fold: _beginnings(name.casefold(), fold) for fold in by_fold}
+    alike = [fold for fold, (one, other) in pairs.items() if get_close_matches(one, [other], cutoff=NEAR)]
+    close = get_close_matches(name.casefold(), alike, n=3, cutoff=NEAR)
     return [spelling for fold in close for spelling in by_fold[fold]][:3]
-
-
-def _alike(one: str, other: str) -> bool:
-    return bool(difflib.get_close_matches(one, [other], cutoff=NEAR))
 
 
 def _beginnings(one: str, other: str) -> tuple[str, str]:
@@ -384,6 +381,8 @@ class ControllerError(UsageError):
     def of(cls, what: str, error: BaseException) -> "ControllerError":
         """Reports that `what` raised `error`, with the traceback from the first line of the user's code."""
         kind = type(error).__name__
+        import traceback
+
         trace = error.__traceback__
         while trace and trace.tb_frame.f_globals.get("__name__", "").partition(".")[0] in ("mjrun", "importlib"):
             trace = trace.tb_next

@@ -7,7 +7,6 @@ import importlib.util
 import operator
 import re
 import sys
-import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -119,7 +118,9 @@ def cause_of(error: BaseException) -> MjrunError | None:
         return wrong
     if not isinstance(error, ImportError):
         return None
-    place = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)][-1:]
+    from traceback import walk_tb
+
+    place = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)][-1:]
     for each in _requirements():
         if not each.marker and importlib.util.find_spec(each.module) is None:
             return MissingExtraError("mjrun", each.package)

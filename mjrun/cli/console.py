@@ -5,7 +5,6 @@ import json
 import os
 import sys
 import time
-import traceback
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, TextIO
 
@@ -141,6 +140,8 @@ class Console:
     def error(self, text: str) -> None:
         """Prints the error that ended the command."""
         if self.debug:
+            import traceback
+
             traceback.print_exc()
         first, *rest = spelled(text, flag).splitlines()
         self._line("\n".join([f"mjrun: error: {first}", *(f"  {line}" for line in rest)]))

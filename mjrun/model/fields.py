@@ -18,7 +18,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.introspect import structs
 
 from mjrun.dataclass import dataclass
 from mjrun.model.names import KIND_OF, KIND_OF_COUNT, KINDS, enum_name, object_name
@@ -153,6 +152,8 @@ class ModelField:
 @cache
 def arrays() -> dict[str, ModelField]:
     """Returns the arrays of a compiled model by name, in MuJoCo's order."""
+    from mujoco.introspect import structs
+
     described: Any = structs.STRUCTS["mjModel"].fields
     return {each.name: _field(each) for each in described if each.array_extent}
 
@@ -180,6 +181,8 @@ def _field(described: Any) -> ModelField:
 
 def user_sizes() -> list[str]:
     """Returns the names of the widths of the user data, `nuser_body` …"""
+    from mujoco.introspect import structs
+
     described: Any = structs.STRUCTS["mjModel"].fields
     return [each.name for each in described if each.name.startswith("nuser_")]
 

@@ -4,7 +4,6 @@ Their names are extracted from the text by regular expressions, which is fast an
 Each file is looked up in every place where MuJoCo may look for it.
 """
 
-import html
 import math
 import os
 import re
@@ -100,11 +99,13 @@ def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Pat
 def with_absolute_paths(text: bytes, place: Callable[[str], str | Path]) -> bytes:
     """Returns MJCF or URDF with every absolute path in it replaced by its `place`."""
 
+    from html import escape
+
     def moved(match: re.Match[bytes]) -> bytes:
-        name = with_slashes(html.unescape(match[3].decode(errors="surrogateescape")))
+        name = with_slashes(_unescaped(match[3].decode(errors="surrogateescape")))
         if not PurePath(name).root:
             return match[0]
-        return match[1] + html.escape(str(place(name))).encode(errors="surrogateescape")
+        return match[1] + escape(str(place(name))).encode(errors="surrogateescape")
 
     return _PATH.sub(moved, text)
 
@@ -139,6 +140,15 @@ def _collect(path: Path, text: bytes, member: str = "") -> _NamedFiles:
     return named
 
 
+def _unescaped(value: str) -> str:
+    """Replaces XML entities in the value of an attribute."""
+    if "&" not in value:
+        return value
+    from html import unescape  # slow to import
+
+    return unescape(value)
+
+
 def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, int]]:
     """Yields the values of an attribute in `text`, with their lines."""
     line, position = 1, 0
@@ -147,7 +157,7 @@ def _values(attribute: re.Pattern[bytes], text: bytes) -> Iterator[tuple[str, in
         position = found.start()
         value = (found[1] or found[2] or b"").decode(errors="surrogateescape")
         if value:
-            yield with_slashes(html.unescape(value)), line
+            yield with_slashes(_unescaped(value)), line
 
 
 def _places(file: _NamedFile, main: Path, folders: Iterable[str], *, working: bool = True) -> Iterator[str]:

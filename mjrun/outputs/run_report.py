@@ -54,8 +54,8 @@ class RunResult:
 
 
 @contextmanager
-def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[Published | None]:
-    """Yields the function that collects each published output for a page; None without a page.
+def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]) -> Generator[Published]:
+    """Yields the function that collects each published output for the page at `options.html`.
 
     The page is published at the end of the `with` block if anything was made, even if other outputs failed.
 
@@ -64,9 +64,7 @@ def run_page(options: PageOptions, title: str, jobs: Sequence[Job[OutputResult]]
       PartlyDoneError: the page cannot be written.
       MjrunError: the page's location is not writable.
     """
-    if options.html is None:
-        yield None
-        return
+    assert options.html is not None
     if any(isinstance(job, Trace) and job.output != STDIN for job in jobs):
         require_matplotlib()
     with PageWriter(options.html) as writer:

@@ -92,7 +92,7 @@ def _parsed(text: str) -> Distribution | None:
     return parse_distribution(text, text)
 
 
-def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.ndarray:
+def draw_numbers(text: str, generator: "np.random.Generator", count: int) -> np.ndarray:
     """Draws `count` numbers `(count,)` from the distribution `text`, or repeats the number `text`."""
     distribution = _parsed(text)
     if distribution is None:
@@ -113,7 +113,7 @@ def draw_numbers(text: str, generator: np.random.Generator, count: int) -> np.nd
             return _quantiles(name, numbers)(generator.random(count))
 
 
-def draw_text(text: str, generator: np.random.Generator) -> str:
+def draw_text(text: str, generator: "np.random.Generator") -> str:
     """Draws one value from the distribution `text`, as text; returns any other `text` unchanged."""
     distribution = _parsed(text)
     if distribution is None:

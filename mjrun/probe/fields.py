@@ -12,7 +12,6 @@ from typing import Any
 import mujoco
 import numpy as np
 from mujoco.batch import DATA_FIELDS
-from mujoco.introspect import structs
 
 from mjrun.dataclass import dataclass
 from mjrun.model import state
@@ -102,6 +101,8 @@ Probe = FieldProbe | InstantProbe
 @cache
 def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
     """Returns every array field of MjData that can be recorded, with its extents and its meaning."""
+    from mujoco.introspect import structs  # slow to import, and most commands name no such field
+
     described: Any = structs.STRUCTS["mjData"].fields
     arrays = [field for field in described if getattr(field, "array_extent", None)]
     recordable = DATA_FIELDS - UNMEASURABLE.keys()

@@ -57,7 +57,7 @@ class ObservationVector:
         return [*self._memory, *(self._noise.memory if self._noise else ())]
 
     @property
-    def noise(self) -> list[np.random.Generator | None]:
+    def noise(self) -> "list[np.random.Generator | None]":
         """The generator of the noise of each world; empty without noise."""
         return self._noise.streams if self._noise else []
 

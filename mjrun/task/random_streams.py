@@ -11,7 +11,7 @@ WORD = 2**32 - 1  # the largest seed of one word
 BLOCK = 16  # control periods whose noise is drawn in one call
 
 
-def stream(seed: int, purpose: int) -> np.random.Generator:
+def stream(seed: int, purpose: int) -> "np.random.Generator":
     """Returns the random numbers for one purpose in the episode of `seed`: `default_rng(seed).spawn(4)[purpose]`."""
     if 0 <= seed <= WORD:  # entropy identical to that of a spawned child, in half the time
         sequence = np.random.SeedSequence(np.array([seed, 0, 0, 0, purpose], np.uint32))

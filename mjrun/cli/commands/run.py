@@ -1,6 +1,7 @@
 """Make all outputs of a run document in one pass."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,8 @@ from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunOptions
 
 if TYPE_CHECKING:
-    from mjrun.outputs.perform import PassPreview
+    from mjrun.document.run import RunRequest
+    from mjrun.outputs.perform import PassPreview, Published
 
 ARGUMENTS = (
     ModelArgument("document", type=click.Path()),
@@ -46,7 +48,6 @@ def run(console: Console, command_line: CommandLine) -> None:
     import_mujoco()
     from mjrun.document.run import read_run
     from mjrun.outputs.perform import perform, preview
-    from mjrun.outputs.run_report import run_page
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
     document, assignments = command_line.argument("document"), command_line.arguments("assignments")
@@ -59,23 +60,35 @@ def run(console: Console, command_line: CommandLine) -> None:
 
         with (
             reported_failures(console, _report, form=form),
-            run_page(requests.page, Path(document).name, requests.jobs) as published,
+            _page(requests, Path(document).name) as published,
         ):
             results = perform(requests.jobs, console, published)
     console.answer(_report(results), form)
 
 
-def _report(results: Sequence[Any]) -> Report:
-    from mjrun.outputs.run_report import RunResult
+def _page(requests: "RunRequest", title: str) -> AbstractContextManager["Published | None"]:
+    """Returns a context that makes the page, if one is requested; the plotting library is imported only then."""
+    if requests.page.html is None:
+        return nullcontext()
+    from mjrun.outputs.run_report import run_page
 
-    made = RunResult(results)
+    return run_page(requests.page, title, requests.jobs)
+
+
+def _report(results: Sequence[Any]) -> Report:
     return Report(
         "run-report",
-        made,
+        results,
         summary=lambda: "\n".join(map(summary, results)),
         cases=lambda: _cases(results),
-        document=RunResult.document,
+        document=_document,
     )
+
+
+def _document(results: Sequence[Any]) -> dict[str, object]:
+    from mjrun.outputs.run_report import RunResult
+
+    return RunResult(results).document()
 
 
 def _cases(results: Sequence[Any]) -> Iterator[Case]:
