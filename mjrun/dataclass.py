@@ -111,7 +111,7 @@ def _initializer(cls: type) -> Callable[..., None]:
                 if factory is _required:
                     raise _mistake(cls, arguments, values)
                 state[name] = factory()
-        vars(self).update(state)
+        self.__dict__.update(state)
         if is_checked:
             self.__post_init__()
 

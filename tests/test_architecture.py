@@ -35,7 +35,7 @@ HOUSE = (
     ("python_code",),
     ("reporter", "confinement", "decompression_limits", "packages"),
     ("timeline", "errors", "palette", "interruption", "shared_status", "version", "suffixes"),
-    ("platform",),
+    ("platform", "dataclass"),
 )
 
 # Modules in which each library may be imported; libraries that are not listed may not be imported.
