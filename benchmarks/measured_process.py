@@ -1,4 +1,4 @@
-"""Wall time and peak memory of a process."""
+"""Wall time, CPU time and peak memory of a process."""
 
 import os
 import time
@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Run:
-    """Wall time [s] and peak resident memory [bytes] of one process."""
+    """Wall time [s] and peak resident memory [bytes] of one process, and CPU time [s] of it and of its children."""
 
     wall: float
     peak: int
+    cpu: float
 
 
 def run(*command: str, accepted: Sequence[int] = (0,)) -> Run:
@@ -27,4 +28,5 @@ def run(*command: str, accepted: Sequence[int] = (0,)) -> Run:
     _, status, usage = os.wait4(child, 0)
     if os.waitstatus_to_exitcode(status) not in accepted:
         raise SystemExit(f"{' '.join(command[:5])} failed")
-    return Run(time.perf_counter() - start, usage.ru_maxrss * 1024)
+    wall = time.perf_counter() - start
+    return Run(wall, usage.ru_maxrss * 1024, usage.ru_utime + usage.ru_stime)
