@@ -182,7 +182,8 @@ def room_of(frame: FrameType) -> str | None:
 def upward_calls(action: Callable[[], object]) -> set[tuple[str, str]]:
     """Returns the rooms of callers and functions called in `action` where the caller is below the function.
 
-    A generator that is handed down and read there counts as a value, and so does what an import runs.
+    A generator that is handed down and read there counts as a value, and so does what an import runs. The methods that
+    all dataclasses share count as methods of their class.
     """
     pairs: set[tuple[str, str]] = set()
 
@@ -195,7 +196,7 @@ def upward_calls(action: Callable[[], object]) -> set[tuple[str, str]]:
         ours = [(room, each.f_code.co_name) for each in chain if (room := room_of(each))]
         if room_of(frame) and len(ours) > 1 and all(name != "<module>" for _, name in ours):
             (called, _), (caller, _), *_ = ours
-            if LEVEL[called] < LEVEL[caller]:
+            if LEVEL[called] < LEVEL[caller] and caller != "dataclass":
                 pairs.add((caller, called))
 
     sys.setprofile(note)
