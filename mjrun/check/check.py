@@ -184,7 +184,7 @@ class Check(PolicyOptions, CheckOptions):
 
         reported: list[Finding] = []
         for finding in findings:
-            if finding.severity == "error" and not loads:  # always reported as it is
+            if finding.severity == "error" and not loads:  # always reported unchanged
                 reported.append(finding)
             elif finding.code in self.codes and not self._is_ignored(finding):
                 reported.append(replace(finding, severity=self._severity(finding)))

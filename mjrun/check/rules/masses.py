@@ -1,5 +1,6 @@
 """Masses and inertias that make a model ill-conditioned, or its motion unintended."""
 
+import itertools
 from collections.abc import Iterator
 
 import mujoco
@@ -12,6 +13,11 @@ from mjrun.check.rules.unnamed_objects import flex_bodies
 # Double precision has 16 digits; factoring the inertia matrix costs as many as its condition number has.
 MAX_PRINCIPAL_RATIO = 1e6  # largest to smallest principal inertia of a body; a rod of 1 m by 1 mm has 3e5
 MAX_TREE_RATIO = 1e9  # largest to smallest inertia of joints of one kind in one tree
+# Mean distance of the mass from its centre, relative to the reach of the geoms; 0.58 for a solid box.
+MAX_SPREAD, MIN_SPREAD = 1.5, 0.058
+NEGLIGIBLE = 1e-4  # mass and inertia of a body relative to the largest in the model
+EQUAL, LONG = 1e-3, 3.0  # relative difference of equal inertias, and length of a long body relative to its width
+SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
 MASSLESS_TYPES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
@@ -72,6 +78,67 @@ def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
             )
             remedy = "give the light joint some armature, or check the masses and their unit, kg"
             yield context.violation("joint", light, message, remedy)
+
+
+@rule("MJ206", "warning", "inertia that the body cannot have")
+def impossible_inertias(context: LintContext) -> Iterator[Violation]:
+    """Yields bodies whose explicit inertia does not fit their geoms and those of the bodies that are welded to them.
+
+    The half trace less a principal inertia is the mass times the mean square distance along that axis, which cannot
+    exceed the square of how far the mass reaches.
+    """
+    model = context.model
+    for body in [b.id for b in context.spec.bodies if b.explicitinertial] if context.spec else ():
+        heavy = model.body_mass[body] > NEGLIGIBLE * model.body_mass.max()
+        inert = model.body_inertia[body].max() > NEGLIGIBLE * model.body_inertia.max()
+        if not (model.body_weldid[body] and model.body_mass[body] > 0 and (heavy or inert)):
+            continue
+        if problem := _inertia_problem(context, body):
+            remedy = "correct its <inertial>, or remove it so that MuJoCo infers it from the geoms; units are kg and m"
+            yield context.violation("body", body, problem, remedy)
+
+
+def _inertia_problem(context: LintContext, body: int) -> str:
+    """Returns the reason why a body cannot have its inertia, or an empty text."""
+    model = context.model
+    mass, inertia = float(model.body_mass[body]), model.body_inertia[body]
+    spread = np.sqrt(np.maximum(inertia.sum() / 2 - inertia, 0) / mass)
+    shown = " ".join(f"{value:.3g}" for value in inertia)
+
+    reach = _reach(context, body, model.body_weldid[model.geom_bodyid] == model.body_weldid[body])
+    if reach.all() and (ratio := (spread / reach).max()) > MAX_SPREAD:
+        return (
+            f"its inertia {shown} kg m² is too large: its mass of {mass:.3g} kg would have to sit "
+            f"{ratio:.1f} times farther out than its geoms reach"
+        )
+    own = _reach(context, body, model.geom_bodyid == body)
+    if own.all() and (spread / own).max() < MIN_SPREAD:
+        return f"its inertia {shown} kg m² is too small for its geoms: its mass of {mass:.3g} kg would be in a point"
+    if own.all() and np.ptp(inertia) <= EQUAL * inertia.max() and (slenderness := own.max() / own.min()) > LONG:
+        return (
+            f"its inertia is {inertia[0]:.3g} kg m² about every axis, but its geoms are {slenderness:.1f} times as "
+            "long as wide: is it a placeholder?"
+        )
+    return ""
+
+
+def _reach(context: LintContext, body: int, selected: np.ndarray) -> np.ndarray:
+    """Returns how far the `selected` geoms `(ngeom,)` reach from the centre of mass of a body, along its principal
+    axes, `(3,)` [m]; zeros without geoms, or with a plane or height field.
+    """
+    model, data = context.model, context.data_at(None)
+    geoms = np.flatnonzero(selected)
+    if not geoms.size or np.isin(model.geom_type[geoms], MASSLESS_TYPES).any():
+        return np.zeros(3)
+    axes = data.ximat[body].reshape(3, 3)
+    corners = [_corners(model, data, int(geom)) for geom in geoms]
+    return abs((np.concatenate(corners) - data.xipos[body]) @ axes).max(axis=0)
+
+
+def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarray:
+    """Returns the corners of the bounding box of a geom in the world, `(8, 3)` [m]."""
+    centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    return data.geom_xpos[geom] + (centre + SIGNS * half) @ data.geom_xmat[geom].reshape(3, 3).T
 
 
 def _rotates(model: mujoco.MjModel, dof: int) -> bool:

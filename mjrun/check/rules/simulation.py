@@ -58,7 +58,7 @@ def _step(context: LintContext, steps: int) -> Iterator[Finding]:
     for text in warnings:
         line = "; ".join(text.split("\n"))
         yield WARNING.in_model(context.path, f"within {steps} steps MuJoCo warns: {line}")
-    # A joint beyond its range and geoms that penetrate each other store energy, and have rules of their own.
+    # A joint beyond its range and geoms that penetrate each other store energy; other rules report them.
     strained = joints_beyond_range(context, None) or deep_penetrations(context, None)
     if passive and not strained and _conserves_energy(context.model):
         yield from _energy_gain(context, np.array(energies))

@@ -1,0 +1,72 @@
+"""Explicit inertias that a body can have, and those that it cannot."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mjrun.check.rules import masses
+from tests.check.models import lint, mjcf
+
+SIDES = st.floats(0.05, 0.3)
+
+
+def inertial(mass: float, inertia: np.ndarray, more: str = "") -> str:
+    shown = " ".join(repr(float(value)) for value in inertia)
+    return f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{shown}"/>{more}'
+
+
+def body(inner: str, geom: str, name: str = "b") -> str:
+    return f'<body name="{name}"><joint name="{name}"/>{inner}<geom {geom}/></body>'
+
+
+def findings(world: str) -> list[str]:
+    return [finding.object for finding in lint(mjcf(world)) if finding.code == "MJ206"]
+
+
+def box(sides: tuple[float, float, float]) -> tuple[str, np.ndarray]:
+    """A geom, and its principal inertias for 2 kg."""
+    x, y, z = (side**2 for side in sides)
+    return f'type="box" size="{" ".join(map(repr, sides))}" mass="2"', 2 / 3 * np.array([y + z, x + z, x + y])
+
+
+@given(sides=st.tuples(SIDES, SIDES, SIDES), factor=st.floats(0.005, 20))
+def test_an_inertia_of_a_box_is_possible_within_the_bounds_on_its_spread(
+    sides: tuple[float, float, float], factor: float
+) -> None:
+    """The mean distance of the mass of a box is its reach over √3; it grows with the root of the inertia."""
+    geom, inertia = box(sides)
+    spread = np.sqrt(factor / 3)
+    if any(abs(spread / bound - 1) < 1e-3 for bound in (masses.MAX_SPREAD, masses.MIN_SPREAD)):
+        return
+    is_placeholder = np.ptp(inertia) <= masses.EQUAL * inertia.max() and max(sides) > masses.LONG * min(sides)
+    possible = masses.MIN_SPREAD < spread < masses.MAX_SPREAD and not is_placeholder
+    assert findings(body(inertial(2, factor * inertia), geom)) == ([] if possible else ["body 'b'"])
+
+
+@pytest.mark.parametrize(
+    ("inner", "geom", "reported"),
+    [
+        (inertial(1, np.full(3, 0.01)), 'type="box" size="0.3 0.05 0.05"', True),
+        (inertial(1, np.full(3, 0.01)), 'type="box" size="0.1 0.1 0.1"', False),
+        (inertial(1, np.array([0.4, 0.4, 0.4])), 'size="0.1"', True),
+        (inertial(1, np.full(3, 1.0), '<body><geom size="0.1" pos="2 2 2"/></body>'), 'size="0.1"', False),
+        (inertial(1, np.full(3, 0.4)), 'type="hfield" hfield="h"', False),
+        ("", 'size="0.1"', False),
+    ],
+    ids=["placeholder", "cube", "too large", "reached by a welded body", "infinite", "inferred"],
+)
+def test_the_geoms_of_a_body_and_of_those_welded_to_it_decide(inner: str, geom: str, reported: bool) -> None:
+    asset = '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'
+    model = mjcf(body(inner, geom), before=asset)
+    assert [f.object for f in lint(model) if f.code == "MJ206"] == ["body 'b'"] * reported
+
+
+def test_bodies_that_do_not_move_and_negligible_ones_are_left_alone() -> None:
+    bad = inertial(1, np.full(3, 0.4))
+    assert findings(f'<body name="b">{bad}<geom size="0.1"/></body>') == []
+
+    small = body(inertial(1e-8, np.full(3, 1e-7)), 'size="0.1"', "small")
+    assert findings(small) == ["body 'small'"]
+    large = body(inertial(1, np.full(3, 0.01)), 'size="0.1"', "large")
+    assert findings(small + large) == []
