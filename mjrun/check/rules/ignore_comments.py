@@ -1,7 +1,7 @@
 """Comments in the XML of a model that suppress findings: `<!-- mjrun: ignore MJ503 the floor is soft -->`.
 
-A comment concerns the element on its line or, if there is none, the next one, with all elements inside. `ignore-file`
-concerns its whole file, and findings about the model in which it stands.
+A comment concerns the element that starts earlier on its line, or else the next one, with all elements inside.
+`ignore-file` concerns its whole file, and findings about the model as a whole.
 """
 
 import re
