@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 from mjrun.dataclass import dataclass
@@ -24,13 +25,17 @@ def rational(value: float | str | Fraction) -> Fraction:
     """
     if isinstance(value, Fraction):
         return value
-    text = value.strip() if isinstance(value, str) else repr(float(value))
-    if _VAST.search(text):  # Fraction would write out every zero
-        raise ValueError(f"not a finite number: {value!r}")
     try:
-        return Fraction(text)
+        return _rational(value.strip() if isinstance(value, str) else repr(float(value)))
     except (ValueError, ZeroDivisionError, OverflowError):
         raise ValueError(f"not a finite number: {value!r}") from None
+
+
+@lru_cache(1024)
+def _rational(text: str) -> Fraction:
+    if _VAST.search(text):  # Fraction would write out every zero
+        raise ValueError(text)
+    return Fraction(text)
 
 
 def seconds(steps: Any, timestep: Fraction) -> Any:

@@ -100,7 +100,9 @@ class _Part:
         first = self._compiled([])
         self._rows = dict(_matched_rows(model, first, sorted(bodies), kept))
         self._names = tuple(name for name in _numbers() if len(self._rows[arrays()[name].rows][0]))
-        self._values, self._structure = attrgetter(*self._names), _structure(first)
+        self._values = attrgetter(*self._names)
+        self._whole_numbers = attrgetter(*(name for name in _whole_numbers() if getattr(first, name).size))
+        self._structure = self._structure_of(first)
         self._first = self._values(first)
         for name, values in zip(self._names, self._first, strict=True):
             whole, part = self._rows[arrays()[name].rows]
@@ -113,7 +115,7 @@ class _Part:
             compiled = self._compiled(overrides)
         except (MjrunError, *FAULTS):
             return None
-        if _structure(compiled) != self._structure:
+        if self._structure_of(compiled) != self._structure:
             return None
         changed = dict[str, Rows]()
         for name, first, values in zip(self._names, self._first, self._values(compiled), strict=True):
@@ -123,6 +125,10 @@ class _Part:
                     return None
                 changed[name] = whole, values[part]
         return changed
+
+    def _structure_of(self, model: mujoco.MjModel) -> tuple[object, ...]:
+        """Returns the sizes of a model and its arrays of whole numbers."""
+        return (*sizes_of(model), b"".join([values.tobytes() for values in self._whole_numbers(model)]))
 
     def _compiled(self, overrides: Sequence[Override]) -> mujoco.MjModel:
         before = [*self._fields(overrides)]
@@ -225,13 +231,8 @@ def _numbers() -> tuple[str, ...]:
 
 
 @cache
-def _whole_numbers() -> Callable[[mujoco.MjModel], tuple[np.ndarray, ...]]:
-    """Returns a function that returns all arrays of a model that are not of decimal numbers."""
+def _whole_numbers() -> tuple[str, ...]:
+    """Returns the names of all arrays of a model that are not of decimal numbers."""
     example = mujoco.MjSpec().compile()
     of_model = [name for name in arrays() if isinstance(getattr(example, name), np.ndarray)]
-    return attrgetter(*(name for name in of_model if getattr(example, name).dtype.kind != "f"))
-
-
-def _structure(model: mujoco.MjModel) -> tuple[object, ...]:
-    """Returns the sizes of a model and its arrays of whole numbers."""
-    return (*sizes_of(model), b"".join(values.tobytes() for values in _whole_numbers()(model) if values.size))
+    return tuple(name for name in of_model if getattr(example, name).dtype.kind != "f")

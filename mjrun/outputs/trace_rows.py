@@ -15,7 +15,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import SLEEP, RecordingBatch
-from mjrun.physics.engine import BLOCK_STEPS
+from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
@@ -100,6 +100,24 @@ class ProbeSampler:
     def fields(self) -> Sequence[str]:
         """The fields of MjData that the probes read from recorded fields, not from an MjData."""
         return self._fields
+
+    def tables(self, block: RolloutBlock, count: int, chosen: slice = slice(None)) -> np.ndarray:
+        """Computes the first `count` rows of the `chosen` simulations of a block from fields alone.
+
+        Returns:
+          The rows `(n, count, ncolumns)`; those after a failure are invalid.
+        """
+        fields = {name: values[chosen, :count] for name, values in block.fields.items()}
+        initial = {name: values[chosen] for name, values in block.initial.items()}
+        tables = np.empty((len(block.counts[chosen]), count, len(self.columns)))
+        tables[..., 0] = seconds(block.steps[:count], self._timeline.timestep)
+        start = 1
+        with np.errstate(all="ignore"):  # of rows after a failure
+            for probe in self.probes:
+                assert isinstance(probe, FieldProbe)
+                tables[..., start : start + len(probe.columns)] = probe.compute(fields, initial)
+                start += len(probe.columns)
+        return tables
 
     def rows(self, steps: np.ndarray, fields: Fields, initial: Fields) -> np.ndarray:
         """Computes the rows `(n, ncolumns)` at `steps` `(n,)` from recorded fields alone.

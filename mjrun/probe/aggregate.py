@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
-from mjrun.probe.expression import START, AggregateCall, Node, NumericExpression
+from mjrun.probe.expression import START, AggregateCall, NumericExpression
 
 CHUNK = 512  # rows evaluated at once: the sum of 512 products of two 27-bit numbers fits 63 bits
 
@@ -303,15 +303,14 @@ class Aggregates:
     """The values of aggregates, from chunks of rows in their order.
 
     Args:
-      nodes: nodes of an expression, operands first; only aggregates are used.
+      calls: aggregates of an expression, operands first.
 
     Attributes:
       known: values of those that are known from the first row on; NaN for the others.
       rows: for each with a condition, the number of rows on which it holds.
     """
 
-    def __init__(self, nodes: Iterable[Node]) -> None:
-        calls = [node for node in nodes if isinstance(node, AggregateCall)]
+    def __init__(self, calls: Sequence[AggregateCall]) -> None:
         self._accumulators = {call: accumulator(call.name, call.fraction) for call in calls}
         self.known: KnownValues = {}
         self.rows = {call: 0 for call in calls if call.condition is not None}

@@ -154,7 +154,7 @@ class AssertionChecker:
         self._assertion, self._truth = assertion, assertion._truth
         self._rows = ChunkBuffer(assertion.table, assertion.columns)
         nodes = list(tree.walk(self._truth))
-        self._aggregates = Aggregates(nodes)
+        self._aggregates = Aggregates([node for node in nodes if isinstance(node, tree.AggregateCall)])
         self._row_checks = {node: RowCheck(node.truth) for node in nodes if isinstance(node, tree.AllRows)}
         self._values: KnownValues = {}  # known after the last row
         self._is_one_subject = len({self._text(side) for side in tree.sides(self._truth)}) == 1

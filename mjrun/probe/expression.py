@@ -259,6 +259,11 @@ class Expression:
         """The names of the columns that it reads, in the order of their first occurrence."""
         return columns_read(self.root)
 
+    @cached_property
+    def aggregates(self) -> tuple["AggregateCall", ...]:
+        """The aggregates in it, operands first."""
+        return tuple(node for node in walk(self.root) if isinstance(node, AggregateCall))
+
 
 def comparisons(truth: BooleanExpression) -> Iterator[Comparison]:
     """Yields the comparisons in `truth`, except the conditions of aggregates."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
 from mjrun.probe.evaluation import evaluate
-from mjrun.probe.expression import Expression, walk
+from mjrun.probe.expression import Expression
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 
@@ -30,7 +30,7 @@ class MetricEvaluation:
     def __init__(self, metrics: Sequence[Metric], table: Sequence[str]) -> None:
         self._metrics = metrics
         self._rows = ChunkBuffer(table, {name for metric in metrics for name in metric.columns})
-        self._aggregates = [Aggregates(walk(metric.root)) for metric in metrics]
+        self._aggregates = [Aggregates(metric.aggregates) for metric in metrics]
 
     def feed(self, block: np.ndarray) -> None:
         """Adds the next rows `(n, columns)`, one column for each of the table's."""

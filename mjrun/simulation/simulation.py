@@ -1,5 +1,6 @@
 """A simulation as a value: model, initial state, inputs and length."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import field, fields, replace
 from fractions import Fraction
@@ -81,9 +82,20 @@ class Simulation(SimulationOptions):
     @property
     def source(self) -> Source:
         """Source of the model, with overrides."""
+        source = self._plain_source
+        return replace(source, overrides=(*source.overrides, *overrides_of(self)))
+
+    @cached_property
+    def _plain_source(self) -> Source:
+        """Source of the model, without the overrides of the simulation."""
         source = source_of(self.model)
-        source = replace(source, overrides=(*source.overrides, *overrides_of(self)))
         return source.stored_at(self.snapshot.place) if self.snapshot else source
+
+    def with_overrides(self, overrides: Sequence[tuple[str, str]]) -> "Simulation":
+        """Returns the same simulation with more overrides of the model, by path; many times faster than `replace`."""
+        changed = copy.copy(self)
+        vars(changed).update(set=(*self.set, *overrides), _plain_source=self._plain_source)
+        return changed
 
     def _stored(self, path: str | Path) -> Path:
         """Returns the path where a file is read: its own, or that of its copy."""

@@ -138,13 +138,16 @@ class ChunkFiles:
         Raises:
           FileError: a part cannot be read for lack of permission.
         """
+        self.damaged = []
+        results = dict[str, PointResult]()
+        paths = self._paths()
+        if not paths:
+            return results
         import pyarrow
 
         from mjrun.formats.arrow_columns import read_whole_parquet
 
-        self.damaged = []
-        results = dict[str, PointResult]()
-        for path in self._paths():
+        for path in paths:
             try:
                 with path.open("rb") as stream:
                     table = read_whole_parquet(path, stream)

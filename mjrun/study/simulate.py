@@ -190,12 +190,14 @@ class PointSimulator:
             for index, step in block.shortages.items():
                 failures.setdefault(index, out_of_memory(step, first.timeline))
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step may not be an N-th one
+            shared = first.sampler.tables(block, wanted)
             for index, ready in enumerate(points):
                 count = min(int(block.counts[index]), wanted)
                 if count > 0:
-                    fields = {name: values[index, :count] for name, values in block.fields.items()}
-                    initial = {name: values[index] for name, values in block.initial.items()}
-                    ready.metrics.feed(ready.sampler.rows(block.steps[:count], fields, initial))
+                    rows = shared[index]
+                    if ready.sampler is not first.sampler:
+                        (rows,) = ready.sampler.tables(block, wanted, slice(index, index + 1))
+                    ready.metrics.feed(rows[:count])
         return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
@@ -226,13 +228,16 @@ class _CompiledModel:
     ) -> None:
         self.structure, self.metrics, self._episode = structure, metrics, episode
         self.world_group = ""
-        self._model, self._sampler = model, dict[Timeline, ProbeSampler]()
+        self._model = model
+        self._timeline: Timeline | None = None
+        self._sampler: ProbeSampler | None = None
 
     def sampler(self, variant: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
         """Returns the sampler of the columns of all metrics; variants share it if it does not read their numbers."""
-        if timeline not in self._sampler:
-            self._sampler = {timeline: self._new_sampler(self._model, timeline)}
-        sampler = self._sampler[timeline]
+        if self._timeline != timeline:
+            self._timeline, self._sampler = timeline, self._new_sampler(self._model, timeline)
+        sampler = self._sampler
+        assert sampler
         reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in sampler.probes)
         return self._new_sampler(variant, timeline) if reads_model else sampler
 
@@ -275,8 +280,8 @@ class _ReadyPoint:
 
 def _model_sizes(points: Sequence[_ReadyPoint]) -> dict[int, int]:
     """Returns the memory of each model of these points [bytes], by its id."""
-    models = {id(model): model for point in points for model in (point.variant.model, point.variant.compiled)}
-    return {key: mujoco.mj_sizeModel(model) for key, model in models.items()}
+    variants = [point.variant for point in points]
+    return {id(model): each.compilation.size for each in variants for model in (each.model, each.compiled)}
 
 
 def out_of_memory(step: int, timeline: Timeline) -> SimulationError:

@@ -127,9 +127,8 @@ def simulation_at(
             entries |= dict([value])
         else:
             changes[key] = value
-    if overrides:
-        changes["set"] = (*base.set, *overrides)
-    return replace(base, **changes) if changes else base
+    varied = replace(base, **changes) if changes else base
+    return varied.with_overrides(overrides) if overrides else varied
 
 
 def require_values(

@@ -233,3 +233,12 @@ def test_points_without_enough_memory_fail_one_by_one(tmp_path: Path, noise: str
     assert "Could not allocate memory" in results[3].message
     for result in (results[0], results[4]):
         np.testing.assert_array_equal(result.metrics, bare())
+
+
+def test_a_metric_of_the_momentum_has_the_masses_of_each_point(tmp_path: Path) -> None:
+    spec = replace(spec_of(tmp_path, ("geom/ball.mass",), steps=20), metrics=(("p", "last(momentum/pz)"),))
+    results = simulated(spec, [("1",), ("2",), ("4",), ("8",)])
+    first = results[0].metrics[0]
+    assert first < 0
+    for result, mass in zip(results, (1, 2, 4, 8), strict=True):
+        np.testing.assert_allclose(result.metrics, (mass * first,), rtol=1e-12)

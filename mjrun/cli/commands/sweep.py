@@ -233,10 +233,14 @@ def _require_said_there(command_line: CommandLine, file: str, own: Sequence[str]
 
 
 def _report(study: "Study", results: "Sequence[StudyResult]") -> Report:
-    from mjrun.cli.sweep_report import study_report
     from mjrun.experiment.results_table import FILES
+
+    def summary() -> str:
+        from mjrun.cli.sweep_report import study_report
+
+        return study_report(result, study.simulation)
 
     result = results[0]
     table = Path(result.path, FILES[1])
     forms = {"csv": lambda: table.read_text("utf-8").rstrip("\n")}
-    return Report("sweep", result, summary=lambda: study_report(result, study.simulation), forms=forms)
+    return Report("sweep", result, summary=summary, forms=forms)
