@@ -17,13 +17,9 @@ from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
-import mujoco
-
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, concerning, listing, near, option, quoted
 from mjrun.formats.input_file import opened
-from mjrun.physics.kinematic_samples import FIELDS, quaternions
-from mjrun.probe.fields import field_probe, offered
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import Vocabulary, spelled
 
@@ -32,7 +28,6 @@ FILE = "@"  # begins the name of a file of lines
 PLACEHOLDER = "{}"
 NUMBERED = ("{}/{}", "{}_{}", "{}.{}", "{}[{}]", "{}{}")  # names of the parts of a column
 _LAST = re.compile(r"(.+?)(?:[/_.\[]?)[01]\]?")  # the first of numbered columns
-POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 TIMES = ("time", "t", "timestamp", "time_s", "sec", "seconds", "stamp", "elapsed")
 LARGEST = 2**20  # characters in a file of lines
 
@@ -91,20 +86,6 @@ def column_map(
     resolver.read_names([name for name in names if by_name is None or name in by_name])
     resolver.read_map(texts)
     return resolver.map
-
-
-def state_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
-    """Maps the columns `names` of a table to the state of `model`, as in `column_map`.
-
-    Raises:
-      UsageError: as `column_map`; or the table has no positions, or those of another model.
-    """
-    known = offered(model)
-    columns = {f: [c.name for c in field_probe(model, f).columns] if f in known else [] for f in FIELDS}
-    turning = {f: quaternions(model, f) for f in FIELDS}
-    mapped = column_map(columns, names, texts, source, quat=quat, quaternions=turning)
-    _require_positions(mapped, names, source)
-    return mapped
 
 
 def map_files(texts: Sequence[str]) -> list[str]:
@@ -313,35 +294,6 @@ def _numbered(prefix: str, names: Mapping[str, str]) -> list[str]:
             if columns:
                 return columns
     return []
-
-
-def _require_positions(mapped: ColumnMap, names: Sequence[str], source: str) -> None:
-    """Raises UsageError if a table has no positions of a model, or those of another one."""
-    unknown = [name for name in mapped.unused if name.startswith("qpos/")]
-    lacking = mapped.lacking("qpos")
-    if unknown and lacking:
-        raise UsageError(
-            f"{clean(source)} is a table of another model: it has {listing(unknown)}, and lacks {listing(lacking)}\n"
-            f"{_hint(lacking, names)}"
-        )
-    positions = [name for field in POSITIONS for name in mapped.columns[field]]
-    if not any(name in mapped.sources for name in positions):
-        raise UsageError(
-            f"{clean(source)} has no positions of this model\nit has {listing(names) or 'no columns'}\n"
-            f"the model has {listing([TIME, *positions])}\n{_hint(lacking, names)}"
-        )
-
-
-def _hint(wanted: Sequence[str], names: Sequence[str]) -> str:
-    """Suggests an entry of a map for one of the model's columns `wanted`."""
-    others = [name for name in names if name != TIME]
-    for name in wanted:
-        leaf = name.partition("/")[2]
-        alike = near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]
-        if alike:
-            degrees = "*pi/180" if "deg" in alike[0].casefold() else ""
-            return f"{option('map')} assigns columns, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
-    return f"{option('map')} assigns columns, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
 
 
 def time_hint(names: Sequence[str]) -> str:

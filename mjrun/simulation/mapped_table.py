@@ -8,17 +8,20 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from mjrun.errors import UnknownNameError, UsageError, clean, listing, option
+from mjrun.errors import UnknownNameError, UsageError, clean, listing, near, option
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.model.names import control_names
 from mjrun.physics.control import ControlTable
 from mjrun.physics.kinematic_motion import KinematicMotion
-from mjrun.physics.kinematic_samples import Interpolation, KinematicSamples
+from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicSamples, quaternions
 from mjrun.physics.timed_rows import TimedRows
+from mjrun.probe.fields import field_probe, offered
 from mjrun.probe.row_expression import RowExpression
-from mjrun.simulation.column_map import TIME, column_map, state_map, time_hint
+from mjrun.probe.scanner import spelled
+from mjrun.simulation.column_map import TIME, ColumnMap, column_map, time_hint
 from mjrun.timeline import seconds
 
+POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
 
 
@@ -55,6 +58,49 @@ def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dic
             for key, evaluator in evaluators.items():
                 parts[key].append(evaluator.feed(columns))
     return {key: np.concatenate(blocks) for key, blocks in parts.items()}
+
+
+def state_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
+    """Maps the columns `names` of a table to the state of `model`, as in `column_map`.
+
+    Raises:
+      UsageError: as `column_map`; or the table has no positions, or those of another model.
+    """
+    known = offered(model)
+    columns = {f: [c.name for c in field_probe(model, f).columns] if f in known else [] for f in FIELDS}
+    turning = {f: quaternions(model, f) for f in FIELDS}
+    mapped = column_map(columns, names, texts, source, quat=quat, quaternions=turning)
+    _require_positions(mapped, names, source)
+    return mapped
+
+
+def _require_positions(mapped: ColumnMap, names: Sequence[str], source: str) -> None:
+    """Raises UsageError if a table has no positions of a model, or those of another one."""
+    unknown = [name for name in mapped.unused if name.startswith("qpos/")]
+    lacking = mapped.lacking("qpos")
+    if unknown and lacking:
+        raise UsageError(
+            f"{clean(source)} is a table of another model: it has {listing(unknown)}, and lacks {listing(lacking)}\n"
+            f"{_hint(lacking, names)}"
+        )
+    positions = [name for field in POSITIONS for name in mapped.columns[field]]
+    if not any(name in mapped.sources for name in positions):
+        raise UsageError(
+            f"{clean(source)} has no positions of this model\nit has {listing(names) or 'no columns'}\n"
+            f"the model has {listing([TIME, *positions])}\n{_hint(lacking, names)}"
+        )
+
+
+def _hint(wanted: Sequence[str], names: Sequence[str]) -> str:
+    """Suggests an entry of a map for one of the model's columns `wanted`."""
+    others = [name for name in names if name != TIME]
+    for name in wanted:
+        leaf = name.partition("/")[2]
+        alike = near(leaf, others) or [other for other in others if leaf.casefold() in other.casefold()]
+        if alike:
+            degrees = "*pi/180" if "deg" in alike[0].casefold() else ""
+            return f"{option('map')} assigns columns, as in {clean(name)}={clean(spelled(alike[0]))}{degrees}"
+    return f"{option('map')} assigns columns, as in {clean((wanted or ['qpos/JOINT'])[0])}=COLUMN"
 
 
 def read_motion(
