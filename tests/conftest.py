@@ -36,6 +36,12 @@ ROOT = Path(__file__).parents[1]
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+
+def pytest_collection_finish() -> None:
+    """Keeps modules that a test imports from a folder from leaving bytecode there, among the files that it lists."""
+    sys.dont_write_bytecode = True
+
+
 # Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
 # How slowly examples are made says nothing on a busy machine.
 ANYWHERE = {"database": None, "deadline": None, "print_blob": True, "suppress_health_check": [HealthCheck.too_slow]}
