@@ -125,7 +125,7 @@ def test_it_says_whether_a_window_opens_and_why_not(monkeypatch: pytest.MonkeyPa
 
 def test_it_says_whether_a_page_is_served(monkeypatch: pytest.MonkeyPatch) -> None:
     assert mjrun.doctor._studio().value.startswith("MuJoCo Studio ")
-    monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", {"pip": "installed"}.get)
+    monkeypatch.setattr(mjrun.doctor.importlib.util, "find_spec", lambda name: None)
     assert mjrun.doctor._studio().remedy == "pip install mujoco-studio"
 
 

@@ -1,5 +1,6 @@
 """Resolution of the paths in a document; all output files are inside one folder, and no two are the same."""
 
+import errno
 import os
 from dataclasses import field
 from pathlib import Path, PurePosixPath
@@ -22,6 +23,19 @@ def refusal(text: str) -> str:
     if min(depths, default=0) < 0:
         return f"{quoted(text)} leaves the folder of outputs"
     return "" if depths and depths[-1] > 0 else f"{quoted(text)} is the folder of outputs itself"
+
+
+def _require_no_circle(path: Path) -> None:
+    """Follows the links of a path: from Python 3.13 on, `resolve` accepts links in a circle.
+
+    Raises:
+      OSError: they lead in a circle.
+    """
+    try:
+        path.stat()
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise
 
 
 class OutputFolder:
@@ -54,6 +68,7 @@ class OutputFolder:
     def _check(self, path: Path) -> None:
         try:
             file, folder = path.resolve(), self._folder.resolve()
+            _require_no_circle(path)
         except (OSError, RuntimeError) as error:  # links in a circle
             raise UsageError(f"{clean(str(path))} cannot be reached: {clean(str(error))}") from None
         if folder not in file.parents:

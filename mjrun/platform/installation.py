@@ -24,10 +24,10 @@ def install_command(requirement: str) -> str:
 
 def pip(action: str) -> str:
     """Returns the beginning of a pip command that changes the environment of this process."""
-    import importlib.util
     import shutil
+    from importlib.machinery import PathFinder
 
-    if importlib.util.find_spec("pip") is None:  # an environment that uv has made
+    if PathFinder.find_spec("pip") is None:  # an environment that uv has made
         return f"uv pip {action} --python {shlex.quote(sys.prefix)}"
     program = shutil.which("pip")
     if program and Path(program).parent == Path(sys.executable).parent:

@@ -24,7 +24,7 @@ def test_a_file_that_is_not_there_is_told_with_its_neighbours() -> None:
         read("shot.yaml", Anything)
     with pytest.raises(FileError, match=r"^shots\.yaml/x: no such file$"):
         read("shots.yaml/x", Anything)
-    with pytest.raises(FileError, match=r"^a\\x00b: cannot be read: embedded null byte$"):
+    with pytest.raises(FileError, match=r"^a\\x00b: cannot be read: .*embedded null (byte|character in path)$"):
         read("a\0b", Anything)
 
 

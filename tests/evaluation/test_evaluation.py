@@ -101,10 +101,10 @@ def test_what_does_not_hold_is_raised_with_what_was_found(tmp_path: Path) -> Non
 )
 def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: str, match: str) -> None:
     some = evaluation(tmp_path, out)
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     with pytest.raises(FileError, match=match):
         some.run()
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
 def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def test_tools_install_into_their_own_environments(
 
 
 def test_an_environment_without_pip_is_that_of_uv(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pip", None)
+    monkeypatch.setattr("importlib.machinery.PathFinder.find_spec", lambda name: None)
     assert pip("install") == f"uv pip install --python {sys.prefix}"
 
 

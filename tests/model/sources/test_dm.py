@@ -105,7 +105,7 @@ def test_what_is_not_in_the_suite_is_answered_with_what_is(name: str, lines: lis
 
 
 def test_without_dm_control_the_error_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dm.importlib.util, "find_spec", {"pip": "installed"}.get)
+    monkeypatch.setattr(dm.importlib.util, "find_spec", lambda name: None)
     dm._domains.cache_clear()
     with pytest.raises(ModelNotFoundError, match=r"^dm:humanoid: dm_control is not installed\npip install dm_control"):
         parse_source("dm:humanoid").load()
