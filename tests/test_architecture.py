@@ -353,6 +353,32 @@ def test_import_help_and_version_load_neither_mujoco_nor_numpy(code: str) -> Non
     assert loaded.isdisjoint({"mujoco", "numpy"})
 
 
+# Modules of the standard library that are slow to import, and that help and completion do not need.
+SLOW_MODULES = {"difflib", "email", "html.entities", "http.client", "importlib.metadata", "logging", "ssl", "traceback"}
+COMPLETION = "import os; os.environ |= {'_MJRUN_COMPLETE': 'bash_complete', 'COMP_LINE': 'mjrun trace --st'}; "
+
+
+@pytest.mark.parametrize(
+    "code",
+    [command_line("--help"), command_line("--version"), COMPLETION + command_line("")],
+    ids=["help", "version", "completion"],
+)
+def test_help_version_and_completion_load_no_slow_module(code: str) -> None:
+    loaded = loaded_by(code)
+    assert "mjrun.cli.main" in loaded
+    assert loaded.isdisjoint({"mujoco", "numpy", *SLOW_MODULES})
+
+
+def test_a_run_of_tables_starts_without_images_and_plots(tmp_path: Path) -> None:
+    document = tmp_path / "run.yaml"
+    document.write_text("{model: scene:pendulum, steps: 1, traces: [{output: t.csv}]}")
+    loaded = loaded_by(command_line("run", str(document), "-o", str(tmp_path)))
+    assert {"mujoco", "mjrun.outputs.trace"} <= loaded
+    rooms = {module.split(".")[1] for module in loaded if module.startswith("mjrun.")}
+    assert rooms.isdisjoint({"rendering", "plotting", "diff", "check", "bench"})
+    assert loaded.isdisjoint({"PIL", "http.client", "numpy.random"})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_a_command_loads_no_library_but_click(name: str) -> None:

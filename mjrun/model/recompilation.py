@@ -12,7 +12,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.introspect import structs
 
 from mjrun.errors import MjrunError
 from mjrun.model.compilation import FAULTS, checked_arrays, invalid_number, lengthen_buffers
@@ -155,6 +154,8 @@ def sizes_of(model: mujoco.MjModel) -> tuple[int, ...]:
 
 @cache
 def _sizes() -> Callable[[mujoco.MjModel], tuple[int, ...]]:
+    from mujoco.introspect import structs
+
     described: Any = structs.STRUCTS["mjModel"].fields
     names = [each.name for each in described if each.name.startswith(("n", "flg_")) and not each.array_extent]
     return attrgetter(*(name for name in names if name not in IMAGE_SIZES))

@@ -101,7 +101,7 @@ Probe = FieldProbe | InstantProbe
 @cache
 def extents() -> dict[str, tuple[tuple[str | int, ...], str]]:
     """Returns every array field of MjData that can be recorded, with its extents and its meaning."""
-    from mujoco.introspect import structs  # slow to import, and most commands name no such field
+    from mujoco.introspect import structs  # slow to import, and images need no columns
 
     described: Any = structs.STRUCTS["mjData"].fields
     arrays = [field for field in described if getattr(field, "array_extent", None)]

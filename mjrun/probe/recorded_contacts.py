@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.introspect import structs
 
 from mjrun.dataclass import dataclass
 from mjrun.probe.fields import InstantProbe
@@ -128,6 +127,8 @@ class ContactProbe(InstantProbe):
 @cache
 def _layout() -> np.dtype[Any]:
     """Returns the layout of an `mjContact` structure."""
+    from mujoco.introspect import structs
+
     fields: Any = structs.STRUCTS["mjContact"].fields
     parts: list[tuple[str, str, tuple[int, ...]]] = []
     for field in fields:

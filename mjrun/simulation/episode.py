@@ -15,7 +15,6 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, UsageError, clean, option
 from mjrun.formats.input_file import is_file
 from mjrun.model.source import Source
-from mjrun.model.variants import ModelVariants
 from mjrun.options.policy import NONE, is_code, is_policy_file
 from mjrun.options.push import Push
 from mjrun.physics.push_forces import PushForces
@@ -178,6 +177,7 @@ class TaskEpisode(Episode):
         return TaskWorlds(self._task, 1)
 
     def model(self) -> mujoco.MjModel:
+        from mjrun.model.variants import ModelVariants
         from mjrun.task.episode_start import EpisodeModels
 
         with self._task.located():
