@@ -18,6 +18,9 @@ extensions = ["myst_parser", "sphinx_copybutton", "sphinx_design"]
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 
+highlight_language = "none"
+smartquotes_action = "qe"  # no dashes: "--option" stays
+
 html_theme = "furo"
 html_title = "mjrun"
 html_static_path = ["_static"]

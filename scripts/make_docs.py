@@ -35,6 +35,7 @@ PAGES = {
 }
 GENERATED = ("index.md", "gallery.md")
 OUTPUTS = ("videos", "images", "traces", "plots")  # the sections of a run document that make files
+SIGNALS = {130: ["Interrupted, as by Ctrl-C."], 141: ["The reader of a pipe ended."], 143: ["Terminated."]}
 MOST_MEANINGS = 4  # of a group of columns
 MOST_NUMBERS = 8  # of a scene in the gallery
 # The pages of docs/ in the side bar. A page that is in none of these is an error.
@@ -381,10 +382,12 @@ def exit_codes_page() -> str:
     """Returns the page of the exit codes: the errors behind each."""
     from mjrun import errors
 
-    codes: dict[int, list[str]] = {}
+    codes = {errors.MjrunError.exit_code: ["A bug in mjrun; please report it."], **SIGNALS}
     for _, cls in inspect.getmembers(errors, inspect.isclass):
-        if issubclass(cls, errors.MjrunError) and "exit_code" in vars(cls) and isinstance(cls.exit_code, int):
-            codes.setdefault(cls.exit_code, []).append(inspect.cleandoc(cls.__doc__ or "").split("\n\n")[0])
+        if issubclass(cls, errors.MjrunError) and cls is not errors.MjrunError and isinstance(cls.exit_code, int):
+            summary = re.split(r"(?<=\w)[.;:]\s", " ".join((cls.__doc__ or "").split()) + " ")[0]
+            if "exit_code" in vars(cls):
+                codes.setdefault(cls.exit_code, []).append(f"{summary}.")
     lines = [
         "# Exit codes",
         "",

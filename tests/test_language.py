@@ -26,21 +26,16 @@ LONGEST_SENTENCE = 40  # words of a sentence in help
 
 # Upper bounds by room: openings of docstrings, openings of functions' docstrings, words.
 TOLERATED: dict[str, tuple[int, int, int]] = {
-    "cli": (0, 1, 1),
-    "evaluation": (0, 0, 1),
-    "fit": (0, 0, 1),
-    "physics": (0, 0, 2),
-    "policy": (0, 0, 2),
-    "task": (0, 0, 3),
+    "evaluation": (0, 0, 1),  # the attribute `films` of a result, a key of its JSON
 }
 
 HEADLESS = re.compile(r"(What|Whether|How|Where|Which|Who|Whose|Whoever|Why)\b")
 VERB = re.compile(r"(\w+s|Does|Has|Goes)\b")
 COMMENT = re.compile(r"(^\s*|  )# .*")
 DIALECT = re.compile(
-    r"\b("
+    r"\b(?<!--)("
     r"told|films?|filmed|so many|as it is|as they are|besides|beyond that|of (its|their|our) own|whoever|somebody"
-    r"|at all|anew|(is|are) none|stands? (in|for|where|at|beside|under|there)|worked off|looked at|tells? apart"
+    r"|at all|anew|(is|are) (?-i:none)|stands? (in|for|where|at|beside|under|there)|worked off|looked at|tells? apart"
     r"|cannot be (meant|had)|goes on|nobody|(is|are) had|mended|come to the same numbers"
     r")\b",
     re.IGNORECASE,
@@ -54,7 +49,7 @@ def _modules(room: str) -> list[Path]:
 def _is_property_or_command(node: ast.AST) -> bool:
     """Tells whether a docstring is a noun, as of properties, or the help of a command, which is an imperative."""
     names = [ast.unparse(each).partition("(")[0] for each in getattr(node, "decorator_list", [])]
-    return any(name.split(".")[-1] in ("property", "cached_property", "setter", "command") for name in names)
+    return any(name.split(".")[-1] in ("property", "cached_property", "setter", "command", "group") for name in names)
 
 
 def _docstrings(tree: ast.Module) -> Iterator[tuple[ast.AST, int, str]]:

@@ -238,7 +238,7 @@ def check_same(now: Document, base: Document, path: str, force: bool) -> list[st
     """Returns the differences that `force` overrides.
 
     Raises:
-      UsageError: there are differences, and no `force`.
+      UsageError: the documents differ, and `force` is not set.
     """
     reasons = differences(now, base)
     if reasons and not force:
@@ -258,7 +258,7 @@ def compare(
       overridden: differences that are ignored, from `check_same`.
 
     Raises:
-      UsageError: they have no figure in common, and nothing has failed.
+      UsageError: the documents have no figure in common, and nothing has failed.
     """
     before, here, limit = dict(figures(base)), dict(figures(now)), 1 + threshold
     with_workload = workload_obstacle(now, base) is None

@@ -188,7 +188,7 @@ class Phase:
 
 
 def phases(data: mujoco.MjData) -> Phase | None:
-    """Returns the phases of the steps that `data` has taken with timers; None without any.
+    """Returns the phases of the steps that `data` has taken with timers, or None.
 
     RK4 computes derivatives four times per step, and MuJoCo does not time its advance: it is included in `other`.
     """
@@ -221,7 +221,7 @@ class StepProfile:
     Attributes:
       contacts, constraints: number of contacts and constraints (`ncon`, `nefc`).
       iterations: iterations of the constraint solver, averaged over islands as in `testspeed`.
-      arena, arena_size: largest use of the arena, and its size [bytes]; None without an arena.
+      arena, arena_size: largest use of the arena, and its size [bytes]; None if there is no arena.
       phases: phases as timed by MuJoCo; None if unavailable.
       warned: whether MuJoCo warned.
     """

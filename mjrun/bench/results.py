@@ -91,7 +91,7 @@ class ModelInfo:
     Attributes:
       path: path of its file; empty for a compiled model.
       sha256: hash of the compiled model with all assets and overrides, without those of the scan.
-      file_sha256: hash of its file alone; None without one.
+      file_sha256: hash of its file alone, or None.
       nq, nv, nu, nbody, ngeom: MuJoCo's sizes.
     """
 

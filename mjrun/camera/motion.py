@@ -211,7 +211,7 @@ def _crossfade(
 
 
 def _continued(angles: np.ndarray, middle: int) -> np.ndarray:
-    """Returns azimuths, elevations and rolls `(n, 3)` [deg] without jumps, continued from `middle` both ways."""
+    """Returns azimuths, elevations and rolls `(n, 3)` [deg] unwrapped from `middle` both ways."""
     continued = angles.copy()
     for k in range(middle + 1, len(continued)):
         continued[k] = _nearest(continued[k], continued[k - 1])

@@ -257,7 +257,7 @@ class CameraScript:
         """Checks that the shots are consistent.
 
         Raises:
-          UsageError: they are not.
+          UsageError: shots contradict each other.
         """
         shots: list[dict[str, object]] = []
         for shot in self.shots:

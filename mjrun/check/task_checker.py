@@ -104,7 +104,7 @@ class TaskChecker(Checker):
         self.write_findings([tasks.MISTAKE.in_model(self.path, message, remedy)])
 
     def _policy(self, task: Task) -> Policy | None:
-        """Returns the requested policy; None without one, or if it does not fit, which is written."""
+        """Returns the requested policy; None without a request, or if it does not fit, which is reported."""
         if not self.task.policy:
             return None
         try:

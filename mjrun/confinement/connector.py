@@ -19,10 +19,10 @@ HOST = "127.0.0.1"
 
 
 class Connector:
-    """The connecting process, which starts at once, before this one is confined.
+    """A process that makes connections for this one; it is started before this one is confined.
 
     Attributes:
-      bound: a socket at the port that it connects to.
+      bound: a socket at the port to which it connects.
     """
 
     def __init__(self) -> None:

@@ -30,7 +30,7 @@ class GoldenComparison:
       tolerances: the tolerances within which numbers agree.
 
     Attributes:
-      manifest: the manifest of the golden table, in it or next to it; None without one.
+      manifest: the manifest of the golden table, in it or next to it, or None.
 
     Raises:
       FileError: the golden table cannot be read.

@@ -43,8 +43,8 @@ class ColumnDifference:
       maximum: the largest absolute difference; None if it is not finite, as for texts that differ.
       rms: the root mean square of the differences; None if it is not finite.
       last: the difference in the last row that both have; None if it is not finite.
-      first: the first cell beyond the tolerance; None without one.
-      worst: the cell with the largest difference of those beyond the tolerance; None without one.
+      first: the first cell beyond the tolerance, or None.
+      worst: the cell with the largest difference of those beyond the tolerance, or None.
       text: true if a text was among the compared cells.
     """
 
@@ -67,7 +67,7 @@ class UnmatchedRows:
 
     Attributes:
       count: the number of rows.
-      first: the number of the first row, counted from 0; None without one.
+      first: the number of the first row, counted from 0, or None.
       at: its time [s] or step, if rows are aligned by it; else None.
       key: its key, if rows are aligned by other columns; else empty.
     """
@@ -157,7 +157,7 @@ class PictureDifference:
       changed: the mean share of pixels that differ beyond the tolerance.
       psnr: that of all frames together [dB]; None for numbers, and if nothing differs.
       ssim: the mean over all frames; None if that of a frame is unknown.
-      first: the first frame that differs beyond the tolerance; None without one.
+      first: the first frame that differs beyond the tolerance, or None.
       worst: the frame with the largest mean square difference; None if nothing differs.
       least_similar: the frame with the least structural similarity; None if nothing differs, or it is unknown.
       most_changed: the frame with the largest share of pixels that differ; None if no frame differs.

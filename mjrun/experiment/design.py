@@ -223,7 +223,7 @@ def _spaced(span: re.Match[str], place: str) -> list[str]:
     if span["log"] is None:
         return [_decimal(first + (last - first) * k / (count - 1)) for k in range(count)]
     if first <= 0 or last <= 0:
-        raise UsageError(f"{place}: equal ratios need positive ends")
+        raise UsageError(f"{place}: values in equal ratios require positive bounds")
     with localcontext(prec=DIGITS):
         ends = [Decimal(end.numerator) / end.denominator for end in (first, last)]
         inner = [ends[0] * (ends[1] / ends[0]) ** (Decimal(k) / (count - 1)) for k in range(1, count - 1)]

@@ -68,7 +68,7 @@ class MotionExtent:
       name: name of the column.
       unit: its unit.
       low, high: least and largest value.
-      least, most: limits; None without.
+      least, most: limits, or None.
     """
 
     name: str

@@ -40,7 +40,7 @@ class FreeParameter:
       low, high: bounds.
       start: value in the model, or 0 s.
       is_log: whether the coordinate is proportional to the logarithm.
-      prior: mean and standard deviation of a normal prior; None without one.
+      prior: mean and standard deviation of a normal prior, or None.
       inertia: inertia that the number belongs to; None for other parameters.
       delayed: columns that it delays.
       objects: names of the objects of the model that share it.
@@ -92,7 +92,7 @@ class FreeParameter:
 
     @property
     def override_path(self) -> str | None:
-        """The path of an override that sets it alone; None without one."""
+        """The path of an override that sets it alone, or None."""
         if self.inertia is not None:
             return self.inertia.path_of(self.name)
         return None if self.is_delay else self.path

@@ -85,7 +85,7 @@ class MotionLimits:
     """Limits of the hinges, slides and actuators of a model.
 
     Args:
-      speed: maximum speed of every hinge [rad/s] and slide [m/s]; None without a limit.
+      speed: maximum speed of every hinge [rad/s] and slide [m/s]; None if unlimited.
 
     Attributes:
       columns: limited positions, velocities and forces.
@@ -119,7 +119,7 @@ class MotionLimits:
         self.positions = slice(0, int(limits["qpos"].sum()))
 
     def violation(self, rows: Floats) -> str | None:
-        """Describes the worst violation of a limit in rows of `columns`, `(n, columns)`; None without one."""
+        """Describes the worst violation of a limit in rows of `columns`, `(n, columns)`, or None."""
         if not np.isfinite(rows).all():
             return "the simulation becomes unstable"
         slack = np.where(np.isfinite(self.high - self.low), SLACK * (self.high - self.low), 0.0)

@@ -104,7 +104,7 @@ class Failures:
         self._note(values, f"the model does not compile: {why.splitlines()[0]}")
 
     def sentence(self, parameters: Sequence[FreeParameter]) -> str | None:
-        """Returns a sentence on the failures; None without any."""
+        """Returns a sentence on the failures, or None."""
         if self._example is None:
             return None
         values, what = self._example

@@ -50,7 +50,7 @@ class FittedSignal:
       noise: standard deviation of the residuals of the fit, in this unit.
       misfit: ratio of this to the noise of the log; about 1 if the model explains all but noise.
       nominal, fitted: errors in the fitted part, before and after; None of a partial fit.
-      holdout_nominal, holdout_fitted: errors in held-out data; None without.
+      holdout_nominal, holdout_fitted: errors in held-out data, or None.
     """
 
     name: str

@@ -35,7 +35,7 @@ class Misfit:
     is_rough: bool
 
     def warning(self) -> str | None:
-        """Returns a sentence on a misfit; None without one."""
+        """Returns a sentence on a misfit, or None."""
         if self.reduced < MISFIT:
             return None
         beyond = f"the fit leaves residuals beyond the noise of the log (reduced χ² {self.reduced:.3g}): "

@@ -26,7 +26,7 @@ def replace_file(new: Path, target: Path) -> Path | None:
     """Replaces `target` by a file, and returns the path of the older file; None if it is missing or cannot be kept.
 
     Raises:
-      OSError: it cannot be done, and `target` is unchanged.
+      OSError: the replacement failed, and `target` is unchanged.
     """
     if not os.path.lexists(target):
         new.rename(target)
@@ -59,14 +59,14 @@ def _require_replaceable(target: Path) -> None:
     folder, user = target.parent.stat(), system.effective_user()
     is_sticky = bool(folder.st_mode & stat.S_ISVTX)
     if is_sticky and user not in (0, folder.st_uid, target.lstat().st_uid):
-        raise PermissionError(errno.EPERM, "another user's file, in a folder where each replaces only their own")
+        raise PermissionError(errno.EPERM, "another user's file; users can replace only their own here")
 
 
 def replace_folder(temporary: Path, target: Path) -> None:
     """Replaces the folder `target` by the new frames, and moves its older frames to the temporary folder.
 
     Raises:
-      OSError: it cannot be done, and `target` is unchanged.
+      OSError: the replacement failed, and `target` is unchanged.
     """
     new, old = temporary / NEW, temporary / OLD
     if not target.exists():
@@ -90,7 +90,7 @@ def take_back_folder(temporary: Path, target: Path) -> None:
     """Undoes `replace_folder`.
 
     Raises:
-      OSError: it cannot be done.
+      OSError: the operation failed.
     """
     new = temporary / NEW
     if new.exists():  # it holds the older frames
@@ -104,7 +104,7 @@ def move_frames(temporary: Path, place: Place) -> None:
     """Moves every frame to its place.
 
     Raises:
-      OSError: it cannot be done. Everything is unchanged, or the folder `moving` still exists, if undoing failed too.
+      OSError: the replacement failed. Everything is unchanged, or, if undoing failed too, the folder `moving` exists.
     """
     new, moving = temporary / NEW, temporary / MOVING
     names = [frame.name for frame in new.iterdir()]
@@ -122,7 +122,7 @@ def finish_frames(temporary: Path, place: Place) -> None:
     """Moves the frames that are not yet in their places.
 
     Raises:
-      OSError: it cannot be done.
+      OSError: the operation failed.
     """
     moving, old = temporary / MOVING, temporary / OLD
     for frame in sorted(moving.iterdir(), key=frame_number):
@@ -142,7 +142,7 @@ def take_back_frames(temporary: Path, names: Sequence[str], place: Place) -> Non
     """Undoes `move_frames` of frames with these `names`; after every step, it could still be finished instead.
 
     Raises:
-      OSError: it cannot be done.
+      OSError: the operation failed.
     """
     moving = temporary / MOVING
     moving.mkdir(exist_ok=True)

@@ -56,7 +56,9 @@ class ImageWriter(OutputWriter):
         self._written = 0
         largest = self._format.largest
         if largest and max(size) > largest:
-            raise BadValueError(option("size"), f"{size[0]}x{size[1]}", f"at most {largest} a side, as {format} holds")
+            raise BadValueError(
+                option("size"), f"{size[0]}x{size[1]}", f"at most {largest} pixels per side for {format}"
+            )
 
         is_text = not self._format.encoder  # which may go to a terminal
         super().__init__(StandardOutput(terminal=is_text) if output is None else StagedFile(Path(output)))

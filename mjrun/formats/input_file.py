@@ -48,7 +48,7 @@ def require_file(path: Path, what: str, suffixes: Collection[str], hint: str = "
       hint: further advice for that case.
 
     Raises:
-      FileError: it is not.
+      FileError: the file is missing or cannot be read.
     """
     with _readable(path, suffixes, hint):
         _check(path, path.stat().st_mode, what, hint)

@@ -183,7 +183,7 @@ def row_blocks(rows: int, width: int, read: Callable[[int, int], Iterable[np.nda
 
 
 def number_cells(values: np.ndarray, cells: CellKinds) -> np.ndarray:
-    """Returns numbers of any type as float64; as objects if integers beyond those of float64 are among them."""
+    """Returns numbers of any type as float64, or as objects if some are integers that float64 cannot represent."""
     is_whole = cells is CellKinds.ANY and values.dtype.kind in "iu" and values.size
     if is_whole and (int(values.max()) > EXACT or int(values.min()) < -EXACT):
         return values.astype(object)

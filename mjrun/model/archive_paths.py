@@ -47,7 +47,7 @@ def unpacked_size(path: Path) -> int:
 
 
 def main_mjcf(path: Path) -> str | None:
-    """Returns the MJCF that MuJoCo reads first: `path` itself, or a member of an archive; None without one."""
+    """Returns the MJCF that MuJoCo reads first: `path` itself, or a member of an archive, or None."""
     if path.suffix not in ARCHIVES:
         return str(path) if path.suffix == ".xml" else None
     try:

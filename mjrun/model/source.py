@@ -37,7 +37,7 @@ class Source(ABC):
 
     @property
     def main_file(self) -> Path | None:
-        """The model file; None without one."""
+        """The model file, or None."""
         return None
 
     @property

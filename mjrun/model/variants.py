@@ -86,7 +86,7 @@ class ModelVariants:
             home.unused.append(variant)
 
     def _copied(self, source: Source) -> ModelVariant | None:
-        """Returns a model that differs from a compilation, which is cached, in copied fields; None without one."""
+        """Returns a model that differs from a compilation, which is cached, in copied fields, or None."""
         to_copy, rest = _parted(source.overrides, may_be_copied)
         if not to_copy:
             return None

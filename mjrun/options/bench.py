@@ -126,7 +126,7 @@ class RolloutOptions(Options):
     noise_rate: float = option(
         converter=Real(metavar="SECONDS"),
         default=0.1,
-        help="Time constant with which noisy controls return to the keyframe's, or to the middle of their ranges [s].",
+        help="Time constant [s] of the control noise around the keyframe's controls, or the middle of their ranges.",
     )
 
 

@@ -99,7 +99,7 @@ class ViewOptions(RendererOptions):
         converter=Optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
         default=None,
         usual="the visible range",
-        help="Depths [m] that get the first and the last colour.",
+        help="Depths [m] shown in the first and the last colour.",
     )
     seg_by: str = option(
         converter=MujocoName("KIND", of="segmentation"),

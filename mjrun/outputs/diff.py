@@ -143,7 +143,7 @@ def common_kind(a: str, b: str) -> str:
     """Returns the kind of both files.
 
     Raises:
-      UsageError: they are of different kinds.
+      UsageError: the files are of different kinds.
     """
     kinds = kind_of(a), kind_of(b)
     if kinds[0] != kinds[1]:

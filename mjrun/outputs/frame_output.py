@@ -79,7 +79,7 @@ class FramePlan:
     Attributes:
       plots: the values to plot.
       motions: the motion of each camera.
-      probes: the measurement of the values in a text and in plots; None without these.
+      probes: the measurement of the values in a text and in plots, or None.
       overlay: the overlay without content, whose size is known.
       decorations: trails, ghosts and the like.
       conditions: the conditions of the events that the schedule depends on.

@@ -43,7 +43,7 @@ class OutputResult:
 
     Attributes:
       path: path of the output; `-` is standard output.
-      episode: the result of the policy's episode; None without a policy.
+      episode: the result of the policy's episode; None if there is no policy.
     """
 
     path: str

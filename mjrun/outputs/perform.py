@@ -144,7 +144,7 @@ class _Pass(Generic[R]):
 
     @property
     def episode(self) -> EpisodeResult | None:
-        """The result of the policy's episode so far; None without a policy."""
+        """The result of the policy's episode so far; None if there is no policy."""
         episode, stepper = self._context.simulation.episode, self._stepper
         return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 

@@ -105,12 +105,12 @@ class TraceResult(output.OutputResult):
       path: path of the table; `-` is standard output; empty if the table is not written.
       format: name of the format.
       rows, columns: the numbers of its rows and columns.
-      contacts: rows of the contact table; None without one.
+      contacts: rows of the contact table, or None.
       simulated, steps: simulated time [s] and steps taken.
       wall: total wall time [s].
       assertions: each assertion with its value and verdict.
       warnings: MuJoCo's warnings.
-      golden: the comparison with the golden table; None without one.
+      golden: the comparison with the golden table, or None.
     """
 
     format: str

@@ -84,7 +84,7 @@ class RecordingBatch:
     Args:
       models: one for each simulation, with automatic resets off and without sleeping bodies.
       record: names of MjData fields.
-      size: the most steps of one call.
+      size: maximum number of steps per call.
       threads: as in `CEngine`.
     """
 
@@ -144,7 +144,7 @@ class DerivedFields:
     """Fields of recorded states of n simulations, computed by `mj_forward` in C.
 
     Args:
-      rows: the most states of a simulation in one call.
+      rows: maximum number of states of a simulation per call.
     """
 
     def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], rows: int, threads: int = 0) -> None:

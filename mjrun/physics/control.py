@@ -259,7 +259,7 @@ class ControlSources:
     Attributes:
       timestep: of the simulation [s], exact.
       constant: controls `(nu,)` of actuators without another source; the stepper stores those of the controller here.
-      table, noise, controller: sources of controls; None without.
+      table, noise, controller: sources of controls, or None.
       inputs: inputs other than controls, if they are known in advance.
     """
 

@@ -14,7 +14,7 @@ from mjrun.timeline import rational
 
 
 class KinematicMotion:
-    """The states of `model` at all steps from the first sample, which is step 0.
+    """The states of `model` at every step from the first sample, which is step 0.
 
     Each state is computed on request: memory holds the samples alone, whatever the number of steps.
 

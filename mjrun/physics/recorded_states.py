@@ -250,7 +250,7 @@ def require_model(model: mujoco.MjModel, states: RecordedStates, recorded: Mappi
     """Checks that `states` may be states of `model`; `recorded` are the `sizes` of their model, if known.
 
     Raises:
-      UsageError: they are not.
+      UsageError: the recording was made with another model.
     """
     ours = state.sizes(model)
     theirs = cast("Mapping[str, Any]", recorded if isinstance(recorded, Mapping) else {})  # a recording is untrusted
@@ -270,7 +270,7 @@ def require_timestep(model: mujoco.MjModel, states: RecordedStates) -> None:
     """Checks that `states` are as far apart in time as the steps of `model`.
 
     Raises:
-      UsageError: they are not.
+      UsageError: the recording was made with another timestep.
     """
     last = len(states.steps) - 1
     if not last:

@@ -240,7 +240,7 @@ class PhysicsStepper:
         self._computed = MOTION
 
     def _arrive(self) -> None:
-        """Puts the inputs of this step in force."""
+        """Applies the inputs of this step."""
         control = self.control
         self._computed = STATE
         if control.inputs:

@@ -52,7 +52,7 @@ def require_times(time: np.ndarray, source: str) -> None:
     """Checks that `time` `(n,)` [s] of `source` has rows in ascending order.
 
     Raises:
-      UsageError: it has none, or they do not ascend.
+      UsageError: `time` is empty, or its rows do not ascend.
     """
     if not len(time):
         raise UsageError(f"{clean(source)} has no rows")

@@ -78,7 +78,8 @@ def require_library() -> None:
     """Checks that the libraries of the extra can be used.
 
     Raises:
-      MissingExtraError, WrongVersionError: they cannot.
+      MissingExtraError: a library is not installed.
+      WrongVersionError: a library has an unsupported version.
     """
     require(f"{option('engine')} warp", EXTRA, *LIBRARIES)
 
@@ -128,7 +129,7 @@ class WarpFields:
         return digest.hexdigest()
 
     def put_models(self, first: mujoco.MjModel, models: Sequence[mujoco.MjModel]) -> Any:
-        """Puts models on the device as one model, in which each world has the numbers of its own.
+        """Puts models on the device as one model, in which each world has separate numbers.
 
         Args:
           first: the model of the first world, without what mujoco_warp refuses.

@@ -89,11 +89,11 @@ class WarpWorlds:
     Args:
       models: one for all worlds, or one for each, of one `WarpFields.group`.
       starts: integration states, `(n, nstate)`.
-      nconmax, njmax: the most contacts and constraints of a world; mujoco_warp estimates them when None.
+      nconmax, njmax: maximum numbers of contacts and constraints per world; mujoco_warp estimates them when None.
 
     Attributes:
       count: the number of worlds.
-      nconmax, njmax: the most contacts and constraints of a world.
+      nconmax, njmax: maximum numbers of contacts and constraints per world.
 
     Raises:
       UsageError: mujoco_warp cannot simulate this model, or this number of worlds.
@@ -208,8 +208,8 @@ class WarpWorlds:
         """Returns a sentence for each overflow since the start, with the remedy.
 
         Args:
-          contacts: the most that all worlds together needed, if known.
-          constraints: the most that one world needed, if known.
+          contacts: maximum number of contacts in all worlds together, if known.
+          constraints: maximum number of constraints in one world, if known.
         """
         marks = int(np.bitwise_or.reduce(self._data.overflow.numpy()))
         limits = {

@@ -147,7 +147,7 @@ def panel_index(number: int, panels: int, name: str) -> int:
     """Returns the index of a panel from its number, counted from 1, in the option `name`.
 
     Raises:
-      UsageError: there are fewer panels.
+      UsageError: the figure has fewer panels.
     """
     if number > panels:
         raise UsageError(f"{option(name)}: panel {number} does not exist; the last is {panels}")
@@ -155,7 +155,7 @@ def panel_index(number: int, panels: int, name: str) -> int:
 
 
 def split_unit(text: str) -> tuple[str, str | None]:
-    """Splits a name from the unit in brackets after it: `depth [mm]`; None without one."""
+    """Splits a name from the unit in brackets after it: `depth [mm]`, or None."""
     match = _UNIT.fullmatch(text)
     return (match[1], match[2].strip()) if match else (text, None)
 

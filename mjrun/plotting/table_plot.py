@@ -75,7 +75,7 @@ class TablePlot(TablePlotOptions):
         return result
 
     def _summaries(self, figure: TableFigure) -> list[TableSummary]:
-        """Returns a summary of each table if needed: of the drawn columns if the user chose some."""
+        """Returns a summary of each table, if needed; of the drawn columns only, if these were selected."""
         if not self.html and not self.assert_:
             return []
         columns = figure.plan.columns if self.y else None
@@ -157,7 +157,7 @@ class TablePlotResult:
       panels: their labels, in order.
       curves: total number of curves.
       notes: notes for the user: rows and values that cannot be drawn, columns that are omitted.
-      html: path of the page; None without one.
+      html: path of the page, or None.
       assertions: each assertion with its value and verdict, one table after the other.
       schema: schema of this document.
     """

@@ -28,7 +28,7 @@ TYPES = {
     "int32": np.int32,
     "bool": np.bool_,
 }
-LARGEST, VALUES = 2**22, 1_000_000  # the most bytes of a description, and values in it
+LARGEST, VALUES = 2**22, 1_000_000  # maximum size of a description [bytes], and number of values in it
 TEMPORAL = "__temporal_axis__"
 ONNX = "onnx"
 # Tensors in the safetensors format: a header in JSON, and the numbers after it.
@@ -46,7 +46,7 @@ TENSOR_TYPES = {
     "BOOL": "?",
 }
 HEADER = 8  # bytes of the length of the header
-LONGEST = 100_000_000  # the most bytes of a header
+LONGEST = 100_000_000  # maximum size of a header [bytes]
 
 
 @dataclass(frozen=True)

@@ -49,12 +49,12 @@ class ZeroPolicy(Policy):
 
 
 class PythonPolicy(Policy):
-    """A function, an object, or a class of which every episode gets an instance.
+    """A function, an object, or a class that is instantiated for each episode.
 
     An object with `reset` is copied for each episode, so that episodes share no memory.
 
     Raises:
-      UsageError: it is none of these.
+      UsageError: the object cannot be called as a policy.
       ControllerError: its code failed.
     """
 

@@ -1,7 +1,7 @@
 """Normalization of observations by the statistics of a policy's training, read from untrusted files.
 
-A pickle names functions and calls them as it is read. Here each name is replaced by a class without effect, except for
-the few names by which NumPy writes arrays; their numbers are kept as bytes until they are used.
+A pickle names functions and calls them while it is read. Here each name is replaced by a class without effect, except
+for the few names by which NumPy writes arrays; their numbers are kept as bytes until they are used.
 """
 
 import math
@@ -82,7 +82,7 @@ def normalized(policy: Policy, path: Path) -> Policy:
 
     Raises:
       FileError: the file cannot be read, or contains no statistics.
-      UsageError: they are of an observation of another size.
+      UsageError: the statistics do not have the size of the observation.
     """
     statistics = read_statistics(path)
     return policy if statistics is None else NormalizedPolicy(policy, statistics)

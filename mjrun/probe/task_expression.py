@@ -50,7 +50,7 @@ class TaskExpression(Expression):
 
 
 class TaskEvaluator:
-    """The values of an expression in several worlds, from one control instant to the next.
+    """An evaluator of an expression in several worlds, at one control instant after another.
 
     It must be called within `np.errstate(all="ignore")`: 1/0 is inf, as in assertions.
 

@@ -201,7 +201,7 @@ class BackendDetection:
         """Returns the first backend that works.
 
         Raises:
-          NoRendererError: none works; the message gives the reasons and the packages to install.
+          NoRendererError: no backend works; the message gives the reasons and the packages to install.
           SoftwareRendererError: `require_gpu` is set, and only software renders.
         """
         reasons: dict[str, str] = {}

@@ -66,7 +66,7 @@ def compose(images: Sequence[np.ndarray], layout: str = "row", labels: Sequence[
         whole[:] = BACKGROUND
     for image, label, (x, y) in zip(images, labels or [""] * count, places(count, size, layout), strict=True):
         if image.shape != images[0].shape:
-            raise ValueError(f"images of one size are composed, not {image.shape} with {images[0].shape}")
+            raise ValueError(f"images must have the same size, not {images[0].shape} and {image.shape}")
         panel = whole[y : y + height, x : x + width]
         panel[:] = image
         if label:

@@ -103,7 +103,7 @@ class Simulation(SimulationOptions):
 
     @cached_property
     def episode(self) -> "Episode | None":
-        """Episode of its policy; None without a policy.
+        """Episode of its policy; None if there is no policy.
 
         Raises:
           UsageError: the policy does not fit, or is not trusted.

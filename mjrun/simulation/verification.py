@@ -101,7 +101,7 @@ def verify(simulation: Simulation, reporter: Reporter | None = None) -> Verifica
       simulation: simulation with the recording as `replay`; its duration or number of steps limits the comparison.
 
     Raises:
-      UsageError: there is no recording, or it is of another model, or too short.
+      UsageError: the simulation replays no recording, or one of another model, or one that is too short.
       FileError: the recording cannot be read.
       FailedStepError: MuJoCo could not complete a step.
     """

@@ -84,7 +84,7 @@ class CommandSignals:
 
 
 def _fixed_values(command: Command, control_dt: Fraction, instants: int) -> np.ndarray:
-    """Returns the values at all control instants `(instants, width)`; zeros of a random command."""
+    """Returns the values at every control instant `(instants, width)`; zeros of a random command."""
     if command.constant is not None:
         return np.tile(command.constant, (instants, 1))
     if command.schedule is not None:

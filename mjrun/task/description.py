@@ -33,7 +33,7 @@ class TaskSummary:
       model: its source.
       timestep, control_dt: [s].
       control_steps: physics steps in a control period.
-      duration, periods: time limit of an episode [s], [control periods]; None without a limit.
+      duration, periods: time limit of an episode [s], [control periods]; None if unlimited.
       derived: `current` or `lagged`.
       observations, actions: the number of values in each.
     """
@@ -92,7 +92,7 @@ class ActionRow:
       scale, offset: the scale [unit] and the offset [unit] of the target.
       kp, kd: gains of a position or velocity target; None for others.
       actuator: that the number drives.
-      range: of its control; None without limits.
+      range: of its control; None if unlimited.
     """
 
     index: int

@@ -101,10 +101,10 @@ def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, 
 
 @runtime_checkable
 class EpisodeStepper(Stepper, Protocol):
-    """A stepper through one episode: it resets, asks the policy at every control instant, and computes rewards.
+    """A stepper through one episode: it resets, calls the policy at every control instant, and computes rewards.
 
-    At every step the controls in force are those of the action in force; at a control instant, of the action that the
-    policy returns there.
+    At every step the controls are those of the current action; at a control instant, of the action that the policy
+    returns there.
 
     Attributes:
       names: of observations, actions and terms of the reward.

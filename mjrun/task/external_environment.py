@@ -97,7 +97,7 @@ class ExternalEnvironment:
 
     @property
     def episode_steps(self) -> int | None:
-        """The most actions of an episode by its registration; None without a limit."""
+        """The maximum number of actions in an episode, as registered; None if unlimited."""
         spec = self._environment.spec
         return spec.max_episode_steps if spec else None
 
@@ -203,13 +203,13 @@ class ExternalEnvironment:
 
 
 class EnvironmentStepper:
-    """A stepper through the episode of `environment` that starts with `seed`; `actor` acts.
+    """A stepper through an episode of `environment` with the random seed `seed`, in which `actor` chooses the actions.
 
     States at control instants are those of the environment. States in between are simulated again from the last control
     instant, with the controls and other inputs of the environment; at the end of the period they are compared with its.
 
-    At a control instant the policy is asked, and the environment steps, right on arrival, so that the controls in force
-    from there on are known at that instant.
+    On arrival at a control instant, the policy is called and the environment steps, so that the controls of the next
+    control period are known at that instant.
 
     Args:
       policy: its name, for messages.

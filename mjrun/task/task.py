@@ -135,7 +135,7 @@ class Places(Protocol):
 
 
 class LocatedErrors(AbstractContextManager[None]):
-    """Reports errors in a task at the positions where it is written; a class, as it is entered at every reset.
+    """Reports errors in a task at the positions where it is written; a class, because it is entered at every reset.
 
     Raises:
       UsageError: the one raised within, at its line of the document if there is one.
@@ -153,7 +153,7 @@ class LocatedErrors(AbstractContextManager[None]):
 
 @dataclass(frozen=True)
 class Task(Source):
-    """A task. It is accepted wherever a model is, and then stands for its model.
+    """A task. It is accepted wherever a model is, and then represents its model.
 
     Args:
       model: its source.
@@ -163,7 +163,7 @@ class Task(Source):
       rewards, commands, terminations: by name; a reward may be an expression alone.
       reset: the initial state of episodes.
       derived: `current` or `lagged`: the instant of the observed quantities that MuJoCo derives from the state.
-      path: of its document; None without one.
+      path: of its document, or None.
       name: replaces the path in messages, such as `scene:car_drive`; empty for none.
       places: its positions in the document.
 

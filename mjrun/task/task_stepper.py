@@ -14,10 +14,10 @@ from mjrun.task.worlds import TaskWorlds
 
 
 class TaskStepper:
-    """A stepper through the episode of a task that starts with `seed`; `actor` acts.
+    """A stepper through an episode of a task with the random seed `seed`, in which `actor` chooses the actions.
 
-    The episode is bit for bit that of `TaskWorlds.step`. The policy is asked on arrival at a control instant, so that
-    the controls in force from there on are known at that instant. Beyond the end of the episode the simulation
+    The episode is bit for bit that of `TaskWorlds.step`. The policy is called on arrival at a control instant, so that
+    the controls of the next control period are known at that instant. Beyond the end of the episode the simulation
     continues without a reset.
 
     Args:
@@ -124,14 +124,14 @@ class TaskStepper:
         self._now = ControlInstant(observation, action, reward, result.reward_terms[0], total, self._ending)
 
     def _ask(self, observation: np.ndarray) -> np.ndarray:
-        """Asks the policy, and puts its action in force."""
+        """Calls the policy, and applies its action."""
         time = self.step * self._timestep
         action = ask(self._actor, observation, self.names.actions, self.step, time, self._policy)
         self._worlds.begin(action[None])
         return action
 
     def _arrive(self) -> None:
-        """Puts the inputs of this step in force."""
+        """Applies the inputs of this step."""
         self._worlds.hold()
         self._instant_step = -1
         if self._pushes:

@@ -2,7 +2,7 @@
 
 An episode is a function of the task, its seed and the actions: neither the number of worlds nor that of threads changes
 a bit of it. At control instant k a policy observes and acts; the action holds for a control period; rewards and
-terminations are computed at instant k+1, with the action and the commands that were in force.
+terminations are computed at instant k+1, with the action and the commands of that period.
 """
 
 import math
@@ -236,7 +236,7 @@ class TaskWorlds:
         return self._finish(ids)
 
     def begin(self, actions: np.ndarray, ids: Ids | None = None) -> None:
-        """Puts actions `(k, nact)` in force; raises the errors of `step`."""
+        """Applies actions `(k, nact)`; raises the errors of `step`."""
         rows = ALL if ids is None else np.asarray(ids, int)
         actions = np.asarray(actions, float)
         shape = (self.count if ids is None else len(ids), *self._actions.shape[1:])

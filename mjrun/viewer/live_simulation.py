@@ -83,7 +83,7 @@ class LiveSimulation:
       recording: receives the states of all steps, if set.
 
     Attributes:
-      last: the last step; None without an end.
+      last: the last step; None if there is no end.
       ends_by_itself: whether the user set its duration.
       failure: the error that prevents further steps, if any.
 
@@ -146,7 +146,7 @@ class LiveSimulation:
 
     @property
     def episode(self) -> EpisodeResult | None:
-        """The result of the policy's episode so far; None without a policy."""
+        """The result of the policy's episode so far; None if there is no policy."""
         episode, stepper = self._simulation.episode, self._stepper
         return episode.result(stepper) if episode and isinstance(stepper, EpisodeStepper) else None
 

@@ -143,10 +143,10 @@ class ViewerResult:
       steps: steps since the last reset.
       simulated: simulated time since then [s].
       wall: total wall time [s].
-      recording: the path of the recording; None without one.
-      states: number of recorded states; None without a recording.
+      recording: the path of the recording, or None.
+      states: number of recorded states; None if there is no recording.
       warnings: MuJoCo's warnings.
-      episode: result of the policy's episode since the last reset; None without a policy.
+      episode: result of the policy's episode since the last reset; None if there is no policy.
       schema: schema of this document.
     """
 

@@ -104,4 +104,4 @@ def test_another_users_file_in_a_sticky_folder_stays_and_gets_no_second_name(how
         done = subprocess.run([sys.executable, "-c", REPLACE, name, how], capture_output=True, text=True, cwd=ROOT)
         assert [path.name for path in folder.iterdir()] == ["target"], done.stderr
         assert (folder / "target").read_text() == "old"
-        assert done.stdout == "another user's file, in a folder where each replaces only their own\n"
+        assert done.stdout == "another user's file; users can replace only their own here\n"

@@ -314,7 +314,7 @@ def test_labels_that_cannot_be_written_are_named_at_opening(tmp_path: Path) -> N
 
 
 def test_a_picture_too_large_for_its_format_is_refused_at_opening(tmp_path: Path) -> None:
-    with pytest.raises(BadValueError, match="size: '16384x8' is not at most 16383 a side, as webp holds"):
+    with pytest.raises(BadValueError, match="size: '16384x8' is not at most 16383 pixels per side for webp"):
         ImageWriter(str(tmp_path / "a.webp"), "rgb", "webp", (16384, 8))
     write(tmp_path / "a.webp", "rgb", np.zeros((1, 16383, 3), np.uint8))
     write(tmp_path / "a.jpg", "rgb", np.zeros((1, 65500, 3), np.uint8))

@@ -101,7 +101,7 @@ def test_what_does_not_fit_together_is_refused() -> None:
         UnknownNameError, match=r"no layout 'gird' \(did you mean 'grid'\?\)\nlayouts: row, column, grid"
     ):
         compose(noise(2, 8, 8), "gird")
-    with pytest.raises(ValueError, match="images of one size"):
+    with pytest.raises(ValueError, match="images must have the same size"):
         compose([*noise(1, 8, 8), *noise(1, 9, 8)])
     with pytest.raises(ValueError, match="zip"):
         compose(noise(2, 8, 8), "row", ["one"])

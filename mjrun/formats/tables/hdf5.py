@@ -6,7 +6,7 @@ Datasets have the attributes `unit` and `index`, their place in the table. The f
 is JSON; if it is too long for one attribute, `manifest_1` … hold the rest. A name that HDF5 does not accept as a path,
 or that is the group of another, is stored in the attribute `name`.
 
-HDF5's own library hangs on broken files when it reads texts of variable length from their heap. Attributes of variable
+HDF5's own library hangs on broken files when it reads variable-length strings from their heap. Attributes of variable
 length are therefore ignored, and columns of variable length are read by the parser here, unless they are compressed.
 
 In a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`, if it has
@@ -146,7 +146,7 @@ def _omits_user_block() -> bool:
 
 
 class _TextReader:
-    """A dataset of texts of variable length, read from the file without HDF5's own library.
+    """A dataset of variable-length strings, read from the file without HDF5's own library.
 
     The file has a reference to each text: its length, the address of a heap, and its index there. See "Global Heap" in
     the HDF5 File Format Specification.
@@ -160,9 +160,9 @@ class _TextReader:
     def __init__(self, file: BinaryIO, dataset: h5py.Dataset) -> None:
         archive = dataset.file
         if archive.id.get_create_plist().get_sizes() != (8, 8) or math.prod(dataset.shape) != len(dataset):
-            raise ValueError("texts of variable length are stored in an unsupported way")
+            raise ValueError("variable-length strings are stored in an unsupported way")
         if dataset.id.get_create_plist().get_nfilters():
-            raise ValueError("compressed texts of variable length are not supported")
+            raise ValueError("compressed variable-length strings are not supported")
         self._file = file
         self._base = archive.userblock_size
         self.rows = len(dataset)
@@ -202,7 +202,7 @@ class _TextReader:
         """Returns the texts in the heap at an address, encoded, by their index."""
         signature, version, size = HEAP.unpack(self._content(self._base + address, HEAP.size))
         if signature != b"GCOL" or version != 1:
-            raise ValueError("a heap of texts is damaged")
+            raise ValueError("a heap of strings is damaged")
         self._file.seek(self._base + address)
         heap = self._file.read(size)  # the file may end within what is free
         texts: dict[int, bytes] = {}
@@ -213,7 +213,7 @@ class _TextReader:
             if not index:  # what follows is free
                 break
             if at + length > len(heap):
-                raise ValueError("a heap of texts is damaged")
+                raise ValueError("a heap of strings is damaged")
             texts[index] = heap[at : at + length]
             at += length + -length % 8
         return texts

@@ -83,20 +83,20 @@ class Actuator(ModelObject):
       kind: the MJCF element that creates such an actuator: `motor`, `position` …; otherwise `general`.
       transmission: `joint`, `tendon`, `site` …
       target_kind, target: the object that it acts on.
-      reference: the site of a slider, or the site that a site moves relative to; None without one.
+      reference: the site of a slider, or the site that a site moves relative to, or None.
       gear: the gear of each output, without trailing zeros.
       unit, force_unit: the units of its length and of its force, before the gear; empty if unknown.
       dynamics, gain, bias: the types of its dynamics, gain and bias.
       dynamics_parameters, gain_parameters, bias_parameters: their parameters, without trailing zeros.
       ctrl, ctrl_size: the address and the number of its controls in `ctrl`.
-      ctrl_range: the range of each control; None without limits.
+      ctrl_range: the range of each control; None if unlimited.
       act, act_size: the address and the number of its activations in `act`; no address without any.
-      act_range: the range of its activation; None without limits.
-      force_range: the range of its force [force_unit]; None without limits.
+      act_range: the range of its activation; None if unlimited.
+      force_range: the range of its force [force_unit]; None if unlimited.
       delay: the delay of its controls [s].
       damping, armature: the damping and armature that it adds to its target.
       group: the group by which it is shown or disabled.
-      plugin: the plugin instance that computes its force; None without one.
+      plugin: the plugin instance that computes its force, or None.
     """
 
     KIND = "actuator"
@@ -130,7 +130,7 @@ class Actuator(ModelObject):
 
 
 def _object_kind(kind: str, index: str) -> Any:
-    """Returns an attribute with the kind of the object that a sensor refers to; None without one."""
+    """Returns an attribute with the kind of the object that a sensor refers to, or None."""
 
     def object_kind(model: mujoco.MjModel, sensor: int) -> str | None:
         obj, refers = int(getattr(model, kind)[sensor]), getattr(model, index)[sensor] >= 0
@@ -152,10 +152,10 @@ class Sensor(ModelObject):
       unit: the unit of the values; empty for pure numbers and for mixed units.
       data_type: `real`, `positive`, `axis` or `quaternion`.
       needs: the stage of the state that it is computed from: `pos`, `vel` or `acc`.
-      cutoff: the magnitude at which values are cut off [unit]; None without one.
+      cutoff: the magnitude at which values are cut off [unit], or None.
       noise: the standard deviation that the model states [unit]; MuJoCo adds no noise.
       delay, period: the delay and the period of its values [s]; 0 for none.
-      plugin: the plugin instance that computes it; None without one.
+      plugin: the plugin instance that computes it, or None.
     """
 
     KIND = "sensor"

@@ -35,7 +35,7 @@ class Asset:
     Attributes:
       kind: `model`, `include`, `attached model`, `mesh`, `texture`, `hfield`, `skin` or `flexcomp`.
       name: the name of the asset; None for a source.
-      path: the path of the file; None without a file. A path inside an archive begins with the path of the archive.
+      path: the path of the file, or None. A path inside an archive begins with the path of the archive.
       bytes: the size on disk; None if the file is missing, as after a compiled model was moved.
       content: the size in the compiled model: `vertices` and `faces`; `width`, `height` and `channels`;
         `rows` and `columns`; empty for a source.

@@ -118,7 +118,7 @@ class Joint(ModelObject):
       unit: the unit of its position.
       axis: the axis in the body; None for ball and free.
       anchor: the anchor in the body [m].
-      range: the range of its position [unit], of its angle for a ball; None without limits.
+      range: the range of its position [unit], of its angle for a ball; None if unlimited.
       qpos, qpos_size: the address and the size of its position in `qpos`.
       dof, dof_size: the address and the size of its velocity in `qvel`.
       qpos0: its position in the initial configuration of the model.
@@ -126,7 +126,7 @@ class Joint(ModelObject):
       stiffness, damping: [force/unit], [force·s/unit]; a force is N, or N·m for rad.
       stiffness_polynomial, damping_polynomial: the coefficients of the higher orders.
       armature, frictionloss: [kg or kg·m²], [force].
-      actuator_force_range: the range of the total actuator force [force]; None without limits.
+      actuator_force_range: the range of the total actuator force [force]; None if unlimited.
     """
 
     KIND = "joint"
@@ -176,7 +176,7 @@ class Geom(ModelObject):
       condim, friction: the dimension of its contacts and their friction: sliding, torsional [m], rolling [m].
       margin, gap: [m].
       group: the group by which it is shown or hidden.
-      material: the name of its material; None without one.
+      material: the name of its material, or None.
     """
 
     KIND = "geom"
@@ -253,7 +253,7 @@ class Camera(ModelObject):
     Attributes:
       body: the body that it is fixed to.
       mode: `fixed`, `track`, `trackcom`, `targetbody` or `targetbodycom`.
-      target: the body that it turns to; None without one.
+      target: the body that it turns to, or None.
       projection: `perspective` or `orthographic`.
       fovy: the vertical angle of view [°]; None for a camera that is orthographic or has a sensor size.
       height: the vertical extent of the view of an orthographic camera [m]; None for other cameras.

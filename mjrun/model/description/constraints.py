@@ -59,12 +59,12 @@ class Tendon(ModelObject):
       unit: the unit of its length: `m`, or `rad` for a sum of angles; empty for a sum of both.
       path: the elements of its path, in order.
       length0: the length in the initial configuration of the model [unit].
-      range: the range of its length [unit]; None without limits.
+      range: the range of its length [unit]; None if unlimited.
       spring_length: the range of lengths in which its spring is slack [unit].
       stiffness, damping: [force/unit], [force·s/unit]; a force is N, or N·m for rad.
       stiffness_polynomial, damping_polynomial: the coefficients of the higher orders.
       armature, frictionloss: [kg or kg·m²], [force].
-      actuator_force_range: the range of the total actuator force [force]; None without limits.
+      actuator_force_range: the range of the total actuator force [force]; None if unlimited.
     """
 
     KIND = "tendon"

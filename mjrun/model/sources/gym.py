@@ -181,7 +181,7 @@ def mujoco_environment(environment: "gymnasium.Env[Any, Any]", name: str) -> Muj
     """Returns the innermost environment, or one in its attributes, that runs on MuJoCo.
 
     Raises:
-      ModelNotFoundError: neither does.
+      ModelNotFoundError: none of these environments runs on MuJoCo.
     """
     from gymnasium import Env
 

@@ -175,7 +175,7 @@ def test_texts_of_others_are_read_however_they_are_stored(
 def test_compressed_texts_of_variable_length_are_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "t.h5", "w") as file:
         file.create_dataset("note", data=np.array(TEXTS, object), dtype=h5py.string_dtype(), compression="gzip")
-    with pytest.raises(FileError, match=r"cannot be read as .h5: compressed texts of variable length"):
+    with pytest.raises(FileError, match=r"cannot be read as .h5: compressed variable-length strings"):
         exact_cells(tmp_path / "t.h5", "note")
 
 
