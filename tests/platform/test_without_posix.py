@@ -99,9 +99,10 @@ def test_a_worker_that_ends_before_it_connects_is_reported(bootstrap: Path, tmp_
         "from mjrun import worker\n"
         "worker.serve_by_address = None\n"
         "worker.python_call = lambda *_: [__import__('sys').executable, '-S', '-c', 'raise SystemExit(3)']\n"
-        "with worker.Worker('mjrun.study.point_server:PointServer') as one:\n"
-        "    try:\n        one.ask('anything')\n"
-        "    except worker.WorkerEndedError as error:\n        print(error)\n"
+        "one = worker.Worker('mjrun.study.point_server:PointServer')\n"
+        "try:\n    one.ask('anything')\n"
+        "except worker.WorkerEndedError as error:\n    print(error)\n"
+        "finally:\n    one.close()\n"
     )
     environment = without_posix(bootstrap)
     command = [sys.executable, "-c", code]
