@@ -3,8 +3,10 @@
 Every step is a row with all default columns, energy and exact CSV; `mjrun trace` is timed as a whole process, and its
 start-up, measured with a few rows, is subtracted. The loop is a script with the arguments MODEL NSTEP [KEYFRAME] that
 prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
-More expensive outputs and inputs are timed, too: the contact table, a table of controls, noise, and a controller called
-at every step. A long run of the last model shows that memory stays constant.
+More expensive outputs and inputs are timed, too, in CPU time: the contact table, columns of contacts, a table of
+controls, noise, and a controller called at every step, beside the loop that a user would write for it: `mj_step1`,
+controller, `mj_step2`, with qpos and qvel appended to lists. A long run of the last model shows that memory stays
+constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -17,6 +19,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import mujoco
@@ -30,6 +34,25 @@ MODELS = [
     ROOT / "scenes/pendulum.xml",
 ]
 FEW = 200  # rows that measure start-up
+CONTROLLER = """
+import numpy as np
+
+def act(model, data):
+    data.ctrl[:] = 0.1 * np.sin(data.time)
+"""
+LOOP = """
+import sys
+import mujoco
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+data, qpos, qvel = mujoco.MjData(model), [], []
+for _ in range(int(sys.argv[2])):
+    mujoco.mj_step1(model, data)
+    act(model, data)
+    mujoco.mj_step2(model, data)
+    qpos.append(data.qpos.copy())
+    qvel.append(data.qvel.copy())
+"""
 
 
 def trace(model: Path, steps: int, *options: str) -> Run:
@@ -65,33 +88,44 @@ def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
 
 
 def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
-    """Prints the microseconds per row of more expensive traces, and of a plain trace in the same run."""
-    controller = folder / "idle.py"
-    controller.write_text("def act(model, data):\n    data.ctrl[:] = 0\n")
+    """Prints the CPU time per row of more expensive traces, of a plain one and of a loop in Python in the same run."""
+    code = folder / "sine.py"
+    code.write_text(CONTROLLER)
     table = folder / "controls.npz"
     trace(model, steps, "--probe", "ctrl", "-o", str(table))
-    cases = {
-        "plain": [],
-        "contacts": ["--contacts", str(folder / "contacts.csv")],
-        "noise": ["--ctrl-noise", "1e-9"],
-        "table": ["--ctrl-from", str(table)],
-        "controller": ["--controller", f"{controller}:act"],
-        "every 10th": ["--controller", f"{controller}:act", "--control-dt", str(10 * timestep(model))],
+    cases: dict[str, Callable[[int], Run]] = {
+        name: partial(trace_with, model, options)
+        for name, options in {
+            "plain": [],
+            "contacts": ["--contacts", str(folder / "contacts.csv")],
+            "contact_force": ["--probe", "contact_force"],
+            "noise": ["--ctrl-noise", "1e-9"],
+            "table": ["--ctrl-from", str(table)],
+            "controller": ["--controller", f"{code}:act"],
+            "every 10th": ["--controller", f"{code}:act", "--control-dt", str(10 * timestep(model))],
+        }.items()
+        if actuated(model) or name in ("plain", "contacts", "contact_force")
     }
-    if not actuated(model):
-        cases = {name: options for name, options in cases.items() if name in ("plain", "contacts")}
-    found = {name: per_row(model, steps, repeats, *options) for name, options in cases.items()}
-    costs = "   ".join(f"{name} {cost:.1f} us ({cost / found['plain']:.2f} x)" for name, cost in found.items())
-    print(f"{model.stem:12} {costs}")
+    if actuated(model):
+        loop = folder / "loop.py"
+        loop.write_text(f"{CONTROLLER}\n{LOOP}")
+        cases["loop"] = lambda count: run(sys.executable, str(loop), str(model), str(count))
 
-
-def per_row(model: Path, steps: int, repeats: int, *options: str) -> float:
-    """Returns the median of microseconds per row, without start-up."""
-    found = []
+    costs: dict[str, list[float]] = {name: [] for name in cases}
     for _ in range(repeats):
-        idle, busy = trace(model, FEW, *options), trace(model, steps, *options)
-        found.append(1e6 * (busy.wall - idle.wall) / (steps - FEW))
-    return statistics.median(found)
+        for name, case in cases.items():
+            idle, busy = case(FEW), case(steps)
+            costs[name].append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
+    medians = {name: statistics.median(each) for name, each in costs.items()}
+    texts = [f"{name} {cost:.1f} us ({cost / medians['plain']:.2f} x)" for name, cost in medians.items()]
+    print(f"{model.stem:12} {'   '.join(texts)}")
+    if actuated(model):
+        ratio = statistics.median(one / other for one, other in zip(costs["controller"], costs["loop"], strict=True))
+        print(f"{'':12} controller / loop in Python: {ratio:.2f}")
+
+
+def trace_with(model: Path, options: Sequence[str], steps: int) -> Run:
+    return trace(model, steps, *options)
 
 
 def timestep(model: Path) -> float:

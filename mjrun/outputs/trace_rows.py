@@ -16,7 +16,6 @@ from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
 from mjrun.physics.c_engine import SLEEP, RecordingBatch
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
@@ -148,7 +147,9 @@ class ProbeSampler:
         for start in range(0, len(rows), ROWS):
             steps, readings = rows[start : start + ROWS], list[InstantReading]()
             try:
-                observe(stepper, [Tap(steps, self.read, readings.append)], steps[-1])
+                for step in steps:
+                    stepper.advance(step)
+                    readings.append(self.read(stepper))
             except SimulationError:
                 if readings:
                     yield partial(self.stack, steps, readings)
