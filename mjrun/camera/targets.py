@@ -81,7 +81,7 @@ def find_target(place: Place, model: mujoco.MjModel) -> Target:
     if not isinstance(place, str):
         x, y, z = map(float, place)
         if not all(map(math.isfinite, (x, y, z))):
-            raise BadValueError("place", f"{x:g}, {y:g}, {z:g}", "a point: its numbers are to be finite")
+            raise BadValueError("place", f"{x:g}, {y:g}, {z:g}", "a point with finite coordinates")
         return Target(point=(x, y, z))
     kind, colon, name = place.partition(":")
     if colon and kind == "subtree":

@@ -31,7 +31,7 @@ Rewritten = Callable[[Mapping[str, str]], Source]
 
 @dataclass(frozen=True)
 class EpisodeGroup:
-    """Episodes of one policy at one point that are to be played.
+    """Episodes of one policy at one point, before they are played.
 
     Attributes:
       policy: index of the policy: 0 for the evaluated one, 1 for the other.

@@ -77,7 +77,7 @@ def compute_positions(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class Rig(Options, ABC):
-    """The movement of a view: options, whose settings have the same keys in documents and on the command line.
+    """The movement of a camera. Its settings have the same keys in documents and on the command line.
 
     Attributes:
       kind: name in documents and on the command line.
