@@ -2,13 +2,11 @@
 
 import math
 import socket
-import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 
 import mujoco
@@ -179,8 +177,6 @@ class PreparedStudy:
         Returns:
           The number of points by status.
         """
-        # While the first points are simulated, a thread imports what their results are written with.
-        threading.Thread(target=import_module, args=["pyarrow.parquet"]).start()
         statuses = Counter[str]()
         failures = FailureReporter(self.points, reporter, numbers)
         for chunk, result in self._completed(indices, options, reporter):
