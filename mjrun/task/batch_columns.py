@@ -71,9 +71,22 @@ class _FieldPiece:
 
 @dataclass(frozen=True, eq=False)
 class _ProbePiece:
-    """Numbers that a probe computes from fields, or measures on an MjData."""
+    """Numbers that a probe computes from fields, or measures on an MjData.
+
+    Attributes:
+      group: the group of columns that the probe measures in full.
+      indices: of the numbers in the group.
+    """
 
     probe: FieldProbe | InstantProbe
+    group: str
+    indices: Sequence[int]
+
+    def of(self, model: mujoco.MjModel) -> FieldProbe:
+        """Returns a probe that reads another model of the same structure."""
+        (probe,) = select(model, [self.group])
+        assert isinstance(probe, FieldProbe)
+        return probe.only(self.indices)
 
     @property
     def needs_data(self) -> bool:
@@ -145,7 +158,7 @@ class MeasurementPlan:
                 is_left_out = field in LAZY and not (can_sense and field in SENSED)
                 yield _FieldPiece(field, np.array(indices), is_left_out)
             else:
-                yield _ProbePiece(probe.only(indices))
+                yield _ProbePiece(probe.only(indices), group, indices)
 
     def _stage(self, field: str) -> int:
         if field == "sensordata":
@@ -183,7 +196,8 @@ class BatchColumns:
                 case _FieldPiece():
                     self._gather(place, piece)
                 case _ProbePiece(probe=FieldProbe() as probe):
-                    self._reads.append((place, self._compute(probe)))
+                    compute = self._compute_by_model(piece) if probe.reads_model else self._compute(probe)
+                    self._reads.append((place, compute))
                 case _ProbePiece(probe=InstantProbe() as probe):
                     self._measured.append((place, probe))
         self._needs_data = bool(self._computed or self._measured)
@@ -262,6 +276,19 @@ class BatchColumns:
             now = {name: values[rows] for name, values in fields.items()}
             initial = {name: first[name][rows] for name in fields} if probe.needs_initial else now
             out[:] = probe.compute(now, initial)
+
+        return compute
+
+    def _compute_by_model(self, piece: _ProbePiece) -> Read:
+        """Computes a probe that reads numbers of the model, which may differ from world to world."""
+        readers: dict[int, tuple[mujoco.MjModel, Read]] = {}
+
+        def compute(rows: Rows, out: np.ndarray) -> None:
+            for row, world in enumerate(np.arange(self._batch.nsim)[rows].tolist()):
+                model = self._model_of(world)
+                if world not in readers or readers[world][0] is not model:
+                    readers[world] = model, self._compute(piece.of(model))
+                readers[world][1](np.array([world]), out[row : row + 1])
 
         return compute
 

@@ -142,6 +142,26 @@ def test_an_episode_is_the_same_alone_and_among_others(tmp_path: Path, derived: 
     np.testing.assert_array_equal(several.state(3), alone.state(0))
 
 
+def test_a_measured_momentum_has_the_masses_of_each_world(tmp_path: Path) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    vary = Reset(vary={"geom/*.density": "uniform(100, 5000)"})
+    observed = [Observation(name="momentum", probe=["momentum/px", "momentum/pz"])]
+    task = replace_model(cart(observations=observed, reset=vary), tmp_path / "cart.xml")
+    worlds = TaskWorlds(task, 3)
+    worlds.reset([1, 2, 3])
+    for action in random_actions(4, 3, 2):
+        step = worlds.step(action)
+
+    for world in range(3):
+        model, data = worlds.model(world), mujoco.MjData(worlds.model(world))
+        mujoco.mj_setState(model, data, worlds.state(world), mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        momentum = model.body_subtreemass[0] * data.subtree_linvel[0]
+        np.testing.assert_allclose(step.observations[world], momentum[[0, 2]], rtol=1e-9, atol=1e-12)
+    assert len({worlds.model(world).body_subtreemass[0] for world in range(3)}) == 3
+
+
 def test_a_control_period_may_be_stepped_bit_by_bit() -> None:
     whole, parts = TaskWorlds(cart(), 2), TaskWorlds(cart(), 2)
     np.testing.assert_array_equal(whole.reset([1, 2]), parts.reset([1, 2]))
