@@ -6,21 +6,21 @@ import os
 import signal
 import sys
 
-from mjrun.platform import system
-
 _code: int | None = None  # with which the command has ended
 
 
 def main() -> None:
     """Runs the command line and exits with its code."""
     global _code
+    # Before any import: a signal waits until there is somebody to heed it.
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     # A locale in which Python cannot pass on the names of most files; -X utf8=0 may hold it to that.
     if sys.getfilesystemencoding() == "ascii" and os.environ.get("PYTHONUTF8") != "1":
         os.environ["PYTHONUTF8"] = "1"  # for its own processes, too
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
-    # What comes before there is anybody to heed it waits.
-    system.hold_signals()
     from mjrun.cli.standard_streams import open_standard_streams
+    from mjrun.platform import system
 
     open_standard_streams()
     if system.CAN_FORK:

@@ -27,13 +27,8 @@ class ProcessOptions(TypedDict):
     start_new_session: bool
 
 
-def hold_signals() -> None:
-    """Holds back the signals that end this process."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-
-
 def release_signals() -> None:
-    """Lets the signals through that `hold_signals` holds back."""
+    """Lets the signals through that this process has held back since its start."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
 

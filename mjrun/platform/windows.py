@@ -29,10 +29,6 @@ class ProcessOptions(TypedDict):
     creationflags: int
 
 
-def hold_signals() -> None:
-    """Does nothing: Windows cannot hold signals back."""
-
-
 def release_signals() -> None:
     """Does nothing."""
 
