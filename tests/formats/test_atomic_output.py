@@ -65,7 +65,7 @@ def test_of_outputs_that_belong_together_all_are_new_or_none_or_the_message_says
             for _, name in TOGETHER:
                 made = [text for path, text in after.items() if path.startswith(name.partition("%")[0])]
                 is_old = all(text.startswith("old") for text in made) and bool(made) == had
-                told = [f["output"] for f in error.failures if "the next run" in f["message"]]
+                told = [f["output"] for f in error.failures if "the next run" in str(f["message"])]
                 assert is_old or str(here / name) in [*error.made, *told]
         elif error:
             assert "the next run" in str(error) or after == before

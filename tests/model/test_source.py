@@ -1,13 +1,13 @@
 """Theorems about the interface of sources: a collection offers its models by name."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import mujoco
 import pytest
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, ModelNotFoundError
 from mjrun.model.source import CollectionSource
 

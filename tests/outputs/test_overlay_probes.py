@@ -1,6 +1,5 @@
 """Values over frames and graphs beside them, measured at the instants that the frames show."""
 
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
+from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError
 from mjrun.outputs.overlay_probes import BUILTIN, DEFAULT_FORMAT, empty_overlay, overlay_probes, parse_template
 from mjrun.outputs.video import Video

@@ -64,7 +64,7 @@ def rebinds(model, data):
 
 
 def stores(model, data):
-    stores.last = data
+    stores.last = data  # pyright: ignore[reportFunctionMemberAccess]
 
 
 def passes_twice(model, data):
@@ -94,7 +94,7 @@ def test_fields_are_known_if_the_data_is_used_for_attributes_alone(controller: C
     "controller",
     [
         *(renames, nests, calls, reflects, rebinds, stores, passes_twice, functools.partial(servo), max),
-        *(lambda model, *rest: rest[0].qpos, lambda *both: both[1].qpos, lambda model, data=None: [data, data.qpos]),
+        *(lambda model, *rest: rest[0].qpos, lambda *both: both[1].qpos, lambda model, data: [data, data.qpos]),
         functools.cache(servo),
         RedirectedFunction(calls),
     ],

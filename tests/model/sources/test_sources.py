@@ -19,7 +19,7 @@ from mjrun.model.sources.stdin import StdinSource
 from tests.model.model_files import MODEL, write
 
 NEW = """
-from dataclasses import dataclass
+from mjrun.dataclass import dataclass
 from typing import ClassVar
 import mujoco
 from mjrun.model.source import CollectionSource
