@@ -5,8 +5,9 @@ start-up, measured with a few rows, is subtracted. The loop is a script with the
 prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
 More expensive outputs and inputs are timed, too, in CPU time: the contact table, columns of contacts, a table of
 controls, noise, and a controller called at every step, beside the loop that a user would write for it: `mj_step1`,
-controller, `mj_step2`, with qpos and qvel appended to lists. A long run of the last model shows that memory stays
-constant.
+controller, `mj_step2`, with qpos and qvel appended to lists. An episode of the standing humanoid is compared with the
+same loop around the same policy, a network in ONNX and a function in Python, on the same observations; the loop has
+neither rewards nor terminations. A long run of the last model shows that memory stays constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -33,6 +34,8 @@ MODELS = [
     ROOT / "../shared/models/car/car.xml",
     ROOT / "scenes/pendulum.xml",
 ]
+TASK = ROOT / "scenes/humanoid_stand.yaml"
+NETWORK = ROOT / "scenes/policies/humanoid_stand.onnx"
 FEW = 200  # rows that measure start-up
 CONTROLLER = """
 import numpy as np
@@ -49,6 +52,55 @@ data, qpos, qvel = mujoco.MjData(model), [], []
 for _ in range(int(sys.argv[2])):
     mujoco.mj_step1(model, data)
     act(model, data)
+    mujoco.mj_step2(model, data)
+    qpos.append(data.qpos.copy())
+    qvel.append(data.qvel.copy())
+"""
+FUNCTION = """
+import numpy as np
+
+WEIGHTS = np.random.default_rng(1).normal(0, 0.1, (11, 10))
+
+def act(observation):
+    return np.tanh(WEIGHTS @ observation)
+"""
+POLICY_LOOP = """
+import sys
+import mujoco
+import numpy as np
+
+ACTUATORS = ["waist_pitch"] + [
+    f"{side}_{joint}"
+    for joint in ("hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
+    for side in ("left", "right")
+]
+
+if len(sys.argv) > 3:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    session = onnxruntime.InferenceSession(sys.argv[3], options, ["CPUExecutionProvider"])
+    feed, fetch = session.get_inputs()[0].name, [session.get_outputs()[0].name]
+
+    def act(observation):
+        return session.run(fetch, {feed: observation.astype(np.float32)[None]})[0][0]
+
+model = mujoco.MjModel.from_xml_path(sys.argv[1])
+model.opt.timestep = 0.004
+data, qpos, qvel = mujoco.MjData(model), [], []
+mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+driven = np.array([model.actuator(name).id for name in ACTUATORS])
+stance = data.ctrl[driven]
+left, right, pelvis = (model.body(name).id for name in ("left_foot", "right_foot", "pelvis"))
+for step in range(int(sys.argv[2])):
+    mujoco.mj_step1(model, data)
+    if step % 5 == 0:
+        feet = (data.xpos[left] + data.xpos[right]) / 2
+        lean = data.subtree_com[0, :2] - feet[:2]
+        observation = np.concatenate([lean, data.qvel[:3], data.xmat[pelvis, 6:8], data.qvel[3:6]])
+        data.ctrl[driven] = 0.5 * np.tanh(act(observation)) + stance
     mujoco.mj_step2(model, data)
     qpos.append(data.qpos.copy())
     qvel.append(data.qvel.copy())
@@ -124,6 +176,26 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
         print(f"{'':12} controller / loop in Python: {ratio:.2f}")
 
 
+def policies(steps: int, repeats: int, folder: Path) -> None:
+    """Prints the CPU time per row of an episode, and its ratio to that of a step of the loop, for each policy."""
+    model, code, loop = ROOT / "scenes/humanoid.xml", folder / "weights.py", folder / "policy_loop.py"
+    code.write_text(FUNCTION)
+    loop.write_text(f"{FUNCTION}\n{POLICY_LOOP}")
+    for name, policy, network in (("ONNX", str(NETWORK), [str(NETWORK)]), ("function", f"{code}:act", [])):
+        ours: list[float] = []
+        theirs: list[float] = []
+        for _ in range(repeats):
+            idle, busy = (trace(TASK, count, "--policy", policy) for count in (FEW, steps))
+            ours.append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
+            idle, busy = (run(sys.executable, str(loop), str(model), str(n), *network) for n in (FEW, steps))
+            theirs.append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
+        ratio = statistics.median(one / other for one, other in zip(ours, theirs, strict=True))
+        print(
+            f"{TASK.stem}, policy {name}: {statistics.median(ours):.1f} us/row   "
+            f"loop in Python {statistics.median(theirs):.1f} us/step   ratio {ratio:.2f}"
+        )
+
+
 def trace_with(model: Path, options: Sequence[str], steps: int) -> Run:
     return trace(model, steps, *options)
 
@@ -160,6 +232,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for model in given.models:
             extras(model, given.steps // 5, given.repeats, Path(folder))
+        policies(given.steps // 5, given.repeats, Path(folder))
     long_run(given.models[-1], given.long)
 
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from mjrun.model.sources.gym import GymSource
     from mjrun.policy.policy import Policy
     from mjrun.task.external_environment import ExternalEnvironment
+    from mjrun.task.single_world import SingleWorld
     from mjrun.task.task import Task
-    from mjrun.task.worlds import TaskWorlds
 
 CACHED_POLICIES = 8
 UNLIMITED = 5  # [s] simulated time of an episode that nothing ends
@@ -171,10 +171,10 @@ class TaskEpisode(Episode):
         self._task, self._pushes = task, pushes
 
     @cached_property
-    def _worlds(self) -> "TaskWorlds":
-        from mjrun.task.worlds import TaskWorlds
+    def _world(self) -> "SingleWorld":
+        from mjrun.task.single_world import SingleWorld
 
-        return TaskWorlds(self._task, 1)
+        return SingleWorld(self._task)
 
     def model(self) -> mujoco.MjModel:
         from mjrun.model.variants import ModelVariants
@@ -185,24 +185,24 @@ class TaskEpisode(Episode):
 
     @cached_property
     def columns(self) -> EpisodeColumns:
-        worlds = self._worlds
-        units = {number.name: number.unit if number.scale == 1 else "" for number in worlds.observed}
-        return EpisodeColumns(units, worlds.action_names, worlds.reward_names)
+        world = self._world
+        units = {number.name: number.unit if number.scale == 1 else "" for number in world.observed}
+        return EpisodeColumns(units, world.action_names, world.reward_names)
 
     def _start(self) -> EpisodeStepper:
         from mjrun.policy.policy import ActionSpace
         from mjrun.task.task_stepper import TaskStepper
 
-        worlds = self._worlds
-        space = ActionSpace(worlds.action_names, worlds.actions.low, worlds.actions.high)
+        world = self._world
+        space = ActionSpace(world.action_names, world.actions.low, world.actions.high)
         actor = self.policy.episode(self.seed, space)
         model = self.model()
         pushes = PushForces(model, self._pushes, rational(model.opt.timestep))
-        return TaskStepper(worlds, actor, self.seed, self.policy.name, pushes)
+        return TaskStepper(world, actor, self.seed, self.policy.name, pushes)
 
     @property
     def longest(self) -> int:
-        return self._task.periods * self._worlds.control_steps
+        return self._task.periods * self._world.control_steps
 
 
 class EnvironmentEpisode(Episode):

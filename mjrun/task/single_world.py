@@ -12,7 +12,7 @@ import numpy as np
 from mujoco.batch import SimulationError as BatchError
 
 from mjrun.model.mujoco_globals import without_timers
-from mjrun.task.batch_columns import ALL
+from mjrun.task.batch_columns import ALL, NONE
 from mjrun.task.expressions import RUNNING, Inputs
 from mjrun.task.task import Task
 from mjrun.task.worlds import SQUARE, TaskStep, TaskWorlds
@@ -25,6 +25,9 @@ class SingleWorld(TaskWorlds):
 
     Args:
       task: with its model.
+
+    Attributes:
+      holds_targets: whether controls change at every step, to hold positions or velocities.
 
     Raises:
       UsageError, ModelError, FileError: as `TaskWorlds`.
@@ -47,7 +50,7 @@ class SingleWorld(TaskWorlds):
         self._action, self._target, self._only_observed = self._actions[0], self._targets[0], self._observed[0]
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
         self._without_timers = without_timers()
-        self._shape, self._is_held = self._action.shape, self._torques.is_needed
+        self._shape, self.holds_targets = self._action.shape, self._torques.is_needed
         self._controls = self._torques.controls_alone(self._ctrl[0])
         self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
         self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
@@ -69,11 +72,7 @@ class SingleWorld(TaskWorlds):
         self._action[:] = 0
         self._over[0] = self._failed[0] = False
         self._counters[0] = 0
-        try:
-            with self._without_timers:
-                self._batch.forward(None, self._stage_at_start)
-        except BatchError:
-            self._failed[0] = self._has_failed = True
+        self._forward(self._stage_at_start)
         self._measurement.begin(ALL)
         self._read()
 
@@ -91,27 +90,77 @@ class SingleWorld(TaskWorlds):
         """Steps the world by a control period under `action` `(nact,)`; the results have no axis of worlds.
 
         Raises:
+          ValueError: as `apply`.
+        """
+        self.apply(action)
+        self._step(self.control_steps, self._stage)
+        return self._results()
+
+    # --- step by step ------------------------------------------------------------------------------
+
+    def apply(self, action: np.ndarray) -> None:
+        """Begins a control period under `action` `(nact,)`.
+
+        Raises:
           ValueError: the action is not finite or has the wrong shape, or the episode is over or has not begun.
         """
         action = np.asarray(action, float)
         if action.shape != self._shape or self._over[0] or not math.isfinite(sum(action.tolist())):
-            self.begin(action[None])
+            self._begin(action[None], None)
+            return
+        self._action[:] = action
+        targets = self.actions.targets(action)
+        if self._controls is None:
+            self._target[:] = targets
+            self._torques.apply(targets, self._ctrl, 0)
         else:
-            self._action[:] = action
-            targets = self.actions.targets(action)
-            if self._controls is None:
-                self._target[:] = targets
-                self._torques.apply(targets, self._ctrl, 0)
-            else:
-                self._controls[:] = targets
-        if self._is_held:
-            self._advance(self.control_steps, None, self._stage)
-        else:
-            try:
-                with self._without_timers:
-                    self._batch.step(None, self.control_steps, self._stage)
-            except BatchError:
-                self._failed[0] = self._has_failed = True
+            self._controls[:] = targets
+
+    def hold(self) -> None:
+        """Updates the controls that hold position and velocity targets from the current state, for the next step."""
+        if self.holds_targets:
+            self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
+
+    def put(self, whole: np.ndarray) -> None:
+        """Puts the world into the integration state `whole` `(nstate,)`."""
+        self._state[0] = whole
+
+    def advance(self, steps: int) -> None:
+        """Takes physics steps under the current action."""
+        self._step(steps, NONE)
+
+    def conclude(self) -> TaskStep:
+        """Returns the results of the control period that ends in the current state, without an axis of worlds."""
+        if self._stage != NONE:
+            self._forward(self._stage)
+        return self._results()
+
+    def resume(self) -> None:
+        """Lets a finished episode continue without a reset, unless it is unstable."""
+        self._over[0] = False
+
+    # --- within ------------------------------------------------------------------------------------
+
+    def _forward(self, stage: int) -> None:
+        try:
+            with self._without_timers:
+                self._batch.forward(None, stage)
+        except BatchError:
+            self._failed[0] = self._has_failed = True
+
+    def _step(self, steps: int, stage: int) -> None:
+        """Takes steps, and computes derived quantities up to `stage`."""
+        if self.holds_targets:
+            self._advance(steps, None, stage)
+            return
+        try:
+            with self._without_timers:
+                self._batch.step(None, steps, stage)
+        except BatchError:
+            self._failed[0] = self._has_failed = True
+
+    def _results(self) -> TaskStep:
+        """Measures the end of a control period."""
         self._read()
         instant = int(self._instants[0]) + 1
         self._instants[0] = instant
@@ -135,7 +184,7 @@ class SingleWorld(TaskWorlds):
         observed = self._observations.finish(now, 0, first=False)
         motion = self._only_motion
         is_stable = np.vdot(motion, motion) < SQUARE and not self._has_failed and not any(self._only_warnings.tolist())
-        if not is_stable and self.is_unstable(0):
+        if not is_stable and self._unstable(ALL)[0]:
             code, reward, terms = endings.unstable, 0.0, [0.0] * len(terms)
             observed = self._only_observed.copy()
         self._only_observed[:] = observed

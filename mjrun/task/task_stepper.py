@@ -1,16 +1,15 @@
 """A stepper through one episode of a task, to every physics step in it."""
 
-import copy
-
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
+from mjrun.options.task import LAGGED
 from mjrun.physics.push_forces import PushForces
-from mjrun.physics.stepper import PhysicsStepper, instant_of
+from mjrun.physics.stepper import SLEEP, PhysicsStepper
 from mjrun.task.episode import Actor, ControlInstant, Ending, EpisodeNames, ask
-from mjrun.task.worlds import TaskWorlds
+from mjrun.task.expressions import RUNNING
+from mjrun.task.single_world import SingleWorld
 
 
 class TaskStepper:
@@ -21,7 +20,7 @@ class TaskStepper:
     continues without a reset.
 
     Args:
-      worlds: with a single world.
+      world: measures the observations and rewards.
       policy: its name, for messages.
       pushes: forces on bodies in addition to those of the task.
 
@@ -37,24 +36,33 @@ class TaskStepper:
     """
 
     def __init__(
-        self, worlds: TaskWorlds, actor: Actor, seed: int, policy: str = "", pushes: PushForces | None = None
+        self, world: SingleWorld, actor: Actor, seed: int, policy: str = "", pushes: PushForces | None = None
     ) -> None:
-        self._worlds, self._actor, self._policy, self._pushes = worlds, actor, policy, pushes
-        self.control_steps, self.step = worlds.control_steps, 0
-        self.names = EpisodeNames(worlds.observation_names, worlds.action_names, worlds.reward_names)
+        self._world, self._actor, self._policy, self._pushes = world, actor, policy, pushes
+        self.control_steps, self.step = world.control_steps, 0
+        self.names = EpisodeNames(world.observation_names, world.action_names, world.reward_names)
         self.periods = 0
         self._ending: Ending | None = None
 
-        observation = worlds.reset([seed])[0]
-        self.model = copy.copy(worlds.model(0))
-        self._timestep = self.model.opt.timestep
-        self._data, self._instant_step = mujoco.MjData(self.model), -1
-        self._applied = state.fields(state.sizes(self.model))["xfrc_applied"]
-        self._unpushed = worlds.state(0)[self._applied].reshape(-1, 6)
-        self._now = ControlInstant(observation, self._ask(observation), 0.0, np.zeros(len(self.names.rewards)), 0.0)
-        self._arrive()
-        self._start = self.state()
-        self._initial: mujoco.MjData | None = None
+        observation = world.start(seed)
+        model = world.model(0)
+        self._timestep, self._controls = model.opt.timestep, state.controls(model)
+        action = self._ask(observation)
+        self._now = ControlInstant(observation, action, 0.0, np.zeros(len(self.names.rewards)), 0.0)
+        world.hold()
+        self._data = mujoco.MjData(model)
+        state.restore(model, self._data, world.state(0))
+        self._unpushed = self._data.xfrc_applied.copy()
+        # The results of a control period belong to the forces before its end: pushes are applied here, after them.
+        if pushes:
+            self._data.xfrc_applied[:] = self._unpushed + pushes.on_bodies(self._data, 0)
+        self._physics = PhysicsStepper(model, self._data)
+        self.model = self._physics.model
+        self._is_lagged = world.task.derived == LAGGED
+        # A state does not include bodies that sleep, nor what contacts of flexes carry from step to step.
+        self._is_parallel = bool(model.opt.enableflags & SLEEP) or model.nflex > 0
+        if self._is_parallel:
+            world.put(self.state())
 
     def advance(self, step: int) -> None:
         """Moves forward to `step`.
@@ -66,9 +74,11 @@ class TaskStepper:
             raise ValueError(f"cannot go back from step {self.step} to step {step}")
         while self.step < step:
             until = min(step, self.step - self.step % self.control_steps + self.control_steps)
+            if self._world.holds_targets:
+                until = self.step + 1
             if self._pushes:
                 until = min(until, self._pushes.next_change(self.step))
-            self._take(until - self.step)
+            self._take(until)
 
     def edit(self, values: np.ndarray, spec: int) -> None:
         """Changes parts of the state at this step; the policy sets the controls again at the next control instant.
@@ -76,78 +86,79 @@ class TaskStepper:
         Args:
           values: the parts `(size,)` that `spec` names by `mjtState` bits.
         """
-        state.restore(self.model, self._data, self.state())
-        state.restore(self.model, self._data, values, spec)
-        self._worlds.put(0, state.save(self.model, self._data))
-        self._instant_step = -1
+        self._physics.edit(values, spec)
+        if self._is_parallel:
+            self._world.put(self.state())
+        if self._world.holds_targets:
+            self._hold()
 
     def now(self) -> ControlInstant:
         return self._now
 
     def state(self) -> np.ndarray:
-        return self._worlds.state(0)
+        return self._physics.state()
 
     def instant(self) -> mujoco.MjData:
-        if self._instant_step != self.step:
-            state.restore(self.model, self._data, self.state())
-            try:
-                mujoco.mj_forward(self.model, self._data)
-            except mujoco.FatalError as error:
-                raise FailedStepError(self.step, self._data.time, str(error)) from None
-            self._instant_step = self.step
-        return self._data
+        return self._physics.instant()
 
     def initial(self) -> mujoco.MjData:
-        self._initial = self._initial or instant_of(self.model, self._start)
-        return self._initial
+        return self._physics.initial()
 
-    def _take(self, count: int) -> None:
-        """Takes steps within a control period, and asks the policy at its end."""
-        before = self.state()
-        self._worlds.advance(count)
-        if self._worlds.is_unstable(0):
-            raise self._failure(before, count)
-        self.step += count
-        if self.step % self.control_steps == 0:
+    def _take(self, until: int) -> None:
+        """Takes steps under constant inputs, and asks the policy at the end of a control period."""
+        is_last = until % self.control_steps == 0
+        if self._is_parallel:
+            self._world.advance(until - self.step)
+        elif is_last and self._is_lagged:  # it reads what its last step computes
+            self._move(until - 1)
+            self._world.put(self.state())
+            self._world.advance(1)
+        self._move(until)
+        if is_last:
             self._finish_period()
-        self._arrive()
-
-    def _finish_period(self) -> None:
-        """Computes the control instant at the end of a period; after the end of the episode the return stays."""
-        result = self._worlds.finish()
-        reward, total = float(result.rewards[0]), self._now.total
-        if self._ending is None:
-            self._ending, self.periods, total = result.ended[0], self.periods + 1, total + reward
-        self._worlds.resume()
-        observation = result.observations[0]
-        action = self._ask(observation)
-        self._now = ControlInstant(observation, action, reward, result.reward_terms[0], total, self._ending)
-
-    def _ask(self, observation: np.ndarray) -> np.ndarray:
-        """Calls the policy, and applies its action."""
-        time = self.step * self._timestep
-        action = ask(self._actor, observation, self.names.actions, self.step, time, self._policy)
-        self._worlds.begin(action[None])
-        return action
-
-    def _arrive(self) -> None:
-        """Applies the inputs of this step."""
-        self._worlds.hold()
-        self._instant_step = -1
+        elif self._world.holds_targets:
+            self._hold()
         if self._pushes:
             state.restore(self.model, self._data, self.state())
             forces = self._unpushed + self._pushes.on_bodies(self._data, self.step)
             self.edit(forces.ravel(), state.APPLIED_FORCES)
 
-    def _failure(self, before: np.ndarray, count: int) -> SimulationError:
-        """Returns the error that occurred within `count` steps from the state `before`."""
-        data = mujoco.MjData(self.model)
-        state.restore(self.model, data, before)
-        physics = PhysicsStepper(self.model, data)
-        physics.jump(self.step, before)
+    def _move(self, until: int) -> None:
         try:
-            physics.advance(self.step + count)
-        except SimulationError as error:
-            return error
-        # It occurred under controls that follow the state at every step.
-        return UnstableError(self.step, self.step * self._timestep, "the position", "a joint", self._timestep)
+            self._physics.advance(until)
+        finally:
+            self.step = self._physics.step
+
+    def _finish_period(self) -> None:
+        """Computes the control instant at the end of a period; after the end of the episode the return stays."""
+        world = self._world
+        if not (self._is_parallel or self._is_lagged):
+            world.put(self.state())
+        result = world.conclude()
+        reward, total, observation = result.rewards, self._now.total, result.observations
+        if self._ending is None:
+            self.periods, total = self.periods + 1, total + reward
+            if result.codes != RUNNING:
+                self._ending = result.endings[result.codes]
+        world.resume()
+        action = self._ask(observation)
+        self._now = ControlInstant(observation, action, reward, np.array(result.reward_terms), total, self._ending)
+        world.hold()
+        self._set_controls()
+
+    def _ask(self, observation: np.ndarray) -> np.ndarray:
+        """Calls the policy, and applies its action to the world."""
+        time = self.step * self._timestep
+        action = ask(self._actor, observation, self.names.actions, self.step, time, self._policy)
+        self._world.apply(action)
+        return action
+
+    def _hold(self) -> None:
+        """Sets the controls that hold targets at this step."""
+        if not self._is_parallel:
+            self._world.put(self.state())
+        self._world.hold()
+        self._set_controls()
+
+    def _set_controls(self) -> None:
+        self._physics.edit(self._world.state(0)[self._controls], state.CTRL)

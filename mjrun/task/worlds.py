@@ -226,16 +226,16 @@ class TaskWorlds:
         return observed
 
     def step(self, actions: np.ndarray, ids: Ids | None = None) -> TaskStep:
-        """Steps the worlds `ids`, or all, by a control period: `begin`, `advance` and `finish`.
+        """Steps the worlds `ids`, or all, by a control period.
 
         Raises:
           ValueError: an action is not finite or has the wrong shape, or an episode is over or has not begun.
         """
-        self.begin(actions, ids)
+        self._begin(actions, ids)
         self._advance(self.control_steps, ids, self._stage)
         return self._finish(ids)
 
-    def begin(self, actions: np.ndarray, ids: Ids | None = None) -> None:
+    def _begin(self, actions: np.ndarray, ids: Ids | None) -> None:
         """Applies actions `(k, nact)`; raises the errors of `step`."""
         rows = ALL if ids is None else np.asarray(ids, int)
         actions = np.asarray(actions, float)
@@ -248,36 +248,6 @@ class TaskWorlds:
         self._actions[rows] = actions
         targets = self._targets[rows] = self.actions.targets(actions)
         self._torques.apply(targets, self._ctrl, rows)
-
-    def advance(self, steps: int, ids: Ids | None = None) -> None:
-        """Takes physics steps under the current actions."""
-        self._advance(steps, ids, NONE)
-
-    def finish(self, ids: Ids | None = None) -> TaskStep:
-        """Returns the results of the control period after its `control_steps` steps."""
-        if self._stage != NONE:
-            some = _sorted(ids)
-            self._call(lambda: self._batch.forward(some, self._stage))
-        return self._finish(ids)
-
-    # --- step by step ------------------------------------------------------------------------------
-
-    def hold(self) -> None:
-        """Updates the controls that hold position and velocity targets from the current state, for the next step."""
-        if self._torques.is_needed:
-            self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
-
-    def put(self, world: int, whole: np.ndarray) -> None:
-        """Puts a world into the integration state `whole` `(nstate,)`."""
-        self._state[world] = whole
-
-    def is_unstable(self, world: int) -> bool:
-        """Returns whether a world is unstable: MuJoCo reported it, or its numbers exceed MuJoCo's limit."""
-        return bool(self._unstable(np.array([world]))[0])
-
-    def resume(self) -> None:
-        """Lets finished episodes continue without a reset, unless they are unstable."""
-        self._over[:] = False
 
     # --- copies ------------------------------------------------------------------------------------
 
@@ -417,7 +387,7 @@ class TaskWorlds:
         return np.vdot(motion, motion) < SQUARE and not self._has_failed and not self._warnings[rows].any()
 
     def _unstable(self, rows: Rows) -> np.ndarray:
-        """Returns the unstable worlds as a mask `(k,)`; see `is_unstable`."""
+        """Returns, as a mask `(k,)`, the worlds that MuJoCo reported, or whose numbers exceed its limit."""
         stable = (np.abs(self._motion[rows]) <= mujoco.mjMAXVAL).all(axis=-1)
         return self._failed[rows] | self._warnings[rows].any(axis=-1) | ~stable
 

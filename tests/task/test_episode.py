@@ -10,8 +10,8 @@ from mjrun.physics.observe import Tap, observe
 from mjrun.physics.recorded_states import ReplayStepper, StateBuffer
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.task.episode import ControlInstants, Ending, EpisodeOver, ReplayedEpisode
+from mjrun.task.single_world import SingleWorld
 from mjrun.task.task_stepper import TaskStepper
-from mjrun.task.worlds import TaskWorlds
 from tests.task.test_task_stepper import MODEL, Wave, arm
 
 
@@ -26,7 +26,7 @@ def test_the_end_of_an_episode_says_where_and_how() -> None:
 
 
 def test_what_held_at_control_instants_holds_again() -> None:
-    stepper, instants, seen = TaskStepper(TaskWorlds(arm(), 1), Wave(), 3), ControlInstants(), []
+    stepper, instants, seen = TaskStepper(SingleWorld(arm()), Wave(), 3), ControlInstants(), []
     with closing(StateBuffer(MODEL)) as states:
         taps = [
             Tap(range(31), lambda stepper: stepper.state(), states.append),

@@ -55,6 +55,25 @@ def test_it_is_one_of_many(tmp_path: Path, values: Mapping[str, object], derived
     assert_same(replace_model(cart(**values, derived=derived), tmp_path / "cart.xml"))
 
 
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+@pytest.mark.parametrize("values", [{}, EVERYTHING, FORCED], ids=["plain", "everything", "forced"])
+def test_a_control_period_can_be_stepped_in_parts(values: Mapping[str, object], derived: str, tmp_path: Path) -> None:
+    (tmp_path / "cart.xml").write_text(CART)
+    task = replace_model(cart(**values, derived=derived), tmp_path / "cart.xml")
+    whole, parts = SingleWorld(task), SingleWorld(task)
+    np.testing.assert_array_equal(whole.start(1), parts.start(1))
+    for k in range(5):
+        action = np.sin(k + np.arange(len(whole.action_names)))
+        step = whole.act(action)
+        parts.apply(action)
+        for _ in range(whole.control_steps):
+            parts.advance(1)
+        other = parts.conclude()
+        np.testing.assert_array_equal(step.observations, other.observations)
+        np.testing.assert_array_equal([step.rewards, *step.reward_terms], [other.rewards, *other.reward_terms])
+        np.testing.assert_array_equal(whole.state(0), parts.state(0))
+
+
 @pytest.mark.parametrize("make", gymnasium_tasks.TASKS.values())
 def test_it_is_one_of_many_for_gymnasiums_tasks(make: Callable[[], Task]) -> None:
     with warnings.catch_warnings(action="ignore"):

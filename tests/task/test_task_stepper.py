@@ -1,6 +1,8 @@
 """An episode of a task step by step: bit for bit that of the worlds, and of bare loops of mj_step."""
 
+from collections.abc import Mapping
 from fractions import Fraction
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -12,9 +14,12 @@ from mjrun.options.push import Push
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.push_forces import PushForces
 from mjrun.task.episode import Ending
+from mjrun.task.single_world import SingleWorld
 from mjrun.task.task import TIMED_OUT, Action, Command, Observation, Reset, Task, Termination
 from mjrun.task.task_stepper import TaskStepper
 from mjrun.task.worlds import TaskWorlds
+from tests.task.test_single_world import FORCED
+from tests.task.test_worlds import CART, EVERYTHING, cart, replace_model
 
 ARM = """<mujoco><option timestep="0.01"/>
   <worldbody><body name="upper" pos="0 0 1"><joint name="shoulder" axis="0 1 0" damping=".1"/>
@@ -61,7 +66,7 @@ def test_it_is_the_episode_of_the_worlds_however_one_looks_at_it(actions: list[A
     task = arm(actions=actions)
     worlds, wave = TaskWorlds(task, 2), Wave()
     observation = worlds.reset([3, 5])[1]
-    every, sometimes = (TaskStepper(TaskWorlds(task, 1), Wave(), 5) for _ in range(2))
+    every, sometimes = (TaskStepper(SingleWorld(task), Wave(), 5) for _ in range(2))
     total = 0.0
     for k in range(10):
         action = wave(observation)
@@ -84,9 +89,38 @@ def test_it_is_the_episode_of_the_worlds_however_one_looks_at_it(actions: list[A
     assert (every.now().ending, every.periods) == (TIMED_OUT, 10)
 
 
+ASLEEP = '<option timestep="0.01" sleep_tolerance="1"><flag sleep="enable"/></option>'
+
+
+@pytest.mark.parametrize("option", ['<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>', ASLEEP])
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+@pytest.mark.parametrize("values", [EVERYTHING, FORCED, {}], ids=["everything", "forced", "plain"])
+def test_what_a_task_measures_is_that_of_the_worlds(
+    tmp_path: Path, values: Mapping[str, object], derived: str, option: str
+) -> None:
+    (tmp_path / "cart.xml").write_text(CART.replace('<option timestep="0.01"/>', option))
+    task = replace_model(cart(**{**values, "derived": derived, "terminations": {}}), tmp_path / "cart.xml")
+    worlds = TaskWorlds(task, 1)
+    every, sometimes = (TaskStepper(SingleWorld(task), Wave(), 5) for _ in range(2))
+    observation, wave = worlds.reset([5]), Wave()
+    inputs = state.controls(worlds.model(0)).start
+    for period in range(1, 16):
+        result = worlds.step(wave(observation[0])[None])
+        observation = result.observations
+        sometimes.advance(3 * period)
+        for step in range(3 * period - 2, 3 * period + 1):
+            every.advance(step)
+            every.instant()
+        for stepper in (every, sometimes):
+            now = stepper.now()
+            np.testing.assert_array_equal(now.observation, observation[0])
+            np.testing.assert_array_equal([now.reward, *now.reward_terms], [result.rewards[0], *result.reward_terms[0]])
+            np.testing.assert_array_equal(stepper.state()[:inputs], worlds.state(0)[:inputs])
+
+
 @pytest.mark.parametrize("actions", [MOTORS, POSITIONS])
 def test_the_controls_in_force_at_an_instant_are_those_of_the_next_step(actions: list[Action]) -> None:
-    stepper = TaskStepper(TaskWorlds(arm(actions=actions), 1), Wave(), 1)
+    stepper = TaskStepper(SingleWorld(arm(actions=actions)), Wave(), 1)
     data = mujoco.MjData(MODEL)
     for step in range(1, 13):
         state.restore(MODEL, data, stepper.state())
@@ -104,8 +138,8 @@ def test_the_controls_in_force_at_an_instant_are_those_of_the_next_step(actions:
 
 def test_beyond_the_end_it_goes_on_without_a_reset_and_the_return_stays() -> None:
     ended = {"low": Termination(when="time > 0.15", as_="success")}
-    stepper = TaskStepper(TaskWorlds(arm(terminations=ended), 1), Wave(), 2)
-    free = TaskStepper(TaskWorlds(arm(duration=5), 1), Wave(), 2)
+    stepper = TaskStepper(SingleWorld(arm(terminations=ended)), Wave(), 2)
+    free = TaskStepper(SingleWorld(arm(duration=5)), Wave(), 2)
     totals: dict[int, float] = {}
     for step in range(4, 81, 4):
         stepper.advance(step)
@@ -121,7 +155,7 @@ def test_beyond_the_end_it_goes_on_without_a_reset_and_the_return_stays() -> Non
 def test_pushes_act_as_in_a_bare_loop() -> None:
     push = Push("lower", (5.0, 0.0, 0.0), Fraction("0.05"), Fraction("0.07"))
     pushes = PushForces(MODEL, [push], Fraction(1, 100))
-    stepper = TaskStepper(TaskWorlds(arm(), 1), Wave(), 4, pushes=pushes)
+    stepper = TaskStepper(SingleWorld(arm()), Wave(), 4, pushes=pushes)
     data, wave = mujoco.MjData(MODEL), Wave()
     state.restore(MODEL, data, stepper.state())
     for step in range(16):
@@ -144,7 +178,7 @@ class Answers:
 
 
 def test_an_action_that_is_not_finite_is_told_with_its_step() -> None:
-    stepper = TaskStepper(TaskWorlds(arm(), 1), Answers([0, 0], [0, np.nan]), 0, "p.onnx")
+    stepper = TaskStepper(SingleWorld(arm()), Answers([0, 0], [0, np.nan]), 0, "p.onnx")
     with pytest.raises(
         InvalidActionError, match=r"p\.onnx returned non-finite actions at step 4, time 0.04 s: m2 = nan"
     ) as caught:
@@ -154,7 +188,7 @@ def test_an_action_that_is_not_finite_is_told_with_its_step() -> None:
 
 @pytest.mark.parametrize("every", [1, 8])
 def test_an_unstable_simulation_is_told_with_its_first_bad_step(every: int) -> None:
-    stepper = TaskStepper(TaskWorlds(arm(), 1), Answers([0, 0], *[[1e10, 0]] * 10), 0)
+    stepper = TaskStepper(SingleWorld(arm()), Answers([0, 0], *[[1e10, 0]] * 10), 0)
     steps = [Tap(range(0, 41, every), lambda _: None, id)]
     with pytest.raises(UnstableError, match=r"the simulation became unstable at step 4, .*joint 'shoulder'"):
         observe(stepper, steps, 40)

@@ -161,19 +161,6 @@ def test_a_measured_momentum_has_the_masses_of_each_world(tmp_path: Path) -> Non
     assert len({worlds.model(world).body_subtreemass[0] for world in range(3)}) == 3
 
 
-def test_a_control_period_may_be_stepped_bit_by_bit() -> None:
-    whole, parts = TaskWorlds(cart(), 2), TaskWorlds(cart(), 2)
-    np.testing.assert_array_equal(whole.reset([1, 2]), parts.reset([1, 2]))
-    for action in random_actions(5, 2, 2):
-        step = whole.step(action)
-        parts.begin(action)
-        for _ in range(3):
-            parts.advance(1)
-        other = parts.finish()
-        np.testing.assert_array_equal(step.observations, other.observations)
-        np.testing.assert_array_equal(step.rewards, other.rewards)
-
-
 def test_position_targets_are_held_by_torques_at_every_step() -> None:
     hold = Action(joints="hinge", target="position", kp=20, kd=0.5, scale=0.25, offset="home")
     worlds = TaskWorlds(cart(actions=[hold]), 2)
