@@ -12,7 +12,7 @@ _code: int | None = None  # with which the command has ended
 def main() -> None:
     """Runs the command line and exits with its code."""
     global _code
-    # Before any import: a signal waits until there is somebody to heed it.
+    # Before any import: a signal waits until it can be handled.
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     # A locale in which Python cannot pass on the names of most files; -X utf8=0 may hold it to that.

@@ -41,7 +41,7 @@ class Diagnostic:
     """The state of one component that mjrun uses.
 
     Attributes:
-      group, name: of the component.
+      group, name: the group and the name of the component.
       status: `ok`, `warning` or `missing`.
       value: its version, or why it does not work.
       remedy: how to fix it, or an empty text.

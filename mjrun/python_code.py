@@ -49,7 +49,7 @@ class ModuleSource:
     """The source of a module of the user's.
 
     Attributes:
-      path: of its file, which need not exist where the module is imported.
+      path: the path of its file, which need not exist where the module is imported.
     """
 
     name: str

@@ -41,7 +41,7 @@ class Failure:
 
     Attributes:
       kind: its class; None for a bug, which is anything but an MjrunError.
-      args: of the exception; for a bug, its message alone.
+      args: the arguments of the exception; for a bug, its message alone.
       attributes: the other attributes of the exception.
       trace: the traceback as text.
     """
@@ -117,11 +117,11 @@ class Worker:
     Args:
       server: its class, `package.module:name`, which the process calls with the numbers of `descriptors`.
       environment: variables to change.
-      descriptors: that the process gets, under new numbers.
+      descriptors: descriptors to pass to the process, which get new numbers.
       stderr: where its standard error goes, and its standard output with it.
 
     Attributes:
-      connection: to the process.
+      connection: the connection to the process.
       process: the process.
       pending: the requests that are not answered, oldest first.
 
@@ -163,7 +163,7 @@ class Worker:
         """Returns the next reply to the oldest of the pending requests.
 
         Args:
-          seconds: for which it may be silent, before it is killed.
+          seconds: the time without a message after which it is killed.
 
         Raises:
           WorkerEndedError: the process has ended.

@@ -31,6 +31,10 @@ TOLERATED: dict[str, tuple[int, int, int]] = {
 
 HEADLESS = re.compile(r"(What|Whether|How|Where|Which|Who|Whose|Whoever|Why)\b")
 VERB = re.compile(r"(\w+s|Does|Has|Goes)\b")
+# A description of an argument or attribute that lacks its noun: `names: of the columns`.
+FRAGMENT = re.compile(
+    r"^\s+\w+(?:, \w+)*: (?:of|in|for|from|to|by|at|on|with|whose|which|until|after|before|beyond) .*", re.MULTILINE
+)
 COMMENT = re.compile(r"(^\s*|  )# .*")
 DIALECT = re.compile(
     r"\b(?<!--)("
@@ -102,6 +106,16 @@ def openings_without_verb(room: str) -> list[str]:
     ]
 
 
+def fragments(room: str) -> list[str]:
+    """Descriptions of arguments and attributes without a noun."""
+    return [
+        _place(path, line, match[0])
+        for path in _modules(room)
+        for _, line, text in _docstrings(_tree(path))
+        for match in FRAGMENT.finditer(text)
+    ]
+
+
 def dialect(room: str) -> list[str]:
     """Words of the glossary's left column."""
     return [
@@ -114,6 +128,11 @@ def dialect(room: str) -> list[str]:
 
 def _faults(room: str) -> tuple[list[str], list[str], list[str]]:
     return headless_openings(room), openings_without_verb(room), dialect(room)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_arguments_and_attributes_are_described_by_nouns(room: str) -> None:
+    assert fragments(room) == []
 
 
 @pytest.mark.parametrize("room", ROOMS)

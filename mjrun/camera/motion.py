@@ -60,7 +60,7 @@ class CameraMotion:
           spans: simulated start and end of each shot [s], one after the other.
 
         Raises:
-          UsageError: at some time the camera coincides with the point that it looks at.
+          UsageError: the camera coincides with the point that it looks at, at some time.
         """
         assert len(spans) == len(self._shots)
         weights = (self._weights(time, spans) for time in times)

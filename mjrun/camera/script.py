@@ -39,7 +39,7 @@ class Fallback(ExactNumber):
 
     @property
     def expected(self) -> str:
-        return f"a time [s] from 0 on, or {END}"
+        return f"a time [s] of at least 0, or {END}"
 
     @property
     def form(self) -> Schema:
@@ -59,7 +59,7 @@ class Event(Options):
         help="The condition, as in speed(box) > 0.02; quote it if it contains ': ' or ' #'.",
     )
     nth: int = option(
-        converter=Integer(1), default=1, kw_only=False, help="Number of the occurrence to use, from 1 on."
+        converter=Integer(1), default=1, kw_only=False, help="Number of the occurrence to use, counted from 1."
     )
     offset: Fraction = option(
         converter=ExactNumber(signed=True),

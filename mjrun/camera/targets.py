@@ -51,7 +51,7 @@ class Target:
     """A place that a camera looks at or from: an object, or a point when its kind is empty.
 
     Attributes:
-      kind, id: of the object; a `subtree` has the id of its body.
+      kind, id: the kind and the id of the object; a `subtree` has the id of its body.
       point: [m], in the world.
     """
 

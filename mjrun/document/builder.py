@@ -62,7 +62,7 @@ class DocumentBuilder:
         """Calls `make` and returns its value.
 
         Raises:
-          DocumentError: with all faults.
+          DocumentError: the document is faulty; all faults are listed.
         """
         self.raise_faults()
         made = self.attempt((), make)
@@ -92,7 +92,7 @@ def located_errors(tree: MappingNode, declared_at: DeclaredAt) -> Generator[None
     """Converts errors about options to errors at lines of the document.
 
     Raises:
-      DocumentError: with the error.
+      DocumentError: an option is invalid.
     """
     try:
         yield
@@ -158,7 +158,7 @@ class SimulationDocument(Generic[Made]):
           code: options that a document cannot contain.
 
         Raises:
-          DocumentError: with all faults in the document, the documents that it names, and the assignments.
+          DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
           FileError: one of them is missing or cannot be read.
         """
         folders = DocumentReader(Path(path).parent)
@@ -178,7 +178,7 @@ class SimulationDocument(Generic[Made]):
         """Makes the product from the contents of a document.
 
         Raises:
-          DocumentError: with all faults.
+          DocumentError: the document is faulty; all faults are listed.
         """
         builder = DocumentBuilder(tree, folders, self.declared_at)
         simulation: Simulation = builder.simulation(document, code)

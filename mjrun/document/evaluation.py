@@ -91,7 +91,7 @@ def read_evaluation(
       command: the command line, for the manifest.
 
     Raises:
-      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
     """
     folders = DocumentReader(Path(path).parent)
@@ -116,7 +116,7 @@ def evaluated_task(text: str, assignments: Sequence[str]) -> tuple[Source, Rewri
 
     Raises:
       UsageError: there are assignments, and `text` does not name a document.
-      DocumentError: with all faults in the document.
+      DocumentError: the document is faulty; all faults are listed.
       FileError: the document is missing or cannot be read.
     """
     if names_task(text):

@@ -40,7 +40,7 @@ def read_fit(
       values: options that override the document's, such as its `output`.
 
     Raises:
-      DocumentError: with all faults in the document and the assignments.
+      DocumentError: the document or an assignment is faulty; all faults are listed.
       FileError: the document is missing or cannot be read.
     """
     return FIT.read(path, assignments, values or {}, {}, CodeOptions())

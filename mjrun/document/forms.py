@@ -37,7 +37,7 @@ def read_camera(path: pathlib.Path | str) -> CameraScript:
     """Reads the camera document at `path`; the script is named after the file, without its suffix.
 
     Raises:
-      DocumentError: with all faults, line by line.
+      DocumentError: lines are faulty; all are listed.
       FileError: the file is missing or cannot be read.
     """
     return read(path, CAMERA)[0].script(pathlib.Path(path).stem)

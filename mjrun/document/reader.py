@@ -207,7 +207,7 @@ def read(
         `record`.
 
     Raises:
-      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: the document, or one of those, is missing or cannot be read.
     """
     reader = _Reader(Path(path), variables)

@@ -125,7 +125,7 @@ class RunRequest:
         """Converts errors of the jobs to errors at lines of the document.
 
         Raises:
-          DocumentError: with all errors.
+          DocumentError: the document is faulty; all faults are listed.
         """
         try:
             yield
@@ -157,7 +157,7 @@ def read_run(
       command: the command line, for manifests.
 
     Raises:
-      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
     """
     options = options or RunOptions()

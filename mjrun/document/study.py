@@ -67,7 +67,7 @@ def read_study(
       command: the command line, for manifests.
 
     Raises:
-      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
     """
     values = {**(values or {}), "command": command}
@@ -278,7 +278,7 @@ def _read(record: OptionsMapping[V], value: object, tree: Node, reader: ReadingC
     """Reads plain values by `record`.
 
     Raises:
-      DocumentError: with all faults.
+      DocumentError: the document is faulty; all faults are listed.
     """
     try:
         return cast("V", record.read(value, reader))

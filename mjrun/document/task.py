@@ -127,7 +127,7 @@ def read_task(path: Path | str, assignments: Sequence[str] = ()) -> Task:
         document.
 
     Raises:
-      DocumentError: with all faults in the document, the documents that it names, and the assignments.
+      DocumentError: the document, one that it names or an assignment is faulty; all faults are listed.
       FileError: one of them is missing or cannot be read.
     """
     bundled = bundled_task(str(path))

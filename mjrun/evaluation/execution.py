@@ -29,7 +29,7 @@ class EpisodeChunk:
 
     Attributes:
       group: index of their group, in which all episodes have one specification.
-      spec: that specification.
+      spec: the specification.
       seeds: seeds of the episodes.
     """
 

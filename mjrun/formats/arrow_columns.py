@@ -92,7 +92,7 @@ def read_whole_parquet(path: Path, file: BinaryIO, repeated: Sequence[str] = ())
     """Returns the table in a Parquet file.
 
     Args:
-      path: of the file, for messages.
+      path: the path of the file, for messages.
       repeated: text columns to read as dictionaries, which have equal texts in memory once.
 
     Raises:

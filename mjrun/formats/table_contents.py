@@ -142,7 +142,7 @@ def select_parts(
     """Returns the columns that the filter accepts, each with its array and its index therein.
 
     Args:
-      arrays: by name and shape; of one with two dimensions each column is one, `name/0`, `name/1`, …
+      arrays: the shapes of arrays by name; a matrix gives several columns, `name/0`, `name/1`, …
 
     Raises:
       FileError: two of them are alike.

@@ -35,7 +35,7 @@ class TaskEnv(gymnasium.Env[np.ndarray, np.ndarray]):
       task: a task, or the file of its document.
       render_mode: `rgb_array`, or None.
       camera: the camera of `render`, in the syntax of the command line.
-      width, height: of rendered images [pixels].
+      width, height: the size of rendered images [pixels].
 
     `reset(seed=S)` begins the episode of seed S; without a seed, that of a seed drawn from Gymnasium's generator. The
     info of a step contains the weighted terms of the reward, `reward/NAME`; that of the last step also the ending of
@@ -105,7 +105,7 @@ def make(task: TaskLike, **options: Any) -> gymnasium.Env[np.ndarray, np.ndarray
 
     Args:
       task: a task, or the file of its document.
-      options: of `TaskEnv` and of `gymnasium.make`.
+      options: options of `TaskEnv` and of `gymnasium.make`.
 
     Returns:
       The environment; its `spec.to_json()` requires a task from a document.

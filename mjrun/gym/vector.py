@@ -159,7 +159,7 @@ def make_vec(task: TaskLike, num_envs: int = 1, **options: Any) -> TaskVectorEnv
 
     Args:
       task: a task, or the file of its document.
-      options: of `TaskVectorEnv`.
+      options: options of `TaskVectorEnv`.
 
     Raises:
       UsageError: the task does not fit its model.

@@ -164,7 +164,7 @@ class SharedCompilation:
     Attributes:
       size: the size of the model [bytes].
       unused: variants of the model that may be overwritten.
-      proofs: by the way in which models are made and the paths of the overrides.
+      proofs: the results of comparisons, by the way in which models are made and the paths of the overrides.
     """
 
     def __init__(self, spec: mujoco.MjSpec | None, model: mujoco.MjModel) -> None:

@@ -37,7 +37,7 @@ class ColumnTolerances(NamedNumbers):
 
 def _require_tolerance(numbers: Numbers) -> None:
     if len(numbers) not in (1, 2) or not all(number >= 0 for number in numbers):
-        raise ExpectedError("an absolute tolerance, or an absolute and a relative one, from 0 on")
+        raise ExpectedError("an absolute tolerance, or an absolute and a relative one, of at least 0")
 
 
 @options

@@ -341,7 +341,7 @@ def read_list(each: AnyKind, items: Sequence[object], reader: ReadingContext) ->
     """Reads the items of a list in a document.
 
     Raises:
-      MisfitError: with all misfits.
+      MisfitError: there are misfits; the error has all of them.
     """
     parts: list[object] = []
     misfits = Misfits()

@@ -35,7 +35,7 @@ class Integer(Kind[int, int]):
     def expected(self) -> str:
         if self.most is not None:
             return f"a whole number from {self.least} to {self.most}"
-        return "a whole number" if self.least is None else f"a whole number from {self.least} on"
+        return "a whole number" if self.least is None else f"a whole number of at least {self.least}"
 
     @property
     def form(self) -> Schema:
@@ -73,9 +73,11 @@ class Real(Kind[float, float]):
     def expected(self) -> str:
         if self.above is not None:
             low = "a positive number" if self.above == 0 else f"a number above {self.above:g}"
+        elif self.least is None:
+            low = "a finite number"
         else:
-            low = "a finite number" if self.least is None else f"a number from {self.least:g} on"
-        return low if self.most is None else f"{low.removesuffix(' on')} to {self.most:g}"
+            low = f"a number of at least {self.least:g}" if self.most is None else f"a number from {self.least:g}"
+        return low if self.most is None else f"{low} to {self.most:g}"
 
     @property
     def form(self) -> Schema:
@@ -119,7 +121,7 @@ class ExactNumber(Kind[Number, Fraction]):
 
     @property
     def expected(self) -> str:
-        return "a number" if self.signed else "a number from 0 on" if self.zero else "a positive number"
+        return "a number" if self.signed else "a number of at least 0" if self.zero else "a positive number"
 
     @property
     def form(self) -> Schema:
@@ -243,7 +245,7 @@ class Processes(Kind[int | str, int | str]):
     def __call__(self, value: int | str) -> int | str:
         whole = isinstance(value, int) and not isinstance(value, bool) and 0 < value < 10_000
         if value != AUTO and not whole:
-            raise ExpectedError(f"a number of {self.of} from 1 on, or auto")
+            raise ExpectedError(f"a number of {self.of}, at least 1, or auto")
         return value
 
     def parse(self, text: str) -> int | str:

@@ -160,7 +160,7 @@ class Options:
         """Checks combinations of valid values; yields the place and the message of each conflict.
 
         Args:
-          values: by key, as a document contains them, of any type.
+          values: the values by key, as a document contains them, of any type.
         """
         for exclusion in exclusions_of(cls):
             condition = exclusion.when and values.get(exclusion.when[0], _by_name(cls)[exclusion.when[0]].default)

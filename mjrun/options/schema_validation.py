@@ -109,7 +109,7 @@ def check(value: object, schema: Schema) -> None:
     """Checks a plain value by a rule without references.
 
     Raises:
-      MisfitError: with all misfits.
+      MisfitError: there are misfits; the error has all of them.
     """
     if misfits := [*_misfits(value, schema)]:
         raise MisfitError(misfits)

@@ -48,7 +48,7 @@ def video_schedule(
     """Schedules the frames of a video with the shots of all cameras.
 
     Args:
-      speed: for shots without a speed.
+      speed: the speed of shots without one.
       event_steps: the steps at which each condition becomes true.
 
     Raises:

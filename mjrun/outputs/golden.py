@@ -56,7 +56,7 @@ class GoldenTable:
     """An open golden table: to compare with, to replace, or both.
 
     Args:
-      options: with `golden` set.
+      options: options with `golden` set.
       columns: the columns of the new rows.
       facts: the facts for the manifest.
       stack: closes the open files.

@@ -236,7 +236,7 @@ def _step(job: Image, timeline: Timeline, event_steps: output.EventSteps) -> int
         at = time_of(job.time, event_steps[job.time.when], timeline, job.output)
         return min(max(nearest(at / timeline.timestep), 0), timeline.steps)
     if job.time is not None and not isinstance(job.time, Fraction):
-        raise BadValueError(option("time"), job.time, "a number of seconds from 0 on")
+        raise BadValueError(option("time"), job.time, "a number of seconds of at least 0")
     step = nearest((job.time or Fraction(0)) / timeline.timestep)
     require_countable(step, "time")
     return step

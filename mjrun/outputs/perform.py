@@ -69,7 +69,7 @@ class PassPreview:
     """A description of the pass that `perform` would make.
 
     Attributes:
-      timestep, steps, duration: of the simulation; times in [s].
+      timestep, steps, duration: the timestep [s], the number of steps and the duration [s] of the simulation.
       outputs: the description of each output.
     """
 

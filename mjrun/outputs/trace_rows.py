@@ -287,7 +287,7 @@ def blocks(
     The numbers are bit for bit those of a bare loop that calls `mj_forward` on a copy at every step.
 
     Args:
-      stepper: at the first instant; advanced as blocks are taken.
+      stepper: a stepper at the first instant, which advances as blocks are taken.
       record: names of MjData fields.
       size: maximum number of steps in a block.
 
@@ -295,7 +295,7 @@ def blocks(
       The step of the first row, the number of rows, and `{field: (1, rows, …)}` of instants a step apart.
 
     Raises:
-      SimulationError: after every valid instant.
+      SimulationError: the simulation fails; every valid instant has been yielded before.
     """
     first, count, waiting = stepper.step, 0, list[Fields]()
     failure: SimulationError | None = None

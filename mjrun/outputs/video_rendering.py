@@ -150,5 +150,5 @@ def jobs_for(asked: int | str, software: bool, frames: int, cost: float, cores: 
     if asked == AUTO:
         asked = cores if software and frames * cost > WORTH else 1
     if not isinstance(asked, int) or asked < 1:
-        raise BadValueError(option("jobs"), asked, f"a number of processes from 1 on, or {AUTO}")
+        raise BadValueError(option("jobs"), asked, f"a number of processes, at least 1, or {AUTO}")
     return max(1, min(asked, frames))

@@ -67,8 +67,8 @@ class StepRecords:
     """The results of some steps of n simulations.
 
     Attributes:
-      fields: of every instant, `(n, rows, …)`.
-      states: after the last step, `(n, nstate)`.
+      fields: the fields of every instant, `(n, rows, …)`.
+      states: the states after the last step, `(n, nstate)`.
       completed: the simulations without a warning of MuJoCo, `(n,)` bool; the others are still at their start, and
         their rows are invalid.
     """

@@ -55,10 +55,10 @@ class PeriodicController:
 
     Args:
       controller: called with (model, data); a method `reset` is called first, with (model, data) or nothing.
-      period: at least a timestep; its multiples are rounded to the nearest steps.
+      period: the period, at least a timestep; its multiples are rounded to the nearest steps.
 
     Attributes:
-      name: of the controller, for messages.
+      name: the name of the controller, for messages.
       fields: the attributes of `data` that it uses; None if it may use others.
 
     Raises:
@@ -177,8 +177,8 @@ class ControlNoise:
     Args:
       std: standard deviation, in the actuators' own units.
       smooth: correlation time of the process [s]; 0 is white noise, independent at every step.
-      seed: of the noise.
-      timestep: of the simulation [s].
+      seed: the seed of the noise.
+      timestep: the timestep of the simulation [s].
       actuators: the number of controls.
     """
 
@@ -257,7 +257,7 @@ class ControlSources:
     """All inputs of a simulation: a table of controls, noise on them, a controller, and constants for the rest.
 
     Attributes:
-      timestep: of the simulation [s], exact.
+      timestep: the exact timestep of the simulation [s].
       constant: controls `(nu,)` of actuators without another source; the stepper stores those of the controller here.
       table, noise, controller: sources of controls, or None.
       inputs: inputs other than controls, if they are known in advance.

@@ -30,8 +30,8 @@ class RolloutBlock:
       initial: the same fields at step 0, `(n, 1, …)`, for quantities relative to the start.
       counts: the number of valid rows of each simulation, `(n,)`; a failed simulation has fewer than the block.
       failures: the simulations that failed since the previous block, by index.
-      shortages: for simulations that continued without some of their contacts or constraints for lack of memory, the
-        first such step in this block; empty for engines that do not report it.
+      shortages: the first step in this block at which a simulation continued without some of its contacts or
+        constraints for lack of memory, by index; empty for engines that do not report it.
     """
 
     steps: np.ndarray

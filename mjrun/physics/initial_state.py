@@ -23,7 +23,7 @@ class InitialState:
         without a name has that of its body. Units [m, rad, m/s, rad/s], quaternions w first.
       ctrl: actuators by name, wildcard or index, held constant.
       perturb: standard deviation of Gaussian noise added to every initial velocity.
-      seed: of that noise; the same seed gives the same start.
+      seed: the seed of that noise; the same seed gives the same start.
     """
 
     key: str | None = None
@@ -63,7 +63,7 @@ class InitialState:
             with concerning("ctrl", name):
                 _set(data.ctrl, control_slices(model, name), values, "ctrl", name)
         if self.seed < 0:
-            raise BadValueError(option("seed"), self.seed, "a whole number from 0 on")
+            raise BadValueError(option("seed"), self.seed, "a whole number of at least 0")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
         _check(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")

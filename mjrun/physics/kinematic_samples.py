@@ -24,7 +24,7 @@ class KinematicSamples:
 
     Attributes:
       source: the name of the table in messages.
-      time: of each sample [s], `(n,)`.
+      time: the time of each sample [s], `(n,)`.
       columns: names of the columns of each of `FIELDS`, in the order of its numbers.
       values: `(n,)` by field and index, for the columns of the table; NaN where a sample is missing.
     """
@@ -64,7 +64,7 @@ class CompleteSamples:
       start: provides the values that the table lacks.
 
     Attributes:
-      time: of each sample [s], from the first one, `(n,)`.
+      time: the time of each sample since the first one [s], `(n,)`.
       fields: `(n, size)` for each of `FIELDS` that the table has, and for qpos and qvel.
       position_remarks, other_remarks: warnings about its positions, and about the rest.
 

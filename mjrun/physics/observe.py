@@ -17,7 +17,7 @@ class Tap(Generic[T]):
     """A cadence, a read and a write.
 
     Args:
-      steps: at which it reads, in non-decreasing order; at a repeated step it writes twice.
+      steps: the steps at which it reads, in non-decreasing order; at a repeated step it writes twice.
       read: reads from the stepper, without changing it.
       write: receives the result.
     """

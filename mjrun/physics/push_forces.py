@@ -70,7 +70,7 @@ class PushForces:
         A force F at a site s acts on a body with its centre of mass at c as F with the torque (s - c) × F.
 
         Args:
-          data: in the state at `step`; its derived fields are not used.
+          data: an MjData in the state at `step`; its derived fields are not used.
         """
         wrenches = np.zeros((self._model.nbody, 6))
         active = [push for push in self._pushes if step in push.steps]

@@ -288,7 +288,7 @@ def states_at(states: RecordedStates, timestep: Fraction, times: Sequence[float 
     """Returns the last recorded state at or before each of `times` [s]; the first one before the beginning.
 
     Args:
-      timestep: of the recording [s]; step k is at k·timestep.
+      timestep: the timestep of the recording [s]; step k is at k·timestep.
       times: a float represents any number that rounds to it, so that the time of a step selects that step.
     """
     rows: list[np.ndarray] = []

@@ -14,7 +14,7 @@ class TimedRows:
     end.
 
     Args:
-      time: of each row [s], `(n,)`.
+      time: the time of each row [s], `(n,)`.
       columns: the numbers by name, `(n,)` each.
       source: the name of the table in messages.
       linear: interpolate; otherwise hold.

@@ -34,7 +34,7 @@ class WarpDevice:
     Attributes:
       alias, name: its identifier, and the name that it reports.
       is_gpu: True for a GPU.
-      version: of mujoco_warp and of Warp.
+      version: the versions of mujoco_warp and of Warp.
       warp, library: the modules of Warp and of mujoco_warp.
 
     Raises:
@@ -133,7 +133,7 @@ class WarpFields:
 
         Args:
           first: the model of the first world, without what mujoco_warp refuses.
-          models: of one `group`.
+          models: the models of one `group`.
         """
         if len({id(model) for model in models}) == 1:
             return self._device.library.put_model(first)

@@ -72,9 +72,9 @@ class Demand:
     """The sizes that a step of all worlds needed.
 
     Attributes:
-      contacts: of all worlds together.
+      contacts: the number of contacts of all worlds together.
       candidates: pairs from broad-phase collision detection, of all worlds together.
-      constraints, iterations: of each world, and of its solver, `(n,)`.
+      constraints, iterations: the numbers of constraints and of solver iterations of each world, `(n,)`.
     """
 
     contacts: int

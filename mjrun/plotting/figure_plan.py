@@ -41,7 +41,7 @@ class FigurePlan:
 
     Args:
       options: the content of the figure.
-      tables: at least one.
+      tables: one or more tables.
       panels: panels to show unless the options choose some; by default a panel for each group and unit.
 
     Attributes:
@@ -124,7 +124,9 @@ class FigurePlan:
             raise UsageError(f"the tables have different time columns: {known}; choose the x axis with {option('x')}")
         (time,) = times
         if time is None:
-            self.notes.append(f"no column is called time: x is the number of the row, from 0 on; see {option('x')}")
+            self.notes.append(
+                f"no column is called time: x is the number of the row, counted from 0; see {option('x')}"
+            )
             return None
         (curve,) = curve_syntax.parse_curves(time, [time], option("x"))
         return curve

@@ -89,7 +89,7 @@ class Canvas:
       any_letter: whether letters missing in the font are kept, for a viewer with other fonts.
 
     Attributes:
-      width, height: of the figure [pixels].
+      width, height: the size of the figure [pixels].
       em: size of letters [pixels].
       hair, weight: widths of thin lines and of curves [points].
     """

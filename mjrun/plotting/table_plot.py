@@ -153,7 +153,7 @@ class TablePlotResult:
       format: name of the format.
       size: width and height [pixels].
       tables: the tables shown.
-      rows: of each table.
+      rows: the rows of each table.
       panels: their labels, in order.
       curves: total number of curves.
       notes: notes for the user: rows and values that cannot be drawn, columns that are omitted.

@@ -31,7 +31,7 @@ def inferred_task(
 
     Args:
       control_dt: the control period [s], if the file does not specify it.
-      duration: of an episode [s]; 5 when None.
+      duration: the duration of an episode [s]; 5 when None.
 
     Raises:
       UsageError: the file lacks facts; the message lists them, and drafts a task document.

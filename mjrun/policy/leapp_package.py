@@ -55,7 +55,7 @@ class LeappTensor:
 
     Attributes:
       place: `network/tensor`.
-      kind: of the quantity, `state/joint/position`; None if unspecified.
+      kind: the kind of the quantity, `state/joint/position`; None if unspecified.
       elements: the names of its numbers, `knee` or `foot/x`; None if unspecified.
     """
 
@@ -91,10 +91,10 @@ class LeappPackage:
     """A package.
 
     Attributes:
-      networks: in the order of execution.
+      networks: the networks in the order of execution.
       flows: the inputs that receive an output, by the place of the output; an earlier network receives it in the next
         call.
-      inputs, outputs: of the package.
+      inputs, outputs: the inputs and outputs of the package.
       initial: values of inputs at the start of an episode; zeros for others.
       period: time between two calls [s]; None if unspecified.
     """

@@ -32,7 +32,7 @@ class NormalizationStatistics:
 
     Attributes:
       mean, var: `(nobs,)`, float64.
-      path: of their file.
+      path: the path of their file.
     """
 
     mean: np.ndarray
@@ -135,7 +135,8 @@ def _statistics(values: dict[str, object], path: Path) -> NormalizationStatistic
         raise FileError(path, "lacks statistics: mean, var, epsilon and clip") from error
     fits = mean.ndim == 1 and mean.shape == var.shape and len(mean) > 0
     if not fits or not (np.isfinite(mean).all() and np.isfinite(var).all() and (var + epsilon > 0).all() and clip > 0):
-        raise FileError(path, "its mean and var must be two lists of equally many finite numbers, with var from 0 on")
+        reason = "its mean and var must be two lists of equally many finite numbers, with var of at least 0"
+        raise FileError(path, reason)
     return NormalizationStatistics(mean, var, epsilon, clip, path)
 
 
@@ -143,7 +144,7 @@ class Inert:
     """A replacement of any object of a pickle.
 
     Attributes:
-      name: of the object's class, `package.module.Class`.
+      name: the name of the object's class, `package.module.Class`.
       values: the object's attributes.
     """
 

@@ -23,9 +23,9 @@ class ObservationFacts:
     """Properties that a policy file specifies for a part of the observation; None where unspecified.
 
     Attributes:
-      name: of the part in the file.
+      name: the name of the part in the file.
       size: the number of values, history included.
-      kind: of the quantity in the file: `state/joint/position`.
+      kind: the kind of the quantity in the file: `state/joint/position`.
       elements: the names of these values: joints, or x, y, z.
       offset, scale, clip, history: as in the observations of a task; the clip follows the scale.
     """
@@ -48,7 +48,7 @@ class PolicyFacts:
       observation_size, action_size: the number of values in each.
       observations: the parts of the observation, in order.
       joints: all joints of the robot except a free one, in the order of observations.
-      default_position: of these joints [m, rad].
+      default_position: the default positions of these joints [m, rad].
       action_joints: the joints that actions move, in order.
       action_target: the quantity that scaled actions specify: `position`, `velocity` or `torque`.
       action_scale, action_offset: the factor of actions, and the offset added after it, that give positions [m, rad],
@@ -82,7 +82,7 @@ class ActionSpace:
     """The actions of a task.
 
     Attributes:
-      names: of the values: actuators or joints.
+      names: the names of the values: actuators or joints.
       low, high: `(nact,)`, the clip of the task; infinite without one.
     """
 
@@ -96,7 +96,7 @@ class Policy(ABC):
 
     Attributes:
       name: its text from the user.
-      facts: from its file.
+      facts: facts from its file.
     """
 
     name: str
@@ -109,8 +109,8 @@ class Policy(ABC):
         """Returns the policy at the start of an episode.
 
         Args:
-          seed: of its random numbers; equal seeds give equal actions, independent of other episodes.
-          actions: of the task.
+          seed: the seed of its random numbers; equal seeds give equal actions, independent of other episodes.
+          actions: the actions of the task.
         """
         actor = self.start(seed, actions)
         return lambda observation: self._checked(actor, observation, actions.names)
@@ -148,8 +148,8 @@ class PolicyLoader:
     """A format of policy files.
 
     Attributes:
-      description: of the format, for messages: `.zip of Stable-Baselines3`.
-      suffixes: of its files.
+      description: the description of the format, for messages: `.zip of Stable-Baselines3`.
+      suffixes: the suffixes of its files.
       load: loads a policy from a path, its text from the user, whether files may run code when they are opened, and the
         file of its normalization, `none`, or None.
       reads_folders: whether a folder can be such a policy.

@@ -307,7 +307,7 @@ class Aggregates:
 
     Attributes:
       known: values of those that are known from the first row on; NaN for the others.
-      rows: for each with a condition, the number of rows on which it holds.
+      rows: the number of rows on which the condition holds, for each with a condition.
     """
 
     def __init__(self, calls: Sequence[AggregateCall]) -> None:

@@ -149,10 +149,10 @@ class SceneCompositor:
     Args:
       size: width and height of a panel [pixels].
       names: names of the cameras, for captions.
-      poses: for each frame, the pose of each camera.
+      poses: the pose of each camera, for each frame.
       segmentation: the grouping of ids; None if no view is a segmentation.
       decorations: geoms added to colour images.
-      ranges: for each camera, the depths [m] of the first and the last colour; required for depth in colour.
+      ranges: the depths [m] of the first and the last colour for each camera; required for depth in colour.
       renderer: creates the renderer, with the arguments of `ClassicRenderer`.
     """
 

@@ -77,7 +77,7 @@ class Graph:
     Args:
       times: ascending [s], `(n,)`, at least one.
       values: `(n, k)`; values that are not finite are gaps.
-      names, units: of the k series.
+      names, units: the names and the units of the k series.
       size: width and height of the image [pixels].
       em: size of the letters [pixels]; the size legible in a video when None.
       left: the minimum distance of the vertical axis from the left edge [pixels].

@@ -111,7 +111,7 @@ class ParallelPainter(Generic[P]):
     The constructor opens the painter, or requests it from the processes, without waiting for them.
 
     Args:
-      shape, dtype: of a frame.
+      shape, dtype: the shape and the type of a frame.
       jobs: number of processes.
       workers: the processes to use, whose next pool reuses the memory of frames; when None, the pool starts processes
         and ends them when it closes.

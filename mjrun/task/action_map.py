@@ -22,7 +22,7 @@ class Driven:
     """The actuator that a number of the action drives.
 
     Attributes:
-      name: of the actuator or the joint.
+      name: the name of the actuator or the joint.
       target: `control`, `position`, `velocity` or `torque`.
       control: its place in `ctrl`.
       joint: its id; −1 if the task names the actuator.
@@ -93,7 +93,7 @@ class TargetTorques:
     """The controls that hold position and velocity targets, at every step of n worlds.
 
     Args:
-      actions: with the targets.
+      actions: the actions with their targets.
       count: the number of worlds.
     """
 

@@ -48,7 +48,7 @@ class _FieldPiece:
     """Numbers of a field.
 
     Attributes:
-      places: of the numbers in the field.
+      places: the places of the numbers in the field.
       is_left_out: whether a step leaves the field out, so that it is computed on an MjData.
     """
 
@@ -75,7 +75,7 @@ class _ProbePiece:
 
     Attributes:
       group: the group of columns that the probe measures in full.
-      indices: of the numbers in the group.
+      indices: the indices of the numbers in the group.
     """
 
     probe: FieldProbe | InstantProbe
@@ -108,13 +108,13 @@ class MeasurementPlan:
     """The sources of columns.
 
     Args:
-      model: with the columns.
-      names: of the columns in order; a name may occur several times.
+      model: the model with the columns.
+      names: the names of the columns in order; a name may occur several times.
       can_sense: whether sensors can be appended to the model, which make MuJoCo compute what a step leaves out.
 
     Attributes:
       count: the number of columns.
-      pieces: from which they are read.
+      pieces: the pieces from which they are read.
       sensed: the fields that need such sensors.
       stage: the last stage that MuJoCo must compute, `mjtStage`.
       needs_data: whether some columns need an MjData of each world.
@@ -298,8 +298,8 @@ class SourceWithSensors(Source):
     """A model with sensors appended, so that a step also computes `fields`, which it would otherwise leave out.
 
     Args:
-      source: of the model, with its own overrides.
-      fields: of MjData, from `SENSED`.
+      source: the source of the model, with its own overrides.
+      fields: fields of MjData that are in `SENSED`.
     """
 
     source: Source

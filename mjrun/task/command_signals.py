@@ -20,13 +20,13 @@ class CommandSignals:
     """The values of all commands, side by side.
 
     Args:
-      commands: by name.
+      commands: the commands by name.
       control_dt: [s].
       periods: control periods of an episode.
       count: the number of worlds.
 
     Attributes:
-      names: of the values: `goal`, or `goal/0`, `goal/1`.
+      names: the names of the values: `goal`, or `goal/0`, `goal/1`.
       slices: the places of each command among the values.
 
     Raises:

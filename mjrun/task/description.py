@@ -54,15 +54,15 @@ class ObservationRow:
     """One number that the policy observes: `clip((source + noise − offset)·scale, low, high)`.
 
     Attributes:
-      index: in the observation vector.
-      name: of the term, and of the number within it.
+      index: the index in the observation vector.
+      name: the name of the term, and of the number within it.
       source: a column, an expression or a phase.
-      unit: of the source, SI.
+      unit: the SI unit of the source.
       frame: the body whose axes it is expressed in; empty for the world's.
       noise: its distribution; empty for none.
       offset, scale: the offset [unit] and the scale of the value.
       low, high: None without a limit.
-      delay: in control periods, history included.
+      delay: the delay in control periods, including history.
     """
 
     index: int
@@ -83,16 +83,16 @@ class ActionRow:
     """One number that the policy returns: `target = clip(squash(action), low, high)·scale + offset`.
 
     Attributes:
-      index: in the action vector.
-      name: of the actuator or the joint.
+      index: the index in the action vector.
+      name: the name of the actuator or the joint.
       target: `control`, `position`, `velocity` or `torque`.
-      unit: of the target, SI.
+      unit: the SI unit of the target.
       squash: `tanh` or `none`.
       low, high: None without a limit.
       scale, offset: the scale [unit] and the offset [unit] of the target.
       kp, kd: gains of a position or velocity target; None for others.
-      actuator: that the number drives.
-      range: of its control; None if unlimited.
+      actuator: the actuator that the number drives.
+      range: the range of its control; None if unlimited.
     """
 
     index: int

@@ -21,7 +21,7 @@ class Ending:
     """The ending of an episode.
 
     Attributes:
-      name: of the termination, such as `fallen`, `timeout` or `unstable`.
+      name: the name of the termination, such as `fallen`, `timeout` or `unstable`.
       kind: a timeout truncates an episode; anything else terminates it.
     """
 
@@ -43,7 +43,7 @@ class Endings(tuple[Ending, ...]):
 
     Attributes:
       timeout, unstable: the codes of these.
-      terminated, truncated: of each code, the last for −1 `(n + 1,)` bool.
+      terminated, truncated: the flags of each code, the last for −1 `(n + 1,)` bool.
     """
 
     timeout: int
@@ -64,9 +64,9 @@ class EpisodeNames:
     """The names of the numbers of an episode.
 
     Attributes:
-      observations: of the numbers of an observation, such as `position/x`.
-      actions: of the numbers of an action: actuators or joints.
-      rewards: of the terms of the reward.
+      observations: the names of the numbers of an observation, such as `position/x`.
+      actions: the names of the numbers of an action: actuators or joints.
+      rewards: the names of the terms of the reward.
     """
 
     observations: Sequence[str]
@@ -85,8 +85,8 @@ def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, 
     """Returns the action of a policy on an observation.
 
     Args:
-      names: of the numbers of an action.
-      step, time: of the control instant.
+      names: the names of the numbers of an action.
+      step, time: the step and the time of the control instant.
       policy: its name, for messages.
 
     Raises:
@@ -107,7 +107,7 @@ class EpisodeStepper(Stepper, Protocol):
     returns there.
 
     Attributes:
-      names: of observations, actions and terms of the reward.
+      names: the names of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
       periods: completed control periods, up to the end of the episode.
     """
@@ -128,7 +128,7 @@ class EpisodeOver(Exception):  # noqa: N818 - not an error: a stepper cannot go 
 
     Attributes:
       step: the last step.
-      ending: of the episode.
+      ending: the end of the episode.
     """
 
     def __init__(self, step: int, ending: Ending) -> None:

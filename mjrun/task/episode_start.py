@@ -29,7 +29,7 @@ class EpisodeStarts:
 
     Args:
       reset: their description.
-      model: in which its names are looked up.
+      model: the model in which its names are looked up.
 
     Raises:
       UnknownNameError: a name is not in the model.
@@ -81,7 +81,7 @@ class EpisodeModels:
     """The models of episodes: one for all, or one for each seed.
 
     Args:
-      source: of the model.
+      source: the source of the model.
       vary: distributions by the path of what they vary.
       variants: loads the models.
 

@@ -37,10 +37,10 @@ class TaskExpressions:
     """The rewards, terminations and observed values of n worlds.
 
     Args:
-      task: with the expressions.
-      columns: that they can read.
+      task: the task with the expressions.
+      columns: the columns that they can read.
       values: the observed values, by the name of the term.
-      names: of the numbers of an action and of the commands.
+      names: the names of the numbers of an action and of the commands.
       count: the number of worlds.
 
     Attributes:
@@ -112,7 +112,7 @@ class TaskExpressions:
 
         Args:
           row: the columns that they read, side by side: of the model, then actions and commands if read.
-          places: of the observed values in an observation.
+          places: the places of the observed values in an observation.
           is_first: whether the functions are for the first control instant of an episode.
 
         Returns:

@@ -33,9 +33,9 @@ class EnvironmentStep:
 
     Attributes:
       observation: `(nobs,)` float64, flattened in Gymnasium's order.
-      reward: of this step.
+      reward: the reward of this step.
       reward_terms: reported by the environment, by name without `reward_`; their sum may differ from the reward.
-      ending: of the episode, if it ended here.
+      ending: the end of the episode, if it ended here.
     """
 
     observation: np.ndarray
@@ -50,16 +50,16 @@ class ExternalEnvironment:
     Automatic resets of unstable simulations are off.
 
     Args:
-      source: with overrides, its model replaces that of the environment; the control period stays.
+      source: the source; with overrides, its model replaces that of the environment, with the same control period.
 
     Attributes:
-      model, data: of the environment.
+      model, data: the model and the data of the environment.
       control_steps: physics steps per action.
       control_dt: the control period [s].
       action_low, action_high: `(nact,)`, the bounds of an action; may be infinite.
       observation_size: the number of values in an observation.
-      observation_names, action_names: of each value.
-      observation_units: of each value, SI; empty if unknown.
+      observation_names, action_names: the name of each value.
+      observation_units: the SI unit of each value; empty if unknown.
 
     Raises:
       ModelNotFoundError, BrokenModelError, MissingExtraError: the environment does not exist or cannot be created.
@@ -217,7 +217,7 @@ class EnvironmentStepper:
     Attributes:
       model: a copy of the environment's.
       step: the current one.
-      names: of observations, actions and terms of the reward.
+      names: the names of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
       periods: completed control periods, up to the end of the episode.
 

@@ -28,12 +28,12 @@ class ObservedNumber:
     """One number of the observation vector.
 
     Attributes:
-      name: of the term and its component: `position/x`; with `@-2` where the history makes it two control periods old.
+      name: the name of the term and its component: `position/x`; with `@-2` for a value two control periods old.
       term: the name of the term.
       source: a column such as `xpos/car/x`, an expression, or a phase.
-      unit: of the source, SI.
-      offset, scale, low, high: of its processing: `clip((source − offset)·scale, low, high)`.
-      delay: in control periods, history included.
+      unit: the SI unit of the source.
+      offset, scale, low, high: the parameters of its processing: `clip((source − offset)·scale, low, high)`.
+      delay: the delay in control periods, including history.
     """
 
     name: str
@@ -52,9 +52,9 @@ class ObservedTerm:
     """A term with its columns.
 
     Attributes:
-      place: of its numbers among those of all terms, before delays and histories.
+      place: the place of its numbers among those of all terms, before delays and histories.
       columns: its sources.
-      expression: of a term with a value.
+      expression: the expression of a term with a value.
     """
 
     term: Observation
@@ -72,17 +72,17 @@ class ObservationPlan:
     """The terms of the observation with their columns.
 
     Args:
-      terms: of the task.
-      model: in which their names are looked up.
-      columns: that expressions can read.
-      action_names: of the numbers of an action.
-      commands: of the task.
+      terms: the terms of the task.
+      model: the model in which their names are looked up.
+      columns: the columns that expressions can read.
+      action_names: the names of the numbers of an action.
+      commands: the commands of the task.
 
     Attributes:
-      terms: with their columns.
+      terms: the terms with their columns.
       width: the number of values of all terms, before delays and histories.
-      offset, scale, low, high: of each of these values.
-      numbers: of the observation vector.
+      offset, scale, low, high: the parameters of each of these values.
+      numbers: the numbers of the observation vector.
 
     Raises:
       UnknownNameError: a name is not in the model.

@@ -17,13 +17,13 @@ class ObservationVector:
     """The observations of n worlds, from one control instant to the next.
 
     Args:
-      plan: of the observation.
+      plan: the plan of the observation.
       count: the number of worlds.
-      rotations: of all bodies, a view `(n, nbody, 9)`; None if no term has a frame.
+      rotations: the rotations of all bodies, a view `(n, nbody, 9)`; None if no term has a frame.
 
     Attributes:
       has_inputs: whether an action, a command or a phase is observed.
-      places_of_values: of expressions among the values of all terms, in their order.
+      places_of_values: the places of expressions among the values of all terms, in their order.
     """
 
     def __init__(self, plan: ObservationPlan, count: int, control_dt: Fraction, rotations: np.ndarray | None) -> None:
@@ -69,7 +69,7 @@ class ObservationVector:
         Args:
           measured: the columns of the model that terms observe, in their order, `(k, …)`.
           inputs: the last actions and the commands of this instant.
-          values: of expressions `(k,)`, by the name of the term.
+          values: the values of expressions `(k,)`, by the name of the term.
           first: whether an episode begins here.
         """
         current = self.collect(measured, inputs)

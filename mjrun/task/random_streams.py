@@ -24,7 +24,7 @@ class ObservationNoise:
     """Noise on some columns of the observations of n worlds, drawn world by world in blocks of instants.
 
     Args:
-      distributions: of each column `(columns,)`, as text; None if there is no noise.
+      distributions: the distribution of each column `(columns,)`, as text; None if there is no noise.
 
     Attributes:
       columns: the indices of the noisy columns.

@@ -24,7 +24,7 @@ class SingleWorld(TaskWorlds):
     """A single world of a task.
 
     Args:
-      task: with its model.
+      task: a task with its model.
 
     Attributes:
       holds_targets: whether controls change at every step, to hold positions or velocities.

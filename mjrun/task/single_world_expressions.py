@@ -44,7 +44,7 @@ class RowProgram:
 
     Args:
       row: the columns `(columns,)`; the function reads them at every call.
-      places: of the columns in it, by name.
+      places: the places of the columns in it, by name.
       is_first: whether the function is for the first control instant of episodes.
 
     Attributes:

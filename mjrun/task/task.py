@@ -159,11 +159,11 @@ class Task(Source):
       model: its source.
       control_dt: the control period [s], a whole number of timesteps.
       duration: length of an episode [s].
-      observations, actions: in the order of the policy's input and output.
-      rewards, commands, terminations: by name; a reward may be an expression alone.
+      observations, actions: the terms in the order of the policy's input and output.
+      rewards, commands, terminations: the terms by name; a reward may be an expression alone.
       reset: the initial state of episodes.
       derived: `current` or `lagged`: the instant of the observed quantities that MuJoCo derives from the state.
-      path: of its document, or None.
+      path: the path of its document, or None.
       name: replaces the path in messages, such as `scene:car_drive`; empty for none.
       places: its positions in the document.
 
@@ -313,7 +313,7 @@ def _check_random(text: str, place: str, path: tuple[str | int, ...], *, is_numb
 
     Args:
       place: its name in messages.
-      path: of the option.
+      path: the path of the option.
       is_number: whether its values must be numbers.
 
     Raises:

@@ -20,14 +20,14 @@ class TaskStepper:
     continues without a reset.
 
     Args:
-      world: measures the observations and rewards.
+      world: the world that measures the observations and rewards.
       policy: its name, for messages.
       pushes: forces on bodies in addition to those of the task.
 
     Attributes:
       model: a copy of that of the episode.
       step: the current one.
-      names: of observations, actions and terms of the reward.
+      names: the names of observations, actions and terms of the reward.
       control_steps: physics steps in a control period.
       periods: completed control periods, up to the end of the episode.
 

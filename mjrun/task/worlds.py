@@ -51,8 +51,8 @@ class TaskStep(NamedTuple):
     """The results of a control period in k worlds; in a single world where the axis of worlds is missing.
 
     Attributes:
-      observations: at its end `(k, nobs)`. Those of a world that became unstable are of its start.
-      rewards: for the period `(k,)`, the sums of the terms; 0 where the world became unstable.
+      observations: the observations at its end `(k, nobs)`; those at its start for a world that became unstable.
+      rewards: the sums of the terms over the period `(k,)`; 0 where the world became unstable.
       reward_terms: weighted `(k, nterms)`.
       codes: the index in `endings` of the ending of each episode `(k,)`; −1 where it continues.
       endings: all possible endings.
@@ -89,7 +89,7 @@ class TaskWorlds:
     """`count` worlds of a task.
 
     Args:
-      task: with its model.
+      task: a task with its model.
       count: the number of worlds.
       threads: one for each core when 0.
 
@@ -196,7 +196,7 @@ class TaskWorlds:
         """Begins an episode in each of the worlds `ids`, or in all.
 
         Args:
-          seeds: of the episodes `(k,)`, integers from 0.
+          seeds: the seeds of the episodes `(k,)`, non-negative integers.
 
         Returns:
           The first observations `(k, nobs)`.

@@ -174,11 +174,11 @@ def test_a_compiled_model_is_timed_but_not_loaded() -> None:
 @pytest.mark.parametrize(
     ("changed", "expected"),
     [
-        ({"steps": 0}, "steps: '0' is not a whole number from 1 on"),
+        ({"steps": 0}, "steps: '0' is not a whole number of at least 1"),
         ({"repeats": -1}, "repeats"),
         ({"noise_std": 1.1}, "noise_std: '1.1' is not a number from 0 to 1"),
         ({"noise_rate": float("nan")}, "noise_rate"),
-        ({"threads": [0]}, "threads: '0' is not a number of threads from 1 on, or auto"),
+        ({"threads": [0]}, "threads: '0' is not a number of threads, at least 1, or auto"),
         ({"threads": ["all"]}, "threads"),
         ({"budget": 0}, "budget: '0' is not a positive number"),
         ({"horizon": -1}, "horizon"),

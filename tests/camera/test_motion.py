@@ -377,10 +377,10 @@ def test_a_shot_without_length_and_a_video_of_one_frame_have_a_pose() -> None:
         ),
         (lambda: [Shot(ModelRig("flat"), fovy=EasedNumber(0, 1))], "fovy: '0' is not a positive number of degrees"),
         (lambda: [Shot(around(1, 0), roll=EasedNumber(0, math.inf))], "roll: 'inf' is not finite"),
-        (lambda: [Shot(around(1, 0), shake=Shake(angle=-1))], "angle: '-1' is not a number from 0 on"),
+        (lambda: [Shot(around(1, 0), shake=Shake(angle=-1))], "angle: '-1' is not a number of at least 0"),
         (lambda: [Shot(around(1, 0), shake=Shake(frequency=0))], "frequency: '0' is not a positive number"),
-        (lambda: [Shot(around(1, 0), shake=Shake(seed=-1))], "seed: '-1' is not a whole number from 0 on"),
-        (lambda: [Shot(around(1, 0), fit=FramedObject("box", 0.9))], "margin: '0.9' is not a number from 1 on"),
+        (lambda: [Shot(around(1, 0), shake=Shake(seed=-1))], "seed: '-1' is not a whole number of at least 0"),
+        (lambda: [Shot(around(1, 0), fit=FramedObject("box", 0.9))], "margin: '0.9' is not a number of at least 1"),
         (lambda: [Shot(around(1, 0), fit="bxo")], "no object 'bxo' (did you mean 'box'?)"),
     ],
 )

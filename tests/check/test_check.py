@@ -69,7 +69,7 @@ def test_all_codes_begin_with_nothing_short_of_a_letter() -> None:
         ({"select": ["MJ9"]}, "no code 'MJ9' (did you mean"),
         ({"ignore": [""]}, "ignore: '' is not a code, or how several begin"),
         ({"fail_on": "never"}, "fail_on: 'never' is not one of error, warning, note"),
-        ({"steps": -1}, "steps: '-1' is not a whole number from 0 on"),
+        ({"steps": -1}, "steps: '-1' is not a whole number of at least 0"),
         ({"memory": 0}, "memory: '0' is not"),
         ({"timeout": 0.0}, "timeout: '0.0' is not"),
         ({"jobs": 0}, "jobs: '0' is not"),

@@ -90,7 +90,7 @@ def test_every_kind_of_option_arrives_as_its_value() -> None:
         (("--heat", "-1"), "Invalid value for '--heat': '-1' is not a positive number"),
         (("--size", "3"), "Invalid value for '--size': '3' is not a size; write width x height in pixels"),
         (("--shape", "oval"), "Invalid value for '--shape': 'oval' is not one of 'round', 'square'"),
-        (("--layers", "0"), "Invalid value for '--layers': '0' is not a whole number from 1 on"),
+        (("--layers", "0"), "Invalid value for '--layers': '0' is not a whole number of at least 1"),
         (("--secret",), "No such option '--secret'"),
     ],
 )

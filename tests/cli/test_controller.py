@@ -119,7 +119,7 @@ def test_a_failing_controller_shows_its_own_traceback_and_nothing_of_mjrun(mjrun
         (["--controller", "code/policy.py:act", "--ctrl-from", "x.csv"], "exclude each other"),
         (["--controller", "code/policy.py:act", "--control-dt", "1e-4"], "shorter than the timestep"),
         (["--controller", "code/policy.py:act", "--control-dt", "0"], "not a positive number"),
-        (["--ctrl-noise", "-1"], "'-1' is not a number from 0 on"),
+        (["--ctrl-noise", "-1"], "'-1' is not a number of at least 0"),
         (["--ctrl-interpolation", "cubic"], "not one of"),
     ],
 )

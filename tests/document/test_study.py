@@ -126,7 +126,7 @@ def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
         ("vary: {seed: {uniform: [2, 1]}}", "3:8: vary.seed: uniform(2, 1): write uniform(LOW, HIGH), LOW below HIGH"),
         ("vary: {seed: 'gauss(0, 1)'}", "3:8: vary.seed: no distribution gauss; distributions: uniform(LOW, HIGH), "),
         ("vary: {geom/bal.size: 1}", "3:8: vary.geom/bal.size: no geom 'bal' (did you mean 'ball'?)"),
-        ("vary: {perturb: -1}", "3:8: vary.perturb: '-1' is not a number from 0 on"),
+        ("vary: {perturb: -1}", "3:8: vary.perturb: '-1' is not a number of at least 0"),
         ("vary: {seed: [1, 2]}\nwhere: [sed < 2]", "4:9: where[0]: no column 'sed' in 'sed < 2'"),
         ("vary: {seed: [1, 2]}\nwhere: seed > 2", "4:8: where: none of the 2 points satisfies it"),
         ("metrics: {low: min(qpos/bal/z)}", "3:11: metrics.low: no column 'qpos/bal/z' in 'min(qpos/bal/z)'"),

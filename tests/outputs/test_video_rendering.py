@@ -184,5 +184,5 @@ def test_a_guess_grows_with_pixels_and_panels() -> None:
 
 @pytest.mark.parametrize("asked", [0, -1, "many", "2"])
 def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
-    with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes from 1 on, or auto"):
+    with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes, at least 1, or auto"):
         jobs_for(asked, True, 100, 0.1, 2)

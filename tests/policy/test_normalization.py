@@ -88,7 +88,7 @@ def test_sizes_that_do_not_fit_show_both_sides(tmp_path: Path) -> None:
     [
         ({"mean": MEAN}, "lacks statistics: mean, var, epsilon and clip"),
         ({"mean": MEAN, "var": np.ones(3)}, "two lists of equally many finite numbers"),
-        ({"mean": MEAN, "var": -VAR}, "var from 0 on"),
+        ({"mean": MEAN, "var": -VAR}, "var of at least 0"),
         ({"mean": [np.nan, 0], "var": VAR}, "finite"),
         ({"mean": np.ones((2, 2)), "var": np.ones((2, 2))}, "two lists"),
         ({"mean": ["a", "b"], "var": VAR}, "'mean' holds text, not numbers"),

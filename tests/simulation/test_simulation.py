@@ -69,7 +69,7 @@ def test_a_duration_that_cannot_be_is_refused_before_the_model_is_loaded(duratio
 def test_a_number_of_steps_that_cannot_be_is_refused(steps: Any) -> None:
     with pytest.raises(BadValueError) as caught:
         Simulation(MODEL, steps=steps)
-    assert str(caught.value) == f"steps: '{steps}' is not a whole number from 1 on"
+    assert str(caught.value) == f"steps: '{steps}' is not a whole number of at least 1"
 
 
 @pytest.mark.parametrize("how", [{"duration": 1e300}, {"duration": "1e299"}, {"steps": 10**17}])

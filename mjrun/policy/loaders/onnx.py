@@ -71,7 +71,7 @@ class Tensor:
     """An input or output of a model.
 
     Attributes:
-      type: in the syntax of ONNX: `tensor(float)`.
+      type: the type in the syntax of ONNX: `tensor(float)`.
       shape: sizes; None for a variable one.
     """
 
@@ -102,7 +102,7 @@ class OnnxModel:
 
     Attributes:
       path: its file.
-      inputs, outputs: in the order of the file.
+      inputs, outputs: the inputs and outputs in the order of the file.
       metadata: texts by key.
 
     Raises:

@@ -82,7 +82,7 @@ TIMED = [Waypoint(eye=(0.0, 0.0, 0.0), at=1.0), Waypoint(eye=(1.0, 0.0, 0.0), at
         (lambda: PathRig([Waypoint((0, 0, 0), at=t) for t in (0, 1)], pace="time"), "no direction of view"),
         (lambda: PathRig(TWO, lookat="bxo"), "no object 'bxo'"),
         (lambda: Waypoint(distance=1, azimuth=2, elevation=math.inf), "elevation: 'inf' is not a finite number"),
-        (lambda: Waypoint((0, 0, 0), at=-1), "at: '-1' is not a number from 0 on"),
+        (lambda: Waypoint((0, 0, 0), at=-1), "at: '-1' is not a number of at least 0"),
         (lambda: TrackRig("box", offset=(0, 0, math.nan)), "offset: '0, 0, nan' is not made of finite numbers"),
     ],
 )

@@ -152,7 +152,7 @@ def test_a_slower_build_fails_only_with_a_limit_and_an_incomparable_one_is_refus
         (
             ["--threads", "1,many"],
             2,
-            "Invalid value for '--threads': 'many' is not a number of threads from 1 on, or auto",
+            "Invalid value for '--threads': 'many' is not a number of threads, at least 1, or auto",
         ),
         (["--scan", "timestep=.1", "--scan", "timestep=.2"], 2, "--scan timestep is given twice"),
         (["--scan", "opt.solvr=cg"], 2, "did you mean 'solver' or"),

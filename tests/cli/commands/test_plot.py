@@ -55,7 +55,7 @@ def test_notes_are_on_stderr_and_the_report_fits_its_schema(mjrun_here: Command)
     report = json.loads(done.stdout)
     assert fits(report, schema_of("plot"), schema_of("plot"))
     assert (report["path"], report["size"], report["rows"]) == ("a.png", [300, 200], [2])
-    assert "x is the number of the row, from 0 on; see --x" in done.stderr.decode()
+    assert "x is the number of the row, counted from 0; see --x" in done.stderr.decode()
     assert len(report["notes"]) == 2
 
 

@@ -118,7 +118,7 @@ def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> No
     [
         (("-o", "study", "--vary", "seed"), 2, "--vary"),
         (("-o", "study", "--vary", "sed=1"), 2, "did you mean 'seed'"),
-        (("-o", "study", "--vary", "seed=1..4:7"), 2, "--vary seed: '1.5' is not a whole number from 0 on"),
+        (("-o", "study", "--vary", "seed=1..4:7"), 2, "--vary seed: '1.5' is not a whole number of at least 0"),
         (("-o", "study", "--vary", "opt.iterations=1,2.5"), 2, "opt.iterations: '2.5' is not a whole number"),
         (("-o", "study", "--vary", "opt.timestep=1e-3,x"), 2, "opt.timestep: 'x' is not a number"),
         (("-o", "study", "--metric", "x=max(qpos/bal/z)"), 2, "qpos/ball/z"),
