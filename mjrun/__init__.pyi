@@ -181,7 +181,7 @@ class Bench(_Bench):
     ) -> None: ...
 
 class Check(_Check):
-    """Checks models and tasks for errors, and for likely causes of later errors."""
+    """A check of models and tasks for errors, and for likely causes of later errors."""
     def __init__(
         self,
         models: Sequence[str | Path],

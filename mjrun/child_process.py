@@ -298,7 +298,7 @@ def limit_this_process(
 
 
 class _Capture:
-    """Reads a pipe to its end in a thread and keeps `limit` bytes; does nothing without a pipe."""
+    """A thread that reads a pipe to its end and keeps `limit` bytes; it does nothing without a pipe."""
 
     def __init__(self, pipe: IO[bytes] | None, limit: float, keep: Literal["beginning", "end"]) -> None:
         self.content = bytearray()

@@ -161,7 +161,7 @@ def _imported(content: bytes, name: str) -> list[str]:
 
 
 class _SealedModules(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
-    """Imports modules from sealed sources."""
+    """An importer of modules from sealed sources."""
 
     def __init__(self, sources: Sequence[ModuleSource]) -> None:
         self.by_path = {source.path: source for source in sources}

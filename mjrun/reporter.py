@@ -8,7 +8,7 @@ from mjrun.errors import MjrunWarning, clean, spelled
 
 
 class Reporter(Protocol):
-    """Receives messages and progress of a job."""
+    """A receiver of messages and progress of a job."""
 
     def note(self, text: str) -> None:
         """Reports information for the user."""

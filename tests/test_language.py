@@ -7,6 +7,7 @@ that still have faults, with upper bounds: a room may have fewer, and a room tha
 import ast
 import inspect
 import re
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
@@ -106,6 +107,17 @@ def openings_without_verb(room: str) -> list[str]:
     ]
 
 
+def first_words(kind: type[ast.AST]) -> Counter[str]:
+    """The words with which docstrings of classes or functions begin."""
+    return Counter(
+        text.split()[0]
+        for room in ROOMS
+        for path in _modules(room)
+        for node, _, text in _docstrings(_tree(path))
+        if isinstance(node, kind) and not _is_property_or_command(node)
+    )
+
+
 def fragments(room: str) -> list[str]:
     """Descriptions of arguments and attributes without a noun."""
     return [
@@ -128,6 +140,12 @@ def dialect(room: str) -> list[str]:
 
 def _faults(room: str) -> tuple[list[str], list[str], list[str]]:
     return headless_openings(room), openings_without_verb(room), dialect(room)
+
+
+def test_docstrings_of_classes_begin_with_a_noun() -> None:
+    """Those of functions begin with verbs, some of which are nouns, too."""
+    verbs = {word for word in first_words(ast.FunctionDef) if VERB.fullmatch(word)}
+    assert first_words(ast.ClassDef).keys() & verbs <= {"Copies", "Formats", "Groups", "Guesses"}
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -90,7 +90,7 @@ class WarnedRolloutError(Exception):
 
 
 class Roller(Protocol):
-    """Rolls out a run and times it."""
+    """A timer of the rollouts of a run."""
 
     copies: int
 
@@ -106,7 +106,7 @@ class Roller(Protocol):
 
 
 class BatchRoller:
-    """Rolls out copies of a run in C, each in a separate thread; within one percent of a C loop.
+    """A timer of copies of a run, rolled out in C, each in a separate thread; within one percent of a C loop.
 
     Raises:
       WarnedRolloutError: raised by `seconds` when MuJoCo warns.
@@ -141,7 +141,7 @@ class BatchRoller:
 
 
 class WarnedRunRoller:
-    """Rolls out a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
+    """A timer of a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
 
     copies = 1
 

@@ -57,7 +57,7 @@ class WorkloadInfo:
 
 
 class ReferenceWorkload:
-    """Times the fixed workload, on one thread or several.
+    """A timer of the fixed workload, on one thread or several.
 
     Args:
       copies: number of copies of its model, one thread each.

@@ -56,7 +56,7 @@ class ThreadScaling:
 
 
 class StepTimer:
-    """Times the steps of one simulation, rollout by rollout: call `warm_up`, `begin`, then `rollout` repeatedly.
+    """A timer of the steps of one simulation, rollout by rollout: call `warm_up`, `begin`, then `rollout` repeatedly.
 
     Args:
       make: function that returns the run with the controls of a number of steps.

@@ -50,7 +50,7 @@ class WarpOptions:
 
 
 class WarpRoller:
-    """Rolls out worlds and times them.
+    """A timer of the rollouts of worlds.
 
     Each world plays the controls of the run a step ahead of the one before it, so that no two move alike; the first
     plays them unchanged. The run therefore has controls for additional steps, one for each world. Without controls, all
@@ -139,7 +139,7 @@ class WarpRoller:
 
 
 class WarpStepTimer(StepTimer):
-    """Times the steps of many worlds, rollout by rollout; `step` is that of one world."""
+    """A timer of the steps of many worlds, rollout by rollout; `step` is that of one world."""
 
     _worlds: WarpRoller
 

@@ -91,7 +91,7 @@ class CheckResult:
 
 @options
 class Check(PolicyOptions, CheckOptions):
-    """Checks models for errors, and for likely future ones.
+    """A check of models for errors, and for likely future ones.
 
     Args:
       models: files, and folders, which represent all models below them.

@@ -94,7 +94,7 @@ def _end_with_parent(pipe: int) -> None:
 
 
 class _Watcher:
-    """Waits for a child process."""
+    """A watcher that waits for a child process."""
 
     def __init__(self, child: int, board: SharedStatus, passed_on: list[signal.Signals]) -> None:
         self._child, self._board, self._passed_on = child, board, passed_on

@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 
 class DocumentBuilder:
-    """Makes values from the options of a document, and collects their faults.
+    """A builder of values from the options of a document, which collects their faults.
 
     Args:
       tree: the document with the places of its values.

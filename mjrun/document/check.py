@@ -9,7 +9,7 @@ from mjrun.options.option import options
 
 @options
 class Check(ModelCheck):
-    """Checks models and tasks for errors, and for likely causes of later errors.
+    """A check of models and tasks for errors, and for likely causes of later errors.
 
     Args:
       models: files, including task documents, and folders, which represent all models in them.

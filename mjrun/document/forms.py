@@ -193,7 +193,7 @@ FORMS: dict[type[AnyKind], AnyKind] = {
 
 
 class DocumentReader(Folders):
-    """Resolves the paths of a document, and converts its forms of values."""
+    """A reader that resolves the paths of a document, and converts its forms of values."""
 
     def form(self, kind: AnyKind) -> AnyKind:
         if isinstance(kind, kinds.MujocoName):

@@ -169,7 +169,7 @@ def read_run(
 
 
 class _Builder(DocumentBuilder):
-    """Builds jobs from the contents of a document."""
+    """A builder of jobs from the contents of a document."""
 
     def __init__(self, tree: MappingNode, folders: Folders, options: RunOptions, command: str) -> None:
         super().__init__(tree, folders, _declared_at)

@@ -92,7 +92,7 @@ def study_document(study: Study) -> Mapped:
 
 
 class _MovedReader(DocumentReader):
-    """Reads a document that will be written to another folder; output paths are unchanged."""
+    """A reader of a document that will be written to another folder; output paths are unchanged."""
 
     def output(self, path: str) -> str:
         return path

@@ -149,7 +149,7 @@ def is_task(path: Path | str) -> bool:
 
 
 class _Builder(DocumentBuilder):
-    """Builds a task from the contents of a document."""
+    """A builder of a task from the contents of a document."""
 
     def task(self, document: Values, path: Path, name: str) -> Task:
         values = values_of(TaskOptions, document)

@@ -55,7 +55,7 @@ def yaml_text(value: Plain) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Resolves plain scalars as the reader of documents does."""
+    """A dumper that resolves plain scalars as the reader of documents does."""
 
     def resolve(self, kind: type[yaml.Node], value: str, implicit: tuple[bool, bool]) -> str:
         if kind is yaml.ScalarNode and implicit[0]:

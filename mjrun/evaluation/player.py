@@ -33,7 +33,7 @@ SIDE_BY_SIDE = 32  # most worlds, unless fewer take `BYTES` of memory
 
 
 class EpisodePlayer(ABC):
-    """Plays episodes of one task under one policy.
+    """A player of episodes of one task under one policy.
 
     Attributes:
       rewards: names of the terms of the reward.
@@ -139,7 +139,7 @@ class _FirstFailure:
 
 
 class TaskPlayer(EpisodePlayer):
-    """Plays a task in worlds side by side; when an episode ends, its world starts the next."""
+    """A player of a task in worlds side by side; when an episode ends, its world starts the next."""
 
     def __init__(self, task: Task, policy: Policy) -> None:
         self._task, self._policy = task, policy
@@ -223,7 +223,7 @@ class TaskPlayer(EpisodePlayer):
 
 
 class EnvironmentPlayer(EpisodePlayer):
-    """Plays a Gymnasium environment, which resets, steps and rewards itself, one episode after the other.
+    """A player of a Gymnasium environment, which resets, steps and rewards itself, one episode after the other.
 
     An episode that never ends is cut at the length of its video.
     """
@@ -268,7 +268,7 @@ class EnvironmentPlayer(EpisodePlayer):
 
 
 class MeasuringPlayer(EpisodePlayer):
-    """Plays and measures episodes one after the other, step by step, bit for bit as `player` plays them.
+    """A player that measures episodes one after the other, step by step, bit for bit as `player` plays them.
 
     Raises:
       UsageError: a metric is malformed, or contains an unknown name.

@@ -81,7 +81,7 @@ def chosen_videos(groups: Sequence[PlayedEpisodes], count: int) -> list[VideoCho
 
 
 class VideoMaker:
-    """Makes the videos that `options` request.
+    """A maker of the videos that `options` request.
 
     Args:
       seed: seed of the first episode.
@@ -136,7 +136,7 @@ class VideoMaker:
 
 
 class _DistinctWarnings(WarningReporter):
-    """Forwards each kind of warning once, and nothing else, since videos are reported together."""
+    """A reporter that forwards each kind of warning once, and nothing else, since videos are reported together."""
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter, self._kinds = reporter, set[str]()

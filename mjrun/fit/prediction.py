@@ -118,7 +118,7 @@ class Failures:
 
 
 class Predictor:
-    """Predicts the signals of chunks.
+    """A predictor of the signals of chunks.
 
     Args:
       simulation: the model and its settings.

@@ -49,7 +49,7 @@ class SearchResult:
 
 
 class Shooting:
-    """Fits parameters to segments.
+    """A fit of parameters to segments.
 
     Args:
       loss: loss function of scipy's `least_squares`; all but `linear` reduce the weight of outliers.

@@ -18,7 +18,7 @@ FITTING = 1.35  # largest residuals of such a parabola, in standard deviations o
 
 
 class StartingStates:
-    """Guesses states from measured columns of `qpos` and `qvel`; everything else is taken from a given state.
+    """Guesses of states from measured columns of `qpos` and `qvel`; everything else is taken from a given state.
 
     Args:
       start: integration state for everything that is not measured, `(nstate,)`.

@@ -65,7 +65,7 @@ class CalibrationFormat:
 
 
 class CalibrationWriter(OutputWriter):
-    """Writes one calibration file, entry by entry. Opening it checks that the output can be written.
+    """A writer of one calibration file, entry by entry. Opening it checks that the output can be written.
 
     Args:
       format: name in `FORMATS`: `mjrun`, `nerfstudio`, `bop` or `ros`.

@@ -19,7 +19,7 @@ PIXELS = {"rgb": ((3,), np.uint8), "depth": ((), np.float32), "seg": ((), np.int
 
 
 class ImageWriter(OutputWriter):
-    """Writes one image, or any number of them to a COCO document; nothing is published until `publish`.
+    """A writer of one image, or of any number to a COCO document; nothing is published until `publish`.
 
     Opening it checks that the output can be written.
 

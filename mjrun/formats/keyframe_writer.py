@@ -38,7 +38,7 @@ ATTRIBUTES = {
 
 
 class KeyframeWriter(OutputWriter):
-    """Writes a model's XML with a key.
+    """A writer of a model's XML with a key.
 
     Opening it compiles the model, with a preliminary key, from the folder of the output: assets and includes must be
     found from there, and be the same.

@@ -15,7 +15,7 @@ MOST = 2**24  # bytes of a sidecar that are read, at most
 
 
 class ManifestWriter(OutputWriter):
-    """Writes one manifest. Opening it checks that the output can be written.
+    """A writer of one manifest. Opening it checks that the output can be written.
 
     Raises:
       FileError: the output cannot be written.
@@ -85,7 +85,7 @@ def _describes(outputs: object, table: Path) -> bool:
 
 
 class SidecarWriter(ManifestWriter):
-    """Writes the manifest of a table that is finished before it, and published with it."""
+    """A writer of the manifest of a table that is finished before it, and published with it."""
 
     def __init__(self, table: OutputWriter, path: Path, facts: Mapping[str, Any]) -> None:
         super().__init__(str(path))

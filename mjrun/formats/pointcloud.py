@@ -19,7 +19,7 @@ COUNT = 20  # most digits in the number of points
 
 
 class PointCloudWriter(OutputWriter):
-    """Writes the points of images, one image after another, to a binary little-endian PLY file.
+    """A writer of the points of images, one image after another, to a binary little-endian PLY file.
 
     A point is the end of the ray through the centre of a pixel; pixels of the background have none. Opening the writer
     checks that the output can be written.

@@ -53,7 +53,7 @@ def is_recording(path: Path) -> bool:
 
 
 class RecordingReader:
-    """Reads the states of a recording in any order; they stay on disk.
+    """A reader of the states of a recording in any order; they stay on disk.
 
     Opening it checks it completely.
 
@@ -223,7 +223,7 @@ def _require_finite(archive: zipfile.ZipFile, states: _Array, steps: np.ndarray)
 
 
 class RecordingWriter(OutputWriter):
-    """Streams states to a recording; nothing is published until `publish`.
+    """A writer that streams states to a recording; nothing is published until `publish`.
 
     Opening it checks that the output can be written. The same states and facts give the same bytes.
 

@@ -58,7 +58,7 @@ def labels_beside(output: str) -> str:
 
 
 class LabelsWriter(OutputWriter):
-    """Writes the labels beside an image or video. Opening it checks that they can be written.
+    """A writer of the labels beside an image or video. Opening it checks that they can be written.
 
     Args:
       output: the labelled image, video or folder of frames.
@@ -135,7 +135,7 @@ def regions(ids: np.ndarray) -> Iterator[Region]:
 
 
 class CocoDocument:
-    """Collects images in one document; memory grows with the runs of their masks, a few bytes each."""
+    """A document that collects images; memory grows with the runs of their masks, a few bytes each."""
 
     def __init__(self) -> None:
         self._images: list[str] = []

@@ -24,7 +24,7 @@ FIRST_ROWS = 2**9  # rows that fit at first: a short table needs little memory
 
 
 class RowWriter:
-    """Writes rows in one format, given the open file, the columns, and the manifest as JSON.
+    """A writer of rows in one format, given the open file, the columns, and the manifest as JSON.
 
     Its methods raise OSError when the file cannot be written.
     """
@@ -41,7 +41,7 @@ class RowWriter:
 
 
 class RowGroups:
-    """Collects rows and yields groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
+    """Rows in groups `(columns, rows)` of at most `GROUP` values, each valid until the next one."""
 
     def __init__(self, columns: int) -> None:
         self._rows = max(1, GROUP // columns)  # in a full group
@@ -173,7 +173,7 @@ class ColumnWriter(RowWriter):
 
 
 class TableWriter(OutputWriter):
-    """Streams rows to a table; nothing is published until `publish`, except on standard output.
+    """A writer that streams rows to a table; nothing is published until `publish`, except on standard output.
 
     Opening it checks that the output can be written.
 

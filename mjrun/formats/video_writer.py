@@ -75,7 +75,7 @@ def write_video(
 
 
 class VideoWriter(OutputWriter):
-    """Streams frames to the encoder; nothing is published until all of them are written.
+    """A writer that streams frames to the encoder; nothing is published until all of them are written.
 
     Opening it checks that the output can be written.
 

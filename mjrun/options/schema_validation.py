@@ -82,7 +82,7 @@ class MisfitError(ValueError):
 
 @dataclass
 class Misfits:
-    """Collects the misfits in the parts of a value."""
+    """A collection of the misfits in the parts of a value."""
 
     all: list[Misfit] = field(default_factory=list[Misfit])
 

@@ -40,7 +40,7 @@ class SampledRows:
 
 
 class InstantReading(NamedTuple):
-    """Copies of what a row is computed from.
+    """Copies of the data from which a row is computed.
 
     Attributes:
       fields: the bytes of fields of MjData, or numbers.

@@ -190,7 +190,7 @@ def _count(value: object, known: dict[int, int]) -> int:
 
 
 class _Reader:
-    """Converts a document to a package, and refuses an invalid one."""
+    """A reader that converts a document to a package, and refuses an invalid one."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -39,7 +39,7 @@ class RandomPolicy(Policy):
 
 
 class ZeroPolicy(Policy):
-    """Zeros on any observation."""
+    """A policy whose actions are always zero."""
 
     def __init__(self) -> None:
         super().__init__(ZERO)

@@ -11,7 +11,7 @@ from mjrun.probe.scanner import SourceText, Token, Vocabulary
 
 
 class NodeBuilder:
-    """Builds nodes, and refuses invalid combinations.
+    """A builder of nodes, which refuses invalid combinations.
 
     Args:
       source: text whose places messages show.

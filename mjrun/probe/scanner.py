@@ -142,7 +142,7 @@ class Vocabulary:
 
 
 class Scanner:
-    """Splits the text of `source` into tokens, one at a time."""
+    """A scanner that splits the text of `source` into tokens, one at a time."""
 
     def __init__(self, source: SourceText, vocabulary: Vocabulary) -> None:
         self.source = source

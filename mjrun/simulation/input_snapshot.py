@@ -164,7 +164,7 @@ class InputSnapshot:
 
 
 class _Owner:
-    """Keeps the folder of a snapshot while the snapshot, or one derived from it, is in use."""
+    """An owner of the folder of a snapshot, while the snapshot, or one derived from it, is in use."""
 
 
 def _absolute(path: str | Path, cwd: str) -> str:

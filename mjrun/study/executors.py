@@ -37,7 +37,7 @@ QUEUED = 3  # chunks that wait for each process in addition to the running one
 
 
 class ChunkSizes:
-    """Decides the size of each chunk of a study when it is submitted.
+    """Sizes of the chunks of a study, each decided when it is submitted.
 
     A point is expected to take the mean time of points, or the mean time of its steps where that is more.
 

@@ -59,7 +59,7 @@ class KeptFiles:
 
 
 class PointKeeper:
-    """Makes the files of points. The options are checked before there are any results.
+    """A maker of the files of points. The options are checked before there are any results.
 
     Raises:
       UsageError: a name is unknown, or a value is invalid.

@@ -20,7 +20,7 @@ _waiting = deque[tuple[Path, Worker]]()  # workers without a study, and the fold
 
 
 class PointServer:
-    """Simulates points of one study."""
+    """A server that simulates points of one study."""
 
     def __init__(self) -> None:
         import_module("mjrun.study.simulate")  # while the parent prepares the study

@@ -89,7 +89,7 @@ def point_failures(points: Design, results: Sequence[PointResult]) -> list[Failu
 
 
 class FailureReporter:
-    """Reports the first point that fails for each reason as soon as it does.
+    """A reporter of the first point that fails for each reason, as soon as it does.
 
     Args:
       points: points of the study, or of a part of it.

@@ -44,7 +44,7 @@ BUG = 70
 
 
 class PointSimulator:
-    """Simulates points of one study."""
+    """A simulator of points of one study."""
 
     def __init__(self, spec: StudySpec) -> None:
         self._spec = spec

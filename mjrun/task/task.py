@@ -135,7 +135,7 @@ class Places(Protocol):
 
 
 class LocatedErrors(AbstractContextManager[None]):
-    """Reports errors in a task at the positions where it is written; a class, because it is entered at every reset.
+    """A context that reports errors in a task where it is written; a class, because it is entered at every reset.
 
     Raises:
       UsageError: the one raised within, at its line of the document if there is one.

@@ -41,7 +41,7 @@ LONE_RETURN = re.compile(rb"\r(?!\n)")
 
 
 class CsvWriter(RowWriter):
-    """Writes the header with the first row, so that an earlier failure prints nothing."""
+    """A writer that writes the header with the first row, so that an earlier failure prints nothing."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         self._file = file

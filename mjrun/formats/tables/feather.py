@@ -27,7 +27,7 @@ LENGTH = 8  # bytes before a compressed buffer with its size; -1 if the buffer i
 
 
 class FeatherWriter(GroupWriter):
-    """Writes record batches of bounded size."""
+    """A writer of record batches of bounded size."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         super().__init__(columns)

@@ -41,7 +41,7 @@ HEAP_OBJECT = struct.Struct("<HHIQ")  # begin of a text in it: index, uses, noth
 
 
 class Hdf5Writer(ColumnWriter):
-    """Writes the datasets once all rows are stored."""
+    """A writer of datasets, once all rows are stored."""
 
     def save(self, manifest: str) -> None:
         names = [column.name for column in self.columns]

@@ -28,7 +28,7 @@ LONG_INTEGER = re.compile(rb"\d{19}")
 
 
 class JsonlWriter(RowWriter):
-    """Writes an object with the same keys for each row."""
+    """A writer of an object with the same keys for each row."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         self._file = file

@@ -48,7 +48,7 @@ IMAGINARY = 0x800
 
 
 class MatWriter(ColumnWriter):
-    """Writes the variables once all rows are stored."""
+    """A writer of variables, once all rows are stored."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         import scipy.io  # which reading does without; a broken installation is reported before the first step

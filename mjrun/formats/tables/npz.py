@@ -26,7 +26,7 @@ TEXT_SIZE = 2**24  # bytes of units, and of a manifest, that are read, at most
 
 
 class NpzWriter(ColumnWriter):
-    """Writes the archive once all rows are stored."""
+    """A writer of the archive, once all rows are stored."""
 
     def save(self, manifest: str) -> None:
         units = json.dumps({column.name: column.unit for column in self.columns})

@@ -22,7 +22,7 @@ BUFFER = 2**16  # bytes of a column that are read at a time; without it, a whole
 
 
 class ParquetWriter(GroupWriter):
-    """Writes row groups of bounded size."""
+    """A writer of row groups of bounded size."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
         super().__init__(columns)
