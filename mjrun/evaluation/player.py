@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import cast
+from typing import NamedTuple, cast
 
 import mujoco
 import numpy as np
@@ -22,6 +22,7 @@ from mjrun.policy.policy import ActionSpace, Actor, Policy
 from mjrun.probe.metric import MetricEvaluation
 from mjrun.simulation.episode import UNLIMITED
 from mjrun.simulation.simulation import Simulation
+from mjrun.task.batch_columns import ALL, Rows
 from mjrun.task.episode import Ending, EpisodeStepper
 from mjrun.task.external_environment import ExternalEnvironment
 from mjrun.task.task import TIMED_OUT, Task
@@ -77,43 +78,45 @@ def player_of(spec: EpisodeSpec) -> EpisodePlayer:
     return MeasuringPlayer(player, spec, policy) if spec.metrics else player
 
 
-class _Tally:
-    """Rewards of an episode that is being played.
+class _Tallies:
+    """Rewards of the episodes that are being played in `count` worlds.
 
     Attributes:
-      seed: seed of the episode.
-      steps: number of control periods.
+      steps: number of control periods of each `(count,)`.
     """
 
-    def __init__(self, seed: int, terms: int) -> None:
-        self.seed, self.steps = seed, 0
-        self._total, self._terms = 0.0, np.zeros(terms)
+    def __init__(self, count: int, names: Sequence[str], control_dt: float) -> None:
+        self.steps = np.zeros(count, int)
+        self._totals, self._terms = np.zeros(count), np.zeros((count, len(names)))
+        self._names, self._control_dt = names, control_dt
 
-    def add(self, reward: float, terms: np.ndarray) -> None:
-        """Adds the reward of a control period."""
-        self._total += reward
-        self._terms += terms
-        self.steps += 1
+    def begin(self, world: int) -> None:
+        """Begins an episode."""
+        self.steps[world] = self._totals[world] = self._terms[world] = 0
 
-    def ended(self, ending: Ending, names: Sequence[str], control_dt: float) -> EpisodeRecord:
-        """Returns the record of the episode, which has ended."""
-        length, sums = self.steps * control_dt, tuple(self._terms.tolist())
-        return EpisodeRecord(self.seed, self._total, self.steps, length, ending.name, ending.kind, names, sums)
+    def add(self, worlds: Rows | int, rewards: np.ndarray | float, terms: np.ndarray) -> None:
+        """Adds the rewards `(k,)` and their terms `(k, nterms)` of a control period in some worlds, or in one."""
+        self._totals[worlds] += rewards
+        self._terms[worlds] += terms
+        self.steps[worlds] += 1
+
+    def ended(self, world: int, seed: int, ending: Ending) -> EpisodeRecord:
+        """Returns the record of the episode of `seed`, which has ended in a world."""
+        steps, sums = int(self.steps[world]), tuple(self._terms[world].tolist())
+        length, total = steps * self._control_dt, float(self._totals[world])
+        return EpisodeRecord(seed, total, steps, length, ending.name, ending.kind, self._names, sums)
 
 
-class _Running(_Tally):
+class _Running(NamedTuple):
     """An episode that a policy is playing.
 
     Attributes:
       place: index among the episodes that are played in one go.
-      action: last action of the policy.
     """
 
-    action: np.ndarray
-
-    def __init__(self, place: int, seed: int, actor: Actor, terms: int) -> None:
-        super().__init__(seed, terms)
-        self.place, self.actor = place, actor
+    place: int
+    seed: int
+    actor: Actor
 
 
 class _FirstFailure:
@@ -166,26 +169,28 @@ class TaskPlayer(EpisodePlayer):
         Raises:
           MjrunError: error of the first episode that fails, in the order of `seeds`.
         """
-        worlds, control_dt = self._worlds, float(self._task.control_dt)
-        waiting, failure = deque(range(len(seeds))), _FirstFailure()
+        worlds, waiting, failure = self._worlds, deque(range(len(seeds))), _FirstFailure()
         running = dict[int, _Running]()
-        observations = np.empty((count, len(worlds.observed)))
+        tallies = _Tallies(worlds.count, self.rewards, float(self._task.control_dt))
+        observations = np.empty((worlds.count, len(worlds.observed)))
+        actions = np.empty((worlds.count, len(self._actions.names)))
         for world in range(count):
             self._begin_next(world, seeds, waiting, running, observations, failure)
         while running:
-            self._act(running, observations, failure)
+            self._act(running, observations, actions, tallies, failure)
             for world in [world for world, episode in running.items() if episode.place >= failure.place]:
                 del running[world]
             if not running:
                 break
-            ids = list(running)
-            step = worlds.step(np.stack([running[world].action for world in ids]), ids)
-            observations[ids] = step.observations
-            for index, world in enumerate(ids):
-                running[world].add(float(step.rewards[index]), step.reward_terms[index])
+            ids = None if len(running) == worlds.count else np.array(sorted(running))
+            rows = ALL if ids is None else ids
+            step = worlds.step(actions[rows], ids)
+            observations[rows] = step.observations
+            tallies.add(rows, step.rewards, step.reward_terms)
             for index in np.flatnonzero(step.over).tolist():
-                world = ids[index]
-                yield running.pop(world).ended(step.endings[int(step.codes[index])], self.rewards, control_dt)
+                world = index if ids is None else int(ids[index])
+                yield tallies.ended(world, running.pop(world).seed, step.endings[int(step.codes[index])])
+                tallies.begin(world)
                 self._begin_next(world, seeds, waiting, running, observations, failure)
         failure.throw()
 
@@ -207,17 +212,25 @@ class TaskPlayer(EpisodePlayer):
             except MjrunError as error:
                 failure.note(place, seeds[place], error)
             else:
-                running[world] = _Running(place, seeds[place], actor, len(self.rewards))
+                running[world] = _Running(place, seeds[place], actor)
                 return
 
-    def _act(self, running: Mapping[int, _Running], observations: np.ndarray, failure: _FirstFailure) -> None:
-        """Computes the action of each episode."""
+    def _act(
+        self,
+        running: Mapping[int, _Running],
+        observations: np.ndarray,
+        actions: np.ndarray,
+        tallies: _Tallies,
+        failure: _FirstFailure,
+    ) -> None:
+        """Writes the action of each episode into the row of its world."""
         for world, episode in running.items():
             try:
-                episode.action = episode.actor(observations[world])
-                if not np.isfinite(episode.action).all():
-                    step, time = episode.steps * self._worlds.control_steps, episode.steps * self._task.control_dt
-                    raise _invalid(self._policy, self._actions, episode.action, step, float(time))
+                actions[world] = action = episode.actor(observations[world])
+                if not (math.isfinite(sum(action.tolist())) or np.isfinite(action).all()):
+                    periods = int(tallies.steps[world])
+                    step, time = periods * self._worlds.control_steps, periods * self._task.control_dt
+                    raise _invalid(self._policy, self._actions, action, step, float(time))
             except MjrunError as error:
                 failure.note(episode.place, episode.seed, error)
 
@@ -242,28 +255,29 @@ class EnvironmentPlayer(EpisodePlayer):
         episodes, failure = list[EpisodeRecord](), _FirstFailure()
         for place, seed in enumerate(seeds):
             try:
-                episodes.append(self._played(place, seed))
+                episodes.append(self._played(seed))
             except MjrunError as error:
                 failure.note(place, seed, error)
                 break
         failure.throw()
         return episodes
 
-    def _played(self, place: int, seed: int) -> EpisodeRecord:
+    def _played(self, seed: int) -> EpisodeRecord:
         environment, control_dt = self._environment, float(self._environment.control_dt)
-        episode = _Running(place, seed, self._policy.episode(seed, self._actions), len(self.rewards))
+        actor, tally, periods = self._policy.episode(seed, self._actions), _Tallies(1, self.rewards, control_dt), 0
         observation = environment.reset(seed)
         while True:
-            action = episode.actor(observation)
+            action = actor(observation)
             if not np.isfinite(action).all():
-                step, time = episode.steps * environment.control_steps, episode.steps * control_dt
+                step, time = periods * environment.control_steps, periods * control_dt
                 raise _invalid(self._policy, self._actions, action, step, time)
             result = environment.step(action)
             terms = [result.reward_terms.get(name, np.nan) for name in self.rewards]
-            episode.add(result.reward, np.array(terms))
-            ending = result.ending or (TIMED_OUT if episode.steps == self._periods else None)
+            tally.add(0, result.reward, np.array(terms))
+            periods += 1
+            ending = result.ending or (TIMED_OUT if periods == self._periods else None)
             if ending:
-                return episode.ended(ending, self.rewards, control_dt)
+                return tally.ended(0, seed, ending)
             observation = result.observation
 
 
@@ -313,14 +327,15 @@ class MeasuringPlayer(EpisodePlayer):
         assert isinstance(stepper, EpisodeStepper)
         assert simulation.episode
         period, longest = stepper.control_steps, simulation.episode.longest
-        tally, ending = _Tally(simulation.seed, len(self.rewards)), None
+        control_dt = float(period * rational(model.opt.timestep))
+        tally, ending = _Tallies(1, self.rewards, control_dt), None
         evaluation.feed(_row(sampler, stepper))
         while ending is None:
             stepper.advance(stepper.step + period)
-            tally.add(stepper.now().reward, self._terms(stepper))
+            tally.add(0, stepper.now().reward, self._terms(stepper))
             evaluation.feed(_row(sampler, stepper))
             ending = stepper.now().ending or (TIMED_OUT if stepper.step >= longest else None)
-        return tally.ended(ending, self.rewards, float(period * rational(model.opt.timestep)))
+        return tally.ended(0, simulation.seed, ending)
 
     def _terms(self, stepper: EpisodeStepper) -> np.ndarray:
         """Returns the terms of the reward of the last control period, in the order of `rewards`."""
