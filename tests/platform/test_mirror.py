@@ -30,25 +30,25 @@ def test_files_are_mirrored_below_the_root(root: PurePath, path: str, place: str
 @pytest.mark.parametrize(
     ("text", "original"),
     [
-        (f"{WINDOWS}\\C\\work\\late.xml", "late.xml"),
-        (f"{WINDOWS}\\C\\work\\meshes\\a.obj:1", "meshes\\a.obj:1"),
-        (f"{WINDOWS.as_posix()}/C/work/late.xml", "late.xml"),
-        (f"{WINDOWS}\\C\\worker\\x", "C:\\worker\\x"),
+        (f"{WINDOWS}\\C\\data\\late.xml", "late.xml"),
+        (f"{WINDOWS}\\C\\data\\meshes\\a.obj:1", "meshes\\a.obj:1"),
+        (f"{WINDOWS.as_posix()}/C/data/late.xml", "late.xml"),
+        (f"{WINDOWS}\\C\\database\\x", "C:\\database\\x"),
         (f"open '{WINDOWS}\\D\\x.xml': no", "open 'D:\\x.xml': no"),
         (f"{WINDOWS.as_posix()}/D/x.xml", "D:/x.xml"),
         (f"{WINDOWS}\\UNC\\server\\share\\a.xml", "\\\\server\\share\\a.xml"),
-        ("C:\\work\\late.xml", "C:\\work\\late.xml"),
+        ("C:\\data\\late.xml", "C:\\data\\late.xml"),
     ],
 )
 def test_texts_name_the_originals_on_windows(text: str, original: str) -> None:
-    assert with_original_paths(text, WINDOWS, PureWindowsPath("C:\\work")) == original
+    assert with_original_paths(text, WINDOWS, PureWindowsPath("C:\\data")) == original
 
 
 @pytest.mark.parametrize(
     ("folder", "text", "original"),
     [
-        ("/work", f"{POSIX}/work/late.xml and {POSIX}/etc/x", "late.xml and /etc/x"),
-        ("/work", f"{POSIX}/worker/x", "/worker/x"),
+        ("/data", f"{POSIX}/data/late.xml and {POSIX}/etc/x", "late.xml and /etc/x"),
+        ("/data", f"{POSIX}/database/x", "/database/x"),
         ("/", f"{POSIX}/late.xml", "late.xml"),
     ],
 )
