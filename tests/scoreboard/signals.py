@@ -27,7 +27,7 @@ ENDLESS = 3.0  # [s] in which moments of endless cases are drawn
 MANY = '<mujoco><worldbody><replicate count="{}" offset="0.1 0 0"><geom size="0.01"/></replicate></worldbody></mujoco>'
 HANGING = "#!/bin/sh\nsleep 600 &\nexec sleep 600\n"  # an ffmpeg with a child that holds its standard error
 MARK = "MJRUN_SCOREBOARD_RUN"
-BEGINNING = ("__init__.py", "__main__.py", "platform/")  # of the package: what it imports first
+BEGINNING = ("__init__.py", "__main__.py")  # of the package, before `main` holds signals back
 NOISE = ("Traceback (most recent call last)", "Exception ignored", "KeyboardInterrupt", "Fatal Python error")
 
 
