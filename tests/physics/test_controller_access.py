@@ -94,7 +94,8 @@ def test_fields_are_known_if_the_data_is_used_for_attributes_alone(controller: C
     "controller",
     [
         *(renames, nests, calls, reflects, rebinds, stores, passes_twice, functools.partial(servo), max),
-        *(lambda model, *rest: rest[0].qpos, lambda *both: both[1].qpos, lambda model, data: [data, data.qpos]),
+        *(lambda model, *rest: rest[0].qpos, lambda *both: both[1].qpos),
+        lambda model, data=None: [data, data.qpos],  # pyright: ignore[reportOptionalMemberAccess]
         functools.cache(servo),
         RedirectedFunction(calls),
     ],
