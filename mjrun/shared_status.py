@@ -220,14 +220,15 @@ def note_answered() -> None:
 
 @contextmanager
 def completing() -> Generator[None]:
-    """Records that the `with` block must be completed even if the process is to end."""
-    if _board:
-        _board.completing = True
+    """Records that the `with` block must be completed even if the process is to end; blocks may be nested."""
+    if _board is None:
+        yield
+        return
+    before, _board.completing = _board.completing, True
     try:
         yield
     finally:
-        if _board:
-            _board.completing = False
+        _board.completing = before
 
 
 def _parsed(values: dict[str, Any]) -> ProcessStatus:

@@ -5,6 +5,9 @@ import shlex
 import signal
 import sys
 import threading
+import time
+import weakref
+from _thread import interrupt_main, start_new_thread
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
 
 NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
 BUG = 70  # the exit code
+RETRY = 0.005  # [s] from a signal in a finalizer to the next attempt
 COMPLETE = "_MJRUN_COMPLETE"  # the environment variable by which a shell asks for completions
 _ended_by: int | None = None  # the signal that ends this process
 
@@ -204,12 +208,30 @@ def _bug_message(error: Exception) -> str:
 def _end(number: int, frame: FrameType | None) -> None:
     """Ends the work once; further signals during the cleanup, such as a second Ctrl-C, have no effect."""
     global _ended_by
+    if _is_in_finalizer(frame):  # what is raised there is lost, and it would not be completed
+        note_heard()
+        start_new_thread(_interrupt_later, (number,))
+        return
+
     for each in system.SIGNALS:
         signal.signal(each, signal.SIG_IGN)
     _ended_by = number
     note_heard()
     sys.unraisablehook = threading.excepthook = _say_nothing  # of destructors and threads that it interrupts
     interrupt(_ending(number))
+
+
+def _is_in_finalizer(frame: FrameType | None) -> bool:
+    while frame:
+        if frame.f_code is weakref.finalize.__call__.__code__:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _interrupt_later(number: int) -> None:
+    time.sleep(RETRY)
+    interrupt_main(number)
 
 
 def _ending(number: int) -> BaseException:

@@ -33,7 +33,7 @@ class OutputWriter:
         self._is_finished = False
 
     def finish(self) -> None:
-        """Completes and verifies the output, which then only has to be moved; does nothing the second time.
+        """Completes, verifies and syncs the output, which then only has to be moved; does nothing the second time.
 
         All outputs of a pass are finished before any of them is published.
 
@@ -44,6 +44,10 @@ class OutputWriter:
         """
         if not self._is_finished:
             self.complete()
+            try:
+                self.destination.sync()
+            except OSError as error:
+                raise unwritable(self.destination.shown, error) from None
             self._is_finished = True
 
     def complete(self) -> None:
@@ -122,8 +126,8 @@ def publish_together(
 ) -> list[Path]:
     """Publishes outputs together, and returns their files.
 
-    All are finished and synced to the disk before the first is moved to its place. If one cannot be moved, those that
-    were moved are restored.
+    All are finished before the first is moved to its place. If one cannot be moved, those that were moved are
+    restored.
 
     Args:
       last: writes a file about these files, once they are in their places, and returns its writer, which is published
@@ -136,22 +140,22 @@ def publish_together(
     writers = [part for writer in writers for part in writer.together]
     for writer in writers:
         writer.finish()
-    destinations = [writer.destination for writer in writers]
-    for destination in destinations:
-        _sync(destination)
-
-    with nobody_else_publishes(writers), uninterrupted(), completing():
-        return _move(destinations, last)
+    with publishing(writers):
+        return _move([writer.destination for writer in writers], last)
 
 
 @contextlib.contextmanager
-def nobody_else_publishes(writers: Sequence[OutputWriter]) -> Iterator[None]:
-    """Keeps other processes from publishing in the folders of these outputs during the `with` block."""
+def publishing(writers: Sequence[OutputWriter]) -> Iterator[None]:
+    """Moves finished outputs to their places in the `with` block.
+
+    Signals wait for its end, and other processes do not publish in the folders of these outputs meanwhile.
+    """
     folders = {part.destination.folder for writer in writers for part in writer.together}
     with contextlib.ExitStack() as locks:
         for folder in sorted(filter(None, folders)):  # in one order, for all processes
             locks.enter_context(one_at_a_time(folder))
-        yield
+        with uninterrupted(), completing():
+            yield
 
 
 def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], OutputWriter] | None") -> list[Path]:
@@ -168,7 +172,6 @@ def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], Out
             writer = last(files)
             failed = writer.destination.shown
             writer.finish()
-            _sync(writer.destination)
             writer.destination.publish()
             published.append(writer.destination)
     except BaseException as error:
@@ -179,13 +182,6 @@ def _move(destinations: Sequence[Destination], last: "Callable[[list[Path]], Out
     for destination in published:
         destination.discard()  # the older output
     return files
-
-
-def _sync(destination: Destination) -> None:
-    try:
-        destination.sync()
-    except OSError as error:
-        raise unwritable(destination.shown, error) from None
 
 
 def _is_taken_back(destination: Destination) -> bool:

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 from mjrun import errors
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import OutputWriter, nobody_else_publishes, publish_together
+from mjrun.formats.atomic_output import OutputWriter, publish_together, publishing
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.outputs.output import Context, Job, OutputResult, PassSummary, Plan, Preview, SharedRendering
@@ -157,8 +157,8 @@ class _Pass(Generic[R]):
                     self._writers[index] = output.finish()
 
     def publish(self, warnings: Sequence[str], published: Published | None) -> None:
-        """Publishes the outputs that are complete, each only together with its manifest."""
-        with nobody_else_publishes([writer for writers in self._writers.values() for writer in writers]):
+        """Publishes the outputs that are complete, each only together with its manifest; signals wait."""
+        with publishing([writer for writers in self._writers.values() for writer in writers]):
             for index, writers in self._writers.items():
                 with self._failing(index):
                     files, result, facts = self._publish(index, warnings)

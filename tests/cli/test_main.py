@@ -260,6 +260,31 @@ def test_what_comes_of_a_signal_is_no_bug(mjrun: Command, swing: Path) -> None:
     assert (done.returncode, done.stderr) == (143, b"mjrun: error: ended by SIGTERM\n")
 
 
+def test_a_signal_in_a_finalizer_ends_the_work_after_it() -> None:
+    """Python drops what is raised in a finalizer, and with it the rest of the finalizer."""
+    code = """
+import os, signal, time, weakref
+from mjrun.cli.main import _end
+
+def finalize():
+    os.kill(os.getpid(), signal.SIGTERM)
+    print("finalized")
+
+class Owner: pass
+
+signal.signal(signal.SIGTERM, _end)
+owner = Owner()
+weakref.finalize(owner, finalize)
+try:
+    del owner
+    time.sleep(60)
+except BaseException as error:
+    print(type(error).__name__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=PATIENCE)
+    assert (done.stdout, done.stderr) == (b"finalized\nTerminatedError\n", b"")
+
+
 def test_a_run_within_another_program_leaves_signals_to_be_heard() -> None:
     code = "import signal; from mjrun.cli.main import run; run(['--version']); signal.raise_signal(signal.SIGINT)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=PATIENCE, check=False)

@@ -28,6 +28,7 @@ from mjrun.errors import (
 from mjrun.formats.manifest import ManifestWriter
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.video_writer import VideoWriter
+from mjrun.interruption import interrupt
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.perform import perform, preview
@@ -380,3 +381,14 @@ def test_nobody_else_publishes_between_two_outputs_of_one_pass(swing: Path, tmp_
 
     perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")], published=published)
     assert refused == [True, True]
+
+
+def test_a_signal_between_two_outputs_of_one_pass_waits_for_both(swing: Path, tmp_path: Path) -> None:
+    def published(*_: object) -> None:
+        interrupt(KeyboardInterrupt())
+
+    simulation = Simulation(swing, steps=2)
+    with pytest.raises(KeyboardInterrupt):
+        perform([Trace(simulation, str(tmp_path / name)) for name in ("a.csv", "b.npz")], published=published)
+    assert (tmp_path / "a.csv").exists()
+    assert (tmp_path / "b.npz").exists()
