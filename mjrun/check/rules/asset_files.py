@@ -24,13 +24,27 @@ MAX_SEARCHED = 2000  # files in the search for a file of the same name
 
 def missing_files(source: xml_source.XmlSource) -> Iterator[Finding]:
     """Yields a finding for each file that the XML refers to and that is missing wherever MuJoCo looks."""
+    for element, name, paths in _missing(source):
+        message = f"no file {quoted(name)} for {element}; tried {listing([str(path) for path in paths])}"
+        yield MISSING_FILE.in_element(element, message, _remedy(name, paths, source))
+
+
+def elements_without_file(source: xml_source.XmlSource) -> set[xml_source.Element]:
+    """Returns the elements that refer to missing files."""
+    return {element for element, *_ in _missing(source)}
+
+
+def _missing(source: xml_source.XmlSource) -> Iterator[tuple[xml_source.Element, str, list[Path]]]:
+    """Yields the elements that refer to missing files, the names of these files, and the paths that MuJoCo tries.
+
+    The folders of assets are unknown if `source` is not well-formed, since a `<compiler>` may follow the error.
+    """
     folders = _folders(source)
     for element in source.elements():
-        for name in _file_names(element):
+        for name in () if source.errors and element.tag in FOLDER_ATTRIBUTES else _file_names(element):
             paths = _paths(element, name, source, folders)
             if not any(xml_source.is_regular(path) for path in paths):
-                message = f"no file {quoted(name)} for {element}; tried {listing([str(path) for path in paths])}"
-                yield MISSING_FILE.in_element(element, message, _remedy(name, paths, source))
+                yield element, name, paths
 
 
 def lfs_pointers(source: xml_source.XmlSource) -> Iterator[Finding]:

@@ -74,10 +74,10 @@ def explain(error: BrokenModelError, source: XmlSource, parents: frozenset[Path]
     if not causes:
         yield from _explain(compile_error)
         return
+    yield from asset_files.missing_files(source)
     for cause, part in causes:
         yield from explain(cause, part, parents)
     yield from _invalid_xml(source)
-    yield from asset_files.missing_files(source)
 
 
 def _broken_attached(source: XmlSource, parents: frozenset[Path]) -> Iterator[tuple[BrokenModelError, XmlSource]]:
@@ -93,14 +93,15 @@ def _broken_attached(source: XmlSource, parents: frozenset[Path]) -> Iterator[tu
 
 
 def _explain(error: CompileError) -> Findings:
-    """Yields the findings of the first explanation that has any, after any Git LFS pointers."""
+    """Yields missing files, which MuJoCo reports one at a time, and the findings of the first explanation with any."""
     pointers = list(asset_files.lfs_pointers(error.source))
-    yield from pointers
+    files = [*pointers, *asset_files.missing_files(error.source)]
+    yield from files
     for pattern, explanation in EXPLANATIONS:
         match = re.search(pattern, error.message)
         findings = list(explanation(error, match)) if match else []
         if findings:
-            yield from findings
+            yield from (finding for finding in findings if finding not in files)
             return
     if not pointers:
         remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, error.message)), error.hint)
@@ -229,7 +230,9 @@ def _unknown_name(error: CompileError, match: re.Match[str]) -> Findings:
     attribute = next((key for key, value in element.attributes.items() if value == name), "") if element else ""
     kinds = (attribute.rstrip("12"), match["kind"].strip())  # `joint1="knee"` says more than the message
     kind = next((word for word in kinds if word in REFERENTS), "")
-    hint, remedy = _valid_names(name, kind, _candidates(error, element, kind))
+    missing = asset_files.elements_without_file(error.source)
+    candidates = [e for e in _candidates(error, element, kind) if e not in missing]
+    hint, remedy = _valid_names(name, kind, candidates)
     yield error.finding(UNKNOWN_NAME, f"{error.text}{hint}", remedy, name)
 
 
@@ -263,8 +266,9 @@ def _valid_names(name: str, kind: str, elements: list[Element]) -> tuple[str, st
     what = f"names of kind {kind}" if kind else "names in the model"
     close = near(name, valid)
     choices = f"{what}: {listing(valid)}" if valid else f"the model has no {what}"
-    remedy = f"write {quoted(close[0])}" if close else choices
-    return suggestion(name, valid), remedy
+    if not close:
+        return suggestion(name, valid), choices
+    return suggestion(name, valid), f"write {quoted(close[0])}" + (f"; {choices}" if len(valid) > 1 else "")
 
 
 def _names(kind: str, elements: list[Element]) -> list[str]:
