@@ -16,7 +16,7 @@ from pathlib import Path
 import mujoco
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segment_ids import Segmentation

@@ -14,8 +14,8 @@ from mjrun.camera.script import CameraScript, Event
 from mjrun.check.check import CheckResult as CheckResult
 from mjrun.diff.result import DiffResult as DiffResult
 from mjrun.document.check import Check as _Check
-from mjrun.document.forms import read_camera as read_camera
 from mjrun.document.task import read_task as read_task
+from mjrun.document.value_forms import read_camera as read_camera
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
 from mjrun.formats.table_reader import Table as Table
@@ -27,7 +27,6 @@ from mjrun.model.info import InfoResult as InfoResult
 from mjrun.model.source import Source
 from mjrun.model.sources import load as load
 from mjrun.options.push import Push
-from mjrun.outputs.diff import Diff as _Diff
 from mjrun.outputs.image import Image as _Image
 from mjrun.outputs.image import ImageResult as ImageResult
 from mjrun.outputs.keyframe import Keyframe as _Keyframe
@@ -37,12 +36,13 @@ from mjrun.outputs.plot import Plot as _Plot
 from mjrun.outputs.plot import PlotResult as PlotResult
 from mjrun.outputs.recording import Recording as _Recording
 from mjrun.outputs.recording import RecordingResult as RecordingResult
+from mjrun.outputs.result_comparison import Diff as _Diff
 from mjrun.outputs.trace import Trace as _Trace
 from mjrun.outputs.trace import TraceResult as TraceResult
 from mjrun.outputs.video import Video as _Video
 from mjrun.outputs.video import VideoResult as VideoResult
-from mjrun.plotting.table_plot import TablePlot as _TablePlot
-from mjrun.plotting.table_plot import TablePlotResult as TablePlotResult
+from mjrun.plotting.table_and_study_plot import TablePlot as _TablePlot
+from mjrun.plotting.table_and_study_plot import TablePlotResult as TablePlotResult
 from mjrun.policy.load import load_policy as load_policy
 from mjrun.policy.policy import ActionSpace as ActionSpace
 from mjrun.policy.policy import Policy as Policy

@@ -231,7 +231,7 @@ def plant(folder: Path, module: str, source: str) -> Path:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("physics/observe.py", "from mjrun.camera.motion import CameraMotion"),
+        ("physics/observe.py", "from mjrun.camera.script_poses import CameraMotion"),
         ("physics/observe.py", "import mjrun.formats.video_writer"),
         ("physics/observe.py", "from mjrun import rendering"),
         ("physics/observe.py", "from ..rendering import camera"),

@@ -30,7 +30,7 @@ from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.bench import BenchOptions
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import is_given, options
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output import RendererRequest, SharedRendering
 from mjrun.platform.cores import available_cores
 from mjrun.rendering.backend import Backend

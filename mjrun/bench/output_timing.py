@@ -20,9 +20,9 @@ from mjrun.model.compilation import lengthen_buffers
 from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.override import apply
 from mjrun.model.source import Source
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
+from mjrun.outputs.camera_panels import panel_files
 from mjrun.outputs.frame_output import camera_motions, check_drawing, scene_compositor
-from mjrun.outputs.panels import panel_files
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores

@@ -10,7 +10,7 @@ from typing import cast
 
 import mujoco
 
-from mjrun.camera.animation import EASINGS, EasedNumber
+from mjrun.camera.easing_and_shake import EASINGS, EasedNumber
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.rigs.rig import Rig

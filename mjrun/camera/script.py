@@ -5,7 +5,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from typing import cast
 
-from mjrun.camera.animation import BLENDS, Blend, EasedNumber, Shake
+from mjrun.camera.easing_and_shake import BLENDS, Blend, EasedNumber, Shake
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind

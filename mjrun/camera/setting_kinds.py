@@ -2,7 +2,7 @@
 
 import math
 
-from mjrun.camera.animation import EASINGS, EasedNumber
+from mjrun.camera.easing_and_shake import EASINGS, EasedNumber
 from mjrun.camera.targets import Place
 from mjrun.errors import suggestion
 from mjrun.options.kinds import Choice, Kind, Text

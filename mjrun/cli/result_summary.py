@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mjrun.outputs.recording import RecordingResult
     from mjrun.outputs.trace import TraceResult
     from mjrun.outputs.video import VideoResult
-    from mjrun.plotting.table_plot import TablePlotResult
+    from mjrun.plotting.table_and_study_plot import TablePlotResult
     from mjrun.probe.verdict import Verdict
 
 LISTED = 10  # changes of a golden table that are shown

@@ -12,10 +12,10 @@ from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hin
 from mjrun.diff.result import DiffResult
 from mjrun.document.evaluation import EVALUATION
 from mjrun.document.fit import FIT
-from mjrun.document.forms import CAMERA, DocumentReader
 from mjrun.document.run import RUN
 from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
+from mjrun.document.value_forms import CAMERA, DocumentReader
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS
 from mjrun.errors import Failure, UnknownNameError
 from mjrun.formats.format_lists import with_formats

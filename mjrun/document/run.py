@@ -26,7 +26,6 @@ from pkgutil import resolve_name
 from typing import cast
 
 from mjrun.document.builder import MODEL, DocumentBuilder, Values, values_of
-from mjrun.document.forms import DocumentReader
 from mjrun.document.output_folder import Folders, OutputFolder
 from mjrun.document.reader import read
 from mjrun.document.tree import (
@@ -40,6 +39,7 @@ from mjrun.document.tree import (
     path_text,
     written_path,
 )
+from mjrun.document.value_forms import DocumentReader
 from mjrun.errors import InvalidJobsError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import File, ReadingContext

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, listing, option
-from mjrun.fit.signal_properties import Floats
+from mjrun.fit.rotations_and_noise import Floats
 from mjrun.model.override import Override, indices_at
 
 INERTIA = "inertia:"  # begins the name of a parameter: `inertia:payload.mass`

@@ -22,8 +22,8 @@ from mjrun.fit.measurements import CONTROLS, read_measurements
 from mjrun.fit.outputs import FitOutputs
 from mjrun.fit.prediction import Predictor
 from mjrun.fit.result import FitResult, FittedParameter, FittedSignal, fitted_inertias
+from mjrun.fit.rotations_and_noise import first_noise, set_noise, shared, spread_of
 from mjrun.fit.shooting import EXPLAINED, SHORTEST, SearchResult, Shooting
-from mjrun.fit.signal_properties import first_noise, set_noise, shared, spread_of
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.fit.verdict import Misfit, all_at_bounds, improvement, misfit

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from mjrun.errors import UsageError, clean, option
-from mjrun.fit.signal_properties import Floats
+from mjrun.fit.rotations_and_noise import Floats
 from mjrun.model.names import control_names
 from mjrun.model.table_column import Column
 from mjrun.probe.fields import field_probe

@@ -9,7 +9,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, UsageError, clean, counted, listing, option
-from mjrun.fit.signal_properties import normalize, rotations
+from mjrun.fit.rotations_and_noise import normalize, rotations
 from mjrun.model.names import control_names
 from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
 from mjrun.probe.fields import FieldProbe

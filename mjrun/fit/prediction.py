@@ -11,7 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import ModelError, counted, listing
 from mjrun.fit.free_parameter import FreeParameter, overrides
 from mjrun.fit.measurements import CONTROLS, Segment, commands
-from mjrun.fit.signal_properties import align, rotations
+from mjrun.fit.rotations_and_noise import align, rotations
 from mjrun.model import state
 from mjrun.model.names import control_names
 from mjrun.model.variants import ModelVariants

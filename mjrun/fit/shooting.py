@@ -17,8 +17,8 @@ from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Chunk, InitialStates, Predictor, chunks
+from mjrun.fit.rotations_and_noise import LEAST_NOISE, shared
 from mjrun.fit.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
-from mjrun.fit.signal_properties import LEAST_NOISE, shared
 from mjrun.fit.solution import Floats, Solution
 from mjrun.fit.starting_states import StartingStates, simulated_starts
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fit.prediction import Chunk
-from mjrun.fit.signal_properties import NORMAL_MEDIAN, Floats
+from mjrun.fit.rotations_and_noise import NORMAL_MEDIAN, Floats
 
 # The losses of scipy's `least_squares`, of the square of a residual, and their derivatives by it.
 LOSSES: dict[str, Callable[[Floats], Floats]] = {

@@ -7,7 +7,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, option
 from mjrun.fit.information import bound_reached
-from mjrun.fit.signal_properties import shared, spread_of
+from mjrun.fit.rotations_and_noise import shared, spread_of
 from mjrun.fit.solution import LOSSES, Floats, Solution
 from mjrun.model.table_column import Column
 

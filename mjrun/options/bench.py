@@ -7,8 +7,8 @@ from mjrun.options.kinds import Choice, File, Flag, Key, Optional, Several, Text
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Percent, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
+from mjrun.options.rendering import QUALITIES, RENDERERS, VIEWS, BackendOptions
 from mjrun.options.setting_kinds import ScanValues
-from mjrun.options.view import QUALITIES, RENDERERS, VIEWS, BackendOptions
 
 ENGINES = ("c", "warp")
 

@@ -11,10 +11,10 @@ from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
+from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import NUMBER, ExpectedError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import VariationOptions
-from mjrun.options.view import QUALITIES
 
 # Extras of evaluations: the library that each installs, and what needs it.
 EXTRAS = {"eval": (("scipy", "pyarrow"), "mjrun eval")}

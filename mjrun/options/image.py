@@ -6,7 +6,7 @@ from mjrun.options.kinds import File, Flag, Optional, Text
 from mjrun.options.number_kinds import Instant, Integer
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, OutputOptions
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 
 
 @options

@@ -5,8 +5,8 @@ from typing import ClassVar
 from mjrun.options.kinds import Choice, File, Flag, Optional
 from mjrun.options.number_kinds import Processes, Real
 from mjrun.options.option import FrontEnd, option, options
+from mjrun.options.rendering import QUALITIES, BackendOptions
 from mjrun.options.simulation import CodeOptions
-from mjrun.options.view import QUALITIES, BackendOptions
 
 
 @options

@@ -10,10 +10,10 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Seve
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
+from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import ExpectedError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
-from mjrun.options.view import QUALITIES
 
 # The extras of studies, with the libraries that each installs and the feature that needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {

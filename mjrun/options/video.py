@@ -7,7 +7,7 @@ from mjrun.options.kinds import Choice, File, Key, Optional, Several, Text
 from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
 from mjrun.options.option import Exclusion, option, options, required
 from mjrun.options.output import CODECS, VIDEOS, OutputOptions
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 
 PLOT_SIDES = ("under", "beside")
 

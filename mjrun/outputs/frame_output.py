@@ -14,20 +14,20 @@ from typing import TypeVar
 import mujoco
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, PoseArray
 from mjrun.camera.script import CameraScript, Event
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UsageError, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.options.option import options
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
+from mjrun.outputs.camera_panels import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.outputs.decorations import PlannedDecoration, planned_decorations
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
 from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, RendererRequest, SharedRendering
 from mjrun.outputs.overlay_probes import FrameValues, OverlayProbes, empty_overlay, overlay_probes
-from mjrun.outputs.panels import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.backend import Backend

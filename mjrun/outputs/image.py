@@ -20,11 +20,11 @@ from mjrun.model.rendered_image import RenderedView
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options
 from mjrun.outputs import output
+from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
 from mjrun.outputs.event_detection import time_of
 from mjrun.outputs.frame_output import FrameJob, FrameOutput, FramePlan, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.panels import PanelFile, camera_names, output_files, panel_files
 from mjrun.rendering.compositor import SceneCompositor
 from mjrun.rendering.segment_ids import Segmentation
 from mjrun.simulation.simulation import require_countable

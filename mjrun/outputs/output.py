@@ -29,7 +29,7 @@ from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
-    from mjrun.options.view import ViewOptions
+    from mjrun.options.rendering import ViewOptions
     from mjrun.rendering.backend import Backend, BackendDetection
     from mjrun.rendering.workers import PainterProcesses
 

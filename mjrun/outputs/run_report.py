@@ -20,10 +20,10 @@ from mjrun.outputs.trace import Trace, TraceResult
 from mjrun.outputs.video import VideoResult
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import Page, PageFigure, PageFile, PageTable, page_file
-from mjrun.plotting.manifest_section import FileManifest
+from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.table_figure import TableFigure
-from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.table_statistics import TableSummary
 from mjrun.probe.verdict import Verdict
 
 # Results by the kind of output in reports.

@@ -23,10 +23,10 @@ from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
+from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files, panels_of
+from mjrun.outputs.frame_drawer import FrameDrawer
 from mjrun.outputs.frame_output import FrameJob, FrameOutput, FramePlan, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.outputs.panels import PanelFile, camera_names, output_files, panel_files, panels_of
-from mjrun.outputs.video_rendering import FrameDrawer
 from mjrun.rendering.compositor import SceneCompositor
 
 

@@ -9,7 +9,7 @@ from matplotlib.ticker import Formatter, Locator, NullLocator
 
 from mjrun.plotting.figure_data import Scale
 from mjrun.plotting.matplotlib_figure import DPI, SMALL, Canvas
-from mjrun.plotting.ticks import labels_of, linear_ticks, log_ticks
+from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_ticks
 
 ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks
 LONGEST = 9  # maximum width of a category's name on a vertical axis [em]

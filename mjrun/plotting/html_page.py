@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError
-from mjrun.plotting.manifest_section import FileManifest, manifest_articles
+from mjrun.plotting.manifest_html import FileManifest, manifest_articles
 from mjrun.plotting.markup import Markup, element, table_element
-from mjrun.plotting.table_summary import ColumnStatistics
+from mjrun.plotting.table_statistics import ColumnStatistics
 from mjrun.plotting.theme import theme_style
 from mjrun.probe.verdict import Verdict
 

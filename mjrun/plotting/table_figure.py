@@ -13,9 +13,9 @@ from mjrun.plotting.figure_data import Drawing
 from mjrun.plotting.figure_plan import FigurePlan, TableColumns
 from mjrun.plotting.figure_writer import svg_text
 from mjrun.plotting.html_page import PageFigure
-from mjrun.plotting.manifest_section import FileManifest
+from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.panel import with_units
-from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.table_statistics import TableSummary
 from mjrun.plotting.theme import adaptive
 
 _WORD = re.compile(r"[^/\\\s_-]+")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.errors import UnknownNameError
-from mjrun.options.view import LAYOUTS
+from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.text import stamp
 
 BACKGROUND = (24, 25, 28)  # between images, and in empty cells of a grid

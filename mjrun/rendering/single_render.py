@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
 from mjrun.camera.rigs.rig import ModelCameras, compute_positions
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UnknownNameError, concerning, option
 from mjrun.model.state import restore, save
-from mjrun.options.view import VIEWS
+from mjrun.options.rendering import VIEWS
 from mjrun.rendering.backend import Backend, BackendDetection
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.segment_ids import Segmentation

@@ -12,7 +12,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import enum_members, enum_value
-from mjrun.options.view import QUALITIES, ViewOptions
+from mjrun.options.rendering import QUALITIES, ViewOptions
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value
 GROUPS = {

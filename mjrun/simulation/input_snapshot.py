@@ -14,7 +14,7 @@ from mjrun.errors import FileError, MjrunError
 from mjrun.formats.input_file import is_file
 from mjrun.formats.temporary_output import scratch_folder
 from mjrun.model.named_files import with_absolute_paths
-from mjrun.platform.mirror import mirrored, with_original_paths
+from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML
 
 ORIGINALS = ".originals"  # folder of the models whose copies have other paths in them, by digest

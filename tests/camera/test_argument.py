@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.animation import EasedNumber
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.easing_and_shake import EasedNumber
 from mjrun.camera.pose import Pose, pose_of
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import Shot
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import MjrunError
 from mjrun.model.state import save
 

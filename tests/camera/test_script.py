@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.animation import Blend, EasedNumber, Shake
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.easing_and_shake import Blend, EasedNumber, Shake
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import LEVEL, CameraScript, Event, FramedObject, Shot, shot_conflicts
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UsageError
 from mjrun.model.state import save
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 import mujoco
 import pytest
 
-from mjrun.camera.animation import EasedNumber
 from mjrun.camera.argument import parse_camera
+from mjrun.camera.easing_and_shake import EasedNumber
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, Rig
 from mjrun.camera.setting_kinds import ObjectName, RampKind

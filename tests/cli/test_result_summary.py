@@ -12,7 +12,7 @@ from mjrun.outputs.plot import PlotResult
 from mjrun.outputs.recording import RecordingResult
 from mjrun.outputs.trace import TraceResult
 from mjrun.outputs.video import VideoResult
-from mjrun.plotting.table_plot import TablePlotResult
+from mjrun.plotting.table_and_study_plot import TablePlotResult
 
 VIDEO = VideoResult(
     path="a.mp4",

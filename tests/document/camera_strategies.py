@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from mjrun.camera.animation import BLENDS, EASINGS, Blend, EasedNumber, Shake
+from mjrun.camera.easing_and_shake import BLENDS, EASINGS, Blend, EasedNumber, Shake
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig
 from mjrun.camera.rigs.look import LookRig
 from mjrun.camera.rigs.model import ModelRig

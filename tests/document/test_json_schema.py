@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from mjrun.camera.animation import BLENDS, EASINGS
+from mjrun.camera.easing_and_shake import BLENDS, EASINGS
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.script import ShotForm
-from mjrun.document import forms
+from mjrun.document import value_forms
 from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
@@ -30,7 +30,7 @@ from tests.document.schema_oracle import fits, rules
 )
 def test_what_is_read_fits_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    forms.CAMERA.read(value, ReadingContext())
+    value_forms.CAMERA.read(value, ReadingContext())
     assert fits(value, json_schema("camera"), json_schema("camera"))
 
 
@@ -49,7 +49,7 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
     with pytest.raises((MisfitError, ExpectedError)):
-        forms.CAMERA.read(value, ReadingContext())
+        value_forms.CAMERA.read(value, ReadingContext())
     assert not fits(value, json_schema("camera"), json_schema("camera"))
 
 
@@ -139,7 +139,7 @@ def test_a_kind_that_there_is_not_is_told() -> None:
 
 
 def test_the_example_in_the_module_is_a_document(tmp_path: Path) -> None:
-    example = (forms.__doc__ or "").split("```yaml")[1].split("```")[0]
+    example = (value_forms.__doc__ or "").split("```yaml")[1].split("```")[0]
     (tmp_path / "c.yaml").write_text(example)
-    assert len(forms.read_camera(tmp_path / "c.yaml").shots) == 2
+    assert len(value_forms.read_camera(tmp_path / "c.yaml").shots) == 2
     assert fits(yaml.safe_load(example), json_schema("camera"), json_schema("camera"))

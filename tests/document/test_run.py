@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.camera.animation import EasedNumber
+from mjrun.camera.easing_and_shake import EasedNumber
 from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.rigs.model import ModelRig
 from mjrun.camera.script import CameraScript, Event, Shot

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mjrun.camera.animation import Blend, EasedNumber, Shake
+from mjrun.camera.easing_and_shake import Blend, EasedNumber, Shake
 from mjrun.camera.rigs.around import OrbitRig, TrackRig
 from mjrun.camera.rigs.path import PathRig, Waypoint
 from mjrun.camera.script import CameraScript, Event, FramedObject, Shot

@@ -8,8 +8,8 @@ import numpy as np
 
 from mjrun.fit.free_parameter import FreeParameter
 from mjrun.fit.measurements import Segment
+from mjrun.fit.rotations_and_noise import first_noise
 from mjrun.fit.shooting import Shooting
-from mjrun.fit.signal_properties import first_noise
 from tests.fit.problems import shooting_of
 
 FRICTION, NOISE = 0.33, 1e-3  # [m, rad]

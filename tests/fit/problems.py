@@ -11,8 +11,8 @@ import numpy as np
 from mjrun.fit.free_parameter import FreeParameter, free_parameters
 from mjrun.fit.measurements import Segment
 from mjrun.fit.prediction import Predictor
+from mjrun.fit.rotations_and_noise import first_noise
 from mjrun.fit.shooting import Shooting
-from mjrun.fit.signal_properties import first_noise
 from mjrun.fit.solution import Solution, with_noise
 from mjrun.fit.starting_states import StartingStates
 from mjrun.model import state

@@ -30,13 +30,13 @@ from mjrun.options.option import FrontEnd, Options, options_of
 from mjrun.options.output import CODECS as CODEC_LIST
 from mjrun.options.output import LAST_INSTANT, CommandOptions, KeyframeOptions
 from mjrun.options.plot import FigureOptions, PlotOptions, TablePlotOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.options.run import RunOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import EXTRAS, ExecutionOptions, KeepOptions, StudyOptions, VariationOptions
 from mjrun.options.task import ActionOptions, ObservationOptions, TaskOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import PLOT_SIDES, VideoOptions
-from mjrun.options.view import ViewOptions
 from mjrun.options.viewer import ViewerOptions
 from mjrun.rendering.graph import graph_size
 from mjrun.study.executors import ENGINES

@@ -10,8 +10,8 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
-from mjrun.options.view import RENDERERS as NAMES
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import RENDERERS as NAMES
+from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.frame_output import RENDERERS, FrameOutput, check_drawing, check_view, plan_frames
 from mjrun.outputs.output import Context, SharedRendering
 from mjrun.outputs.video import Video

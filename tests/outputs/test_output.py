@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 from mjrun.camera.rigs.around import FreeRig, TrackRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.formats.atomic_output import publish_together
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.image import Image
 from mjrun.outputs.keyframe import Keyframe
 from mjrun.outputs.output import Context, Job, Output, PassSummary, RendererRequest, SharedRendering, metadata_tags

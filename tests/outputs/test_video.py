@@ -15,7 +15,8 @@ import pytest
 
 import mjrun
 from mjrun.errors import MjrunError, MjrunWarning, NoRendererError, UnknownNameError, UnstableError
-from mjrun.outputs import output, video_rendering
+from mjrun.outputs import frame_drawer as video_rendering
+from mjrun.outputs import output
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation

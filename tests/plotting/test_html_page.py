@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from mjrun.errors import BadValueError, FileError
 from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageFile, PageTable, html_page, inline_svg, page_file
-from mjrun.plotting.manifest_section import FileManifest, flat, manifest_articles
+from mjrun.plotting.manifest_html import FileManifest, flat, manifest_articles
 from mjrun.plotting.page_writer import PageWriter, included, recorded_verdicts
-from mjrun.plotting.table_summary import ColumnStatistics
+from mjrun.plotting.table_statistics import ColumnStatistics
 from mjrun.probe.verdict import Verdict
 from tests.plotting.test_markup import read
 

@@ -11,7 +11,7 @@ from mjrun.options.plot import STYLES
 from mjrun.plotting.matplotlib_figure import Canvas, settings
 from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
 from mjrun.plotting.theme import PATTERNS, THEMES, Theme, adaptive, theme_style
-from mjrun.plotting.ticks import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
+from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_label, log_ticks, tick_labels, value_labels
 
 LIGHT, GRID = THEMES["light"], PanelGrid((400, 200), 1, 1, 12.0)
 CANVAS = Canvas(GRID, LIGHT)

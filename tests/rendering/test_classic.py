@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_image import RenderedView
 from mjrun.rendering import classic

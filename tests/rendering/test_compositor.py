@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.formats.image_encoding import depth_millimetres
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend

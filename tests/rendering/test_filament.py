@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import DrawError, UsageError
 from mjrun.model.rendered_image import RenderedView
 from mjrun.model.state import save
@@ -393,7 +393,7 @@ def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
 
 MIRROR = """
 import mujoco, numpy as np
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.rendering.filament_scene import FilamentScene, PixelFormat
 from mjrun.camera.argument import parse_camera
 from mjrun.model.state import save

@@ -77,7 +77,7 @@ import sys
 import mujoco
 import numpy as np
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import UsageError
 from mjrun.model.state import save
 from mjrun.rendering.filament_scene import FilamentScene, PixelFormat

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.options.view import LAYOUTS
+from mjrun.options.rendering import LAYOUTS
 from mjrun.rendering.layout import BACKGROUND, columns, compose, gap, layout_size, places
 from mjrun.rendering.text import stamp
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.model.state import save
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer

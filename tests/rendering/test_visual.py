@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.state import save

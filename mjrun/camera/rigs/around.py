@@ -6,7 +6,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.animation import EASINGS, EasedNumber
+from mjrun.camera.easing_and_shake import EASINGS, EasedNumber
 from mjrun.camera.pose import Frustum, Pose, around, turn
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
 from mjrun.camera.setting_kinds import ObjectName, PlaceKind, RampKind

@@ -7,8 +7,8 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from mjrun.camera.animation import EASINGS
 from mjrun.camera.curve import SAME_POINT, ArcLength, Curve, centripetal, orbital_lengths, orbital_position
+from mjrun.camera.easing_and_shake import EASINGS
 from mjrun.camera.pose import Pose, around, heading, rotation
 from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime, looking_at
 from mjrun.camera.setting_kinds import PlaceKind

@@ -97,7 +97,7 @@ def diff(console: Console, command_line: CommandLine) -> None:
     console.guard_stdout()
     import_mujoco()
     from mjrun.cli.diff_report import diff_report, verdict
-    from mjrun.outputs.diff import Diff
+    from mjrun.outputs.result_comparison import Diff
 
     result = command_line.make(Diff, a=command_line.argument("a"), b=command_line.argument("b")).run(console)
     console.answer(diff_report(result, every=console.verbosity > 0), form)

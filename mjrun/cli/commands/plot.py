@@ -15,7 +15,7 @@ from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.plot import TablePlotOptions
 
 if TYPE_CHECKING:
-    from mjrun.plotting.table_plot import TablePlotResult
+    from mjrun.plotting.table_and_study_plot import TablePlotResult
 
 TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), metavar="TABLE...")
 
@@ -25,7 +25,7 @@ TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), 
     ConfinementOptions,
     arguments=[TABLES],
     python="TablePlot",
-    reports={"plot": "mjrun.plotting.table_plot:TablePlotResult"},
+    reports={"plot": "mjrun.plotting.table_and_study_plot:TablePlotResult"},
 )
 def plot(console: Console, command_line: CommandLine) -> None:
     """Plot each TABLE, or several tables in the same panels. - is standard input, as csv or jsonl; a folder is a
@@ -43,7 +43,7 @@ def plot(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    from mjrun.plotting.table_plot import StudyPlot, TablePlot
+    from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.options.option import is_given, options_of
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.rendering.decorations import Decoration
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline

@@ -13,7 +13,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
-from mjrun.options.view import GHOST_MOTIONS, NO_MAP, ViewOptions
+from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, ViewOptions
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.decorations import Ghost

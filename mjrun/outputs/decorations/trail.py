@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.camera.targets import identify_objects
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.rendering.decorations import LIMIT, Trail, trails
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline

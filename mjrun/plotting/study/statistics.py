@@ -9,7 +9,7 @@ from mjrun.formats.study_reader import StudyResults
 from mjrun.packages import require
 from mjrun.plotting.figure_data import Scale, scale
 from mjrun.plotting.study import figure_data
-from mjrun.plotting.ticks import value_labels
+from mjrun.plotting.tick_labels import value_labels
 
 SEED = "seed"  # its values are repetitions if any other parameter varies
 QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # ends of the bands

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.animation import EasedNumber
+from mjrun.camera.easing_and_shake import EasedNumber
 from mjrun.camera.pose import Pose, pose_of, rotation
 from mjrun.camera.rigs import RIGS
 from mjrun.camera.rigs.around import FreeRig, OrbitRig, TrackRig

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image as Pillow
 
 from mjrun.errors import MjrunError, UnknownNameError, UsageError
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.decorations import planned_decorations
 from mjrun.outputs.decorations.ghost import OPACITY, GhostPlan, PlannedGhosts
 from mjrun.outputs.decorations.trail import PlannedTrails

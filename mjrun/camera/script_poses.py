@@ -6,7 +6,7 @@ from itertools import groupby
 import mujoco
 import numpy as np
 
-from mjrun.camera.animation import ShakeNoise, blend_weight
+from mjrun.camera.easing_and_shake import ShakeNoise, blend_weight
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot

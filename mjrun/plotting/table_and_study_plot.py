@@ -19,7 +19,7 @@ from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
 from mjrun.plotting.table_figure import TableFigure
-from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.table_statistics import TableSummary
 from mjrun.plotting.theme import adaptive
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from mjrun.camera.argument import parse_camera
-from mjrun.camera.motion import CameraMotion
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.errors import MjrunWarning, UsageError
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
+from mjrun.outputs.camera_panels import DrawingCalibration, output_files, panel_files, panels_of
 from mjrun.outputs.image import Image
 from mjrun.outputs.output_files import ReservedFiles, named_files
-from mjrun.outputs.panels import DrawingCalibration, output_files, panel_files, panels_of
 from mjrun.outputs.perform import perform
 from mjrun.outputs.plot import Plot
 from mjrun.outputs.recording import Recording

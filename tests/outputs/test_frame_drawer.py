@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, spelled
-from mjrun.outputs import video_rendering
+from mjrun.outputs import frame_drawer as video_rendering
+from mjrun.outputs.frame_drawer import estimated_cost, jobs_for
 from mjrun.outputs.video import Video, VideoResult
-from mjrun.outputs.video_rendering import estimated_cost, jobs_for
 from mjrun.rendering import workers
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.compositor import DrawingCosts

@@ -4,15 +4,15 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from mjrun.camera.motion import CameraMotion
 from mjrun.camera.pose import Pose, lens
 from mjrun.camera.script import CameraScript
+from mjrun.camera.script_poses import CameraMotion
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, option
 from mjrun.formats.calibration_writer import CalibrationEntry, CalibrationWriter
 from mjrun.formats.destinations import FRAME_NAME
 from mjrun.formats.segmentation_labels import labels_beside
-from mjrun.options.view import ViewOptions
+from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.output_files import named_files
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, Overlay
 from mjrun.rendering.layout import layout_size

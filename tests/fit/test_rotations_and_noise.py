@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mjrun.errors import UsageError
-from mjrun.fit.signal_properties import align, first_noise, normalize, rotations, shared, spread_of
+from mjrun.fit.rotations_and_noise import align, first_noise, normalize, rotations, shared, spread_of
 from tests.fit.logs import NOISE
 from tests.fit.problems import segments
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.camera.animation import BLENDS, EASINGS, Blend, EasedNumber, Shake, ShakeNoise, blend_weight
+from mjrun.camera.easing_and_shake import BLENDS, EASINGS, Blend, EasedNumber, Shake, ShakeNoise, blend_weight
 
 ROUNDING = 1e-15
 shares = st.floats(0, 1)

@@ -4,7 +4,7 @@ from pathlib import PurePath, PurePosixPath, PureWindowsPath
 
 import pytest
 
-from mjrun.platform.mirror import mirrored, with_original_paths
+from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 
 POSIX, WINDOWS = PurePosixPath("/tmp/.mjrun/files"), PureWindowsPath("C:\\Temp\\.mjrun (1)\\files")
 

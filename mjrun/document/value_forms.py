@@ -25,9 +25,9 @@ from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import AnyKind, Key, Optional, ReadingContext, Text
 from mjrun.options.number_kinds import Integer, Point, Real, Vector
 from mjrun.options.option import Options, option, options
+from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP
 from mjrun.options.schema_validation import TEXT, Path, Schema, check
 from mjrun.options.structured_kinds import OneOf, OptionsMapping
-from mjrun.options.view import GHOST_MOTIONS, NO_MAP
 from mjrun.suffixes import is_yaml
 
 CAMERA = OptionsMapping(CameraDocument, CameraDocument)

@@ -11,7 +11,7 @@ from mjrun.camera.argument import parse_camera
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.formats import calibration_writer, image_format
 from mjrun.options.option import options_of
-from mjrun.options.view import (
+from mjrun.options.rendering import (
     BACKENDS,
     CALIBRATION_FORMATS,
     CORNERS,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UnknownNameError
-from mjrun.plotting.table_summary import ColumnCounter, TableSummary
+from mjrun.plotting.table_statistics import ColumnCounter, TableSummary
 
 UNITS = {"time": "s", "a": "m", "a/b": "", "c": "N"}
 ROWS = np.random.default_rng(0).normal(size=(50, 4))

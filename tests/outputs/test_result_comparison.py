@@ -11,7 +11,7 @@ from mjrun.diff.pictures import WorstFrames
 from mjrun.diff.result import FrameDifference
 from mjrun.errors import ModelNotFoundError, UnknownNameError, UsageError
 from mjrun.model.sources import parse_source
-from mjrun.outputs.diff import APPLICABLE, COMPARISONS, IMAGE, MODEL, RECORDING, TABLE, VIDEO
+from mjrun.outputs.result_comparison import APPLICABLE, COMPARISONS, IMAGE, MODEL, RECORDING, TABLE, VIDEO
 from mjrun.outputs.worst_frame_image import BACKGROUND, GAP, worst_frame, write_worst_frame
 from tests.diff.models import CRATE, spec, xml
 from tests.formats.table_files import columns, write

@@ -14,9 +14,9 @@ from mjrun.errors import FailedAssertionError, FileError, MjrunError, UnknownNam
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
 from mjrun.options.plot import FigureOptions
+from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 from mjrun.plotting.table_figure import TableFigure, table_names
-from mjrun.plotting.table_plot import StudyPlot, TablePlot
-from mjrun.plotting.table_summary import TableSummary
+from mjrun.plotting.table_statistics import TableSummary
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 from tests.plotting.test_html_page import external_references
