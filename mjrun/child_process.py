@@ -225,7 +225,7 @@ class ChildProcess:
                 left = deadline - time.monotonic()
                 if left <= 0:
                     self.kill("time")
-                elif memory < math.inf and _resident(self.pid) > memory:
+                elif memory < math.inf and resident_memory(self.pid) > memory:
                     self.kill("memory")
                 elif idle < math.inf and time.monotonic() - before > IDLE_INTERVAL:
                     before = time.monotonic()
@@ -364,7 +364,7 @@ def _kill_and_reap(popen: subprocess.Popen[bytes], parent: int) -> None:
         note_end_of_child(popen.pid)
 
 
-def _resident(pid: int) -> int:
+def resident_memory(pid: int) -> int:
     """Returns the resident memory of a process [bytes]; 0 if unknown."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * mmap.PAGESIZE

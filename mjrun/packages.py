@@ -99,6 +99,18 @@ def require_computing() -> None:
         raise error
 
 
+def computing_versions() -> dict[str, str]:
+    """Returns the versions of MuJoCo and NumPy after checking them, without importing them.
+
+    Raises:
+      WrongVersionError: a version is not supported.
+    """
+    versions = {package: _version(package) for package in COMPUTING}
+    for error in wrong_versions(versions):
+        raise error
+    return versions
+
+
 def installed_wrong() -> Iterator[WrongVersionError]:
     """Yields an error for each always required package with a wrong version."""
     return wrong_versions({each.package: _version(each.package) for each in _requirements() if not each.marker})

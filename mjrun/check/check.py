@@ -12,16 +12,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.check.baseline import Baseline, write_baseline
+from mjrun.check.codes import codes, matching_codes
 from mjrun.check.rule import SEVERITIES, Finding
-from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, Spelling, UnknownNameError, UsageError, clean, option, spelled
+from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
-from mjrun.model.source import CollectionSource
-from mjrun.model.sources import names_task, source_of
-from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.xml_source import scan
 from mjrun.options.check import CheckOptions
 from mjrun.options.number_kinds import AUTO
@@ -29,7 +26,7 @@ from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
 from mjrun.platform.cores import available_cores
 from mjrun.reporter import Reporter, WarningReporter
-from mjrun.suffixes import CHECKED, XML
+from mjrun.suffixes import CHECKED, XML, is_yaml
 from mjrun.version import __version__
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
@@ -122,7 +119,7 @@ class Check(PolicyOptions, CheckOptions):
     @cached_property
     def codes(self) -> frozenset[str]:
         """The codes of the rules to apply."""
-        selected = matching_codes(self.select) if self.select else frozenset(RULES)
+        selected = matching_codes(self.select) if self.select else frozenset(codes())
         return selected - matching_codes(self.ignore)
 
     @cached_property
@@ -204,7 +201,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def _task(self, path: str) -> WorkerTask:
         limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
-        if not self.task_reader or not names_task(path):
+        if not self.task_reader or not is_yaml(path):
             return limits
         policy = "" if self.policy is None else str(self.policy)
         return replace(limits, reader=self.task_reader, policy=policy, normalize=self.normalize, trust=self.trust)
@@ -246,21 +243,6 @@ def _is_known_not_to_load(result: ModelResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
-def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:
-    """Returns the codes that begin with one of `prefixes`, in any case.
-
-    Raises:
-      UnknownNameError: no code begins with one of them.
-    """
-    matching: set[str] = set()
-    for prefix in prefixes:
-        codes = {code for code in RULES if prefix and code.startswith(prefix.upper())}
-        if not codes:
-            raise UnknownNameError("code", prefix, list(RULES))
-        matching |= codes
-    return frozenset(matching)
-
-
 def _spelled(finding: Finding, spelling: Spelling) -> Finding:
     return replace(finding, message=spelled(finding.message, spelling), remedy=spelled(finding.remedy, spelling))
 
@@ -293,6 +275,12 @@ def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tup
 
 def _path(model: str | Path) -> str:
     """Returns the path of a model or a task; a name in a collection, such as `scene:dominos`, represents its file."""
+    if ":" not in str(model) and str(model) != "-":
+        return str(model)
+    from mjrun.model.source import CollectionSource  # slow to import, like MuJoCo
+    from mjrun.model.sources import source_of
+    from mjrun.model.sources.bundled_scene import bundled_task
+
     if task := bundled_task(str(model)):
         return str(task)
     source = source_of(model)

@@ -1,33 +1,20 @@
-"""The table of all rules by code, their explanations, and their findings in a model."""
+"""The table of all rules by code, and their findings in a model."""
 
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 
-from mjrun import check
 from mjrun.check import rules
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding, Rule, short_path
 from mjrun.check.rules import compile_errors, mjcf_schema, process_failures
-from mjrun.errors import BrokenModelError, ModelError, UnknownNameError, clean
+from mjrun.errors import BrokenModelError, ModelError, clean
 from mjrun.model.xml_source import XmlSource
 
 MAX_FINDINGS = 20  # of one code in one model
 MAX_OBJECTS = 5  # that one finding names in addition to its own
-TOPICS = {  # by the first digit of the code
-    "0": "The check itself",
-    "1": "Loading",
-    "2": "Names, masses and inertias",
-    "3": "Limits and units",
-    "4": "Keyframes",
-    "5": "Contacts and constraints",
-    "6": "Cameras",
-    "7": "Simulation",
-    "8": "Tasks and policies",
-}
 
 
 def _declared() -> Iterator[Rule]:
@@ -38,18 +25,6 @@ def _declared() -> Iterator[Rule]:
 
 
 RULES = {rule.code: rule for rule in sorted(_declared(), key=lambda rule: rule.code)}
-
-
-def topic(code: str) -> str:
-    """Returns the topic of a rule."""
-    return TOPICS[code[2]]
-
-
-def explanation(code: str) -> str:
-    """Returns what a rule finds, why it matters, what to do, an example and when to ignore it, in Markdown."""
-    if code not in RULES:
-        raise UnknownNameError("rule", code, list(RULES))
-    return resources.files(check).joinpath("explanations", f"{code}.md").read_text("utf-8")
 
 
 def explain(error: ModelError, source: XmlSource) -> list[Finding]:

@@ -1,14 +1,19 @@
-"""A process that checks one model or task, and may hang, explode or crash: `worker_pool` starts and ends it.
+"""A process that checks models or tasks, and may hang, explode or crash: `worker_pool` starts and ends it.
 
-It writes JSON to standard output, one object per line: `stage` before each stage, so that the reader knows the stage in
-which the process ended; `finding`; `loaded`; `done`.
+It reads each task as a line of JSON, and writes JSON to standard output, one object per line: `pid`, the process that
+checks the model; `stage` before each stage, so that the reader knows the stage in which the process ended; `finding`;
+`loaded`; `done`; `exit`, the exit code of that process.
 """
 
+import gc
 import json
 import math
 import os
+import sys
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TextIO
@@ -20,9 +25,10 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
 from mjrun.check.rules.ignore_comments import IgnoreComments
-from mjrun.check.worker_pool import MEMORY_REMEDY, MIB, WorkerTask
+from mjrun.check.worker_pool import MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError
+from mjrun.model.compilation import checked_arrays
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.xml_source import XmlSource, read_xml
 from mjrun.platform import system
@@ -31,10 +37,51 @@ ARENAS = 20  # the number of MjData that a check makes; their arenas are hardly 
 GRACE = 10  # [s] after which the process ends itself if its parent has not
 
 
-def main(task: str) -> None:
-    """Checks the model or the task of a `WorkerTask`, which is given as JSON."""
-    channel = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape")
+def serve() -> None:
+    """Checks the model or task of each `WorkerTask` on standard input, until one crashes or the input ends."""
+    output = os.dup(1)
     os.dup2(2, 1)  # MuJoCo and its plugins print to stdout
+    checked_arrays()  # cached for all models
+    gc.freeze()
+    for task in sys.stdin.buffer:
+        sys.stderr.write(TASK_MARK)
+        sys.stderr.flush()
+        if not system.CAN_FORK_LATE:
+            check(task, output)
+            return
+        code = _forked(task, output)
+        _write(output, exit=code)
+        if code:
+            return
+
+
+def _forked(task: bytes, output: int) -> int:
+    """Checks a model in a fork of this process, and returns the exit code of the fork."""
+    pid = os.fork()
+    if pid:
+        _write(output, pid=pid)
+        return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    code = 1
+    try:
+        sys.dont_write_bytecode = True
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        check(task, output)
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        with suppress(OSError):
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def _write(output: int, **message: int) -> None:
+    os.write(output, f"{json.dumps(message)}\n".encode())
+
+
+def check(task: bytes, output: int) -> None:
+    """Checks the model or the task of a `WorkerTask`, which is given as JSON."""
+    channel = os.fdopen(output, "w", encoding="utf-8", errors="surrogateescape", closefd=False)
     checker = _checker(WorkerTask(**json.loads(task)), channel)
     system.end_after(int(checker.task.timeout) + GRACE)
     # These limit addresses; the parent watches the memory in use, and reports it.

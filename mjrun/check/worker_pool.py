@@ -1,16 +1,22 @@
-"""The processes that check models: one for each model, several at once, within limits of time and memory."""
+"""The processes that check models within limits of time and memory, several at once.
+
+Each process loads its modules once and checks any number of models, each in a fork of itself where the system can
+fork; elsewhere, a process checks one model.
+"""
 
 import json
 import os
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
-from mjrun.child_process import ChildProcess, ExitStatus, python_call
+from mjrun.child_process import POLL_INTERVAL, STDOUT_LIMIT, ChildProcess, ExitStatus, python_call, resident_memory
 from mjrun.dataclass import dataclass
 from mjrun.errors import option
 
@@ -22,8 +28,8 @@ ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "MALLOC_ARENA_MAX": "2",
-    "PYTHONDONTWRITEBYTECODE": "1",
 }
+TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
 
 @dataclass(frozen=True)
@@ -68,47 +74,115 @@ class WorkerOutput:
 
 
 class CheckProcesses:
-    """A starter of processes, from any thread, which can end all of them at once."""
+    """A pool of processes, for use from any thread, which can end all of them at once."""
 
     def __init__(self) -> None:
-        self._running: set[ChildProcess] = set()
+        self._idle: list[CheckProcess] = []
+        self._busy: set[CheckProcess] = set()
         self._lock = threading.Lock()
         self._ended = False
 
     def run(self, task: WorkerTask) -> WorkerOutput:
-        """Runs a process that checks one model, and waits for it."""
+        """Checks one model in a process that is idle, or in a new one."""
         with self._lock:
             if self._ended:
                 return WorkerOutput((), ExitStatus(0, "ended"), "")
-            process = _start(task)
-            self._running.add(process)
-        with process:
-            try:
-                ended = process.wait(task.timeout, task.memory * MIB)
-            finally:
-                with self._lock:
-                    self._running.discard(process)
-            return WorkerOutput(_messages(process.stdout), ended, process.stderr.decode(errors="replace"))
+            process = self._idle.pop() if self._idle else CheckProcess()
+            self._busy.add(process)
+        try:
+            return process.run(task)
+        finally:
+            with self._lock:
+                self._busy.discard(process)
+                if process.is_reusable and not self._ended:
+                    self._idle.append(process)
+                else:
+                    process.end()
 
     def end(self) -> None:
-        """Kills the running processes, and starts no more."""
+        """Ends all processes, and starts no more."""
         with self._lock:
             self._ended = True
-            for process in self._running:
+            for process in self._busy:
                 process.kill()
+            while self._idle:
+                self._idle.pop().end()
 
 
-def _start(task: WorkerTask) -> ChildProcess:
-    # A folder of models may contain files that are named like modules.
-    path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
-    command = python_call("mjrun.check.worker:main", json.dumps(asdict(task)), path=[*path, PACKAGE])
-    return ChildProcess(command, environment=ENVIRONMENT, stdout="capture", stderr="capture")
+class CheckProcess:
+    """A process that runs `mjrun.check.worker:serve`.
 
+    Attributes:
+      is_reusable: it can check another model.
+    """
 
-def _messages(stdout: bytes) -> list[dict[str, Any]]:
-    """Returns the JSON objects in `stdout`, one per line; an incomplete last line is skipped."""
-    messages = list[dict[str, Any]]()
-    for line in stdout.splitlines():
-        with suppress(ValueError):
-            messages.append(json.loads(line))
-    return messages
+    def __init__(self) -> None:
+        # A folder of models may contain files that are named like modules.
+        path = [folder for folder in sys.path if os.path.realpath(folder) != os.path.realpath("")]
+        command = python_call("mjrun.check.worker:serve", path=[*path, PACKAGE])
+        reading, writing = os.pipe()
+        try:
+            self._process = ChildProcess(command, environment=ENVIRONMENT, fed=True, stdout=writing, stderr="capture")
+        except BaseException:
+            os.close(reading)
+            raise
+        finally:
+            os.close(writing)
+        self._lines = SimpleQueue[bytes]()
+        threading.Thread(target=self._read, args=(reading,), daemon=True).start()
+        self.is_reusable = True
+
+    def run(self, task: WorkerTask) -> WorkerOutput:
+        """Checks one model, and ends the process if that exceeds a limit."""
+        self.is_reusable = False
+        deadline = time.monotonic() + task.timeout
+        messages: list[dict[str, Any]] = []
+        with suppress(OSError):  # it has ended; its status is the reason
+            self._process.feed(memoryview(f"{json.dumps(asdict(task))}\n".encode()))
+        pid = self._process.pid
+        while (message := self._next_message()) is not None:
+            pid = message.get("pid", pid)
+            if "exit" in message:
+                return self._finished(messages, int(message["exit"]))
+            messages.append(message)
+            if time.monotonic() > deadline:
+                self._process.kill("time")
+            elif resident_memory(pid) > task.memory * MIB:
+                self._process.kill("memory")
+        return WorkerOutput(messages, self._process.wait(), self._stderr())
+
+    def kill(self) -> None:
+        """Kills the process, from any thread; `run` returns."""
+        self._process.kill()
+
+    def end(self) -> None:
+        """Ends the process."""
+        self._process.end()
+
+    def _finished(self, messages: Sequence[dict[str, Any]], code: int) -> WorkerOutput:
+        """Returns the output of a task whose process has ended with `code`; the server ends too unless that is 0."""
+        self.is_reusable = code == 0
+        if code:
+            self._process.wait()
+        return WorkerOutput(messages, ExitStatus(code), self._stderr() if code else "")
+
+    def _stderr(self) -> str:
+        """Returns the output of libraries in the last task."""
+        return self._process.stderr.decode(errors="replace").rpartition(TASK_MARK)[2]
+
+    def _next_message(self) -> dict[str, Any] | None:
+        """Returns the next message, an empty one after a while, or None at the end."""
+        try:
+            line = self._lines.get(timeout=POLL_INTERVAL)
+        except Empty:
+            return {}
+        try:
+            return json.loads(line) if line else None
+        except ValueError:  # the last line of a process that was killed
+            return {}
+
+    def _read(self, descriptor: int) -> None:
+        with open(descriptor, "rb") as lines:
+            while line := lines.readline(STDOUT_LIMIT):
+                self._lines.put(line)
+        self._lines.put(b"")

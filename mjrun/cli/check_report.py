@@ -3,14 +3,15 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from urllib.parse import quote
 
 from mjrun.check.check import CheckResult
-from mjrun.check.rule import SEVERITIES, Finding, short_path
-from mjrun.check.rule_table import RULES, explanation, topic
+from mjrun.check.codes import explanation, topic
+from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path
 from mjrun.cli.report_forms import Case, Report
+from mjrun.cli.simulation_command import import_mujoco
 from mjrun.errors import clean
 from mjrun.version import __version__
 
@@ -72,27 +73,35 @@ def full_message(finding: Finding, model: str) -> str:
 
 def cases(result: CheckResult) -> Iterator[Case]:
     """Yields a case per finding, and one per model without findings."""
+    rules = rule_table()
     for model in result.models:
         if not model.findings:
             yield Case(model.model, file=model.model)
         for finding in model.findings:
             text = "\n".join(filter(None, (full_message(finding, model.model), finding.remedy)))
-            title = f"{finding.code} {RULES[finding.code].title}"
+            title = f"{finding.code} {rules[finding.code].title}"
             yield Case(model.model, finding.severity, title, text, finding.file, finding.line)
 
 
 def statistics(result: CheckResult) -> Iterator[str]:
     """Yields a line per rule with the number of its findings, most frequent first."""
+    rules = rule_table()
     counts = Counter(finding.code for finding, _ in _all(result))
     width = len(str(max(counts.values(), default=0)))
     for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
-        yield f"{count:{width}}  {code}  {RULES[code].severity:7}  {RULES[code].title}"
+        yield f"{count:{width}}  {code}  {rules[code].severity:7}  {rules[code].title}"
 
 
 def sarif(result: CheckResult) -> dict[str, object]:
     """Returns a SARIF 2.1.0 document: https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html."""
-    codes = list(RULES)
-    driver = {"name": "mjrun", "version": __version__, "informationUri": HOME, "rules": [_rule(code) for code in codes]}
+    rules = rule_table()
+    codes = list(rules)
+    driver = {
+        "name": "mjrun",
+        "version": __version__,
+        "informationUri": HOME,
+        "rules": [_rule(rule) for rule in rules.values()],
+    }
     run = {
         "tool": {"driver": driver},
         "invocations": [{"executionSuccessful": True, "exitCode": result.code}],
@@ -101,17 +110,24 @@ def sarif(result: CheckResult) -> dict[str, object]:
     return {"$schema": SARIF, "version": "2.1.0", "runs": [run]}
 
 
-def _rule(code: str) -> dict[str, object]:
-    rule = RULES[code]
-    text = explanation(code)
+def rule_table() -> Mapping[str, Rule]:
+    """Returns the rules by code; their modules import MuJoCo."""
+    import_mujoco()
+    from mjrun.check.rule_table import RULES
+
+    return RULES
+
+
+def _rule(rule: Rule) -> dict[str, object]:
+    text = explanation(rule.code)
     name = "".join(word.capitalize() for word in re.findall(r"\w+", rule.title))
     return {
-        "id": code,
+        "id": rule.code,
         "name": name,
         "shortDescription": {"text": rule.title},
         "fullDescription": {"text": text.partition("\n\n")[0].replace("`", "")},
         "help": {"text": text, "markdown": text},
-        "properties": {"tags": [topic(code)]},
+        "properties": {"tags": [topic(rule.code)]},
         "defaultConfiguration": {"level": rule.severity},
     }
 

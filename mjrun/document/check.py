@@ -3,7 +3,6 @@
 from typing import ClassVar
 
 from mjrun.check.check import Check as ModelCheck
-from mjrun.document.task import read_task
 from mjrun.options.option import options
 
 
@@ -18,4 +17,4 @@ class Check(ModelCheck):
       UsageError: a code, severity or number is invalid.
     """
 
-    task_reader: ClassVar[str] = f"{read_task.__module__}:{read_task.__name__}"
+    task_reader: ClassVar[str] = "mjrun.document.task:read_task"  # imported by the worker alone

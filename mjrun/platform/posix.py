@@ -6,12 +6,14 @@ import mmap
 import os
 import select
 import signal
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TypedDict
 
 CAN_FORK = True
+CAN_FORK_LATE = sys.platform == "linux"  # after libraries have been loaded, which macOS does not support
 PASSES_DESCRIPTORS = True  # to the processes that it starts
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a process
 PROMISE = signal.SIGUSR1  # by which a process calls for the one that reads its promise

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NoReturn, TypedDict
 
 CAN_FORK = False
+CAN_FORK_LATE = False
 PASSES_DESCRIPTORS = False
 SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)

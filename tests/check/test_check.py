@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from mjrun.check.check import Check, CheckResult, ModelResult, find_models, matching_codes, root_tag
+from mjrun.check.check import Check, CheckResult, ModelResult, find_models, root_tag
+from mjrun.check.codes import matching_codes
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import UsageError

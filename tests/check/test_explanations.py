@@ -6,7 +6,8 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.rule_table import RULES, TOPICS, explanation, topic
+from mjrun.check.codes import TOPICS, explanation, topic
+from mjrun.check.rule_table import RULES
 from mjrun.errors import UnknownNameError
 from tests.check import tasks
 from tests.check.models import MESH, checked, codes, lint, write

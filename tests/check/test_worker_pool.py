@@ -2,10 +2,15 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from mjrun.check.worker_pool import CheckProcesses, WorkerTask
+from mjrun.platform import system
 from tests.check.models import PASSIVE, checked, write
+from tests.processes import PATIENCE
 
 
 def test_nothing_is_written_and_nothing_is_read_from_stdin() -> None:
@@ -27,3 +32,18 @@ def test_workers_that_were_ended_start_no_more() -> None:
     workers = CheckProcesses()
     workers.end()
     assert workers.run(WorkerTask("a.xml", (), 0, 1, 1)).messages == ()
+
+
+@pytest.mark.skipif(not system.CAN_FORK_LATE, reason="each process checks one model there")
+def test_one_process_checks_models_until_one_crashes_it_and_says_why() -> None:
+    write("a.xml", PASSIVE.format(""))
+    task = WorkerTask("a.xml", (), 0, PATIENCE, 1024)
+    workers = CheckProcesses()
+    broken = replace(task, path=write("a.yaml", ""), reader="missing_module:read")
+    first, unreadable, last = (workers.run(each) for each in (task, broken, task))
+    workers.end()
+    assert [output.exit.code for output in (first, unreadable, last)] == [0, 1, 0]
+    assert first.messages[-1] == last.messages[-1] == {"done": True}
+    assert "missing_module" in unreadable.stderr
+    pids = [message["pid"] for output in (first, unreadable, last) for message in output.messages if "pid" in message]
+    assert len(set(pids)) == 3

@@ -4,7 +4,6 @@ import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, flag
-from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.policy import PolicyOptions
@@ -38,7 +37,6 @@ def check(console: Console, command_line: CommandLine) -> None:
     of --fail-on, and with 3 if a model does not load.
     """
     console.guard_stdout()
-    import_mujoco()
     form = command_line.form(*REPORT_FORMATS, "sarif", "statistics")
     options = command_line.make(CheckReportOptions)
     if options.list_:
@@ -62,28 +60,30 @@ def check(console: Console, command_line: CommandLine) -> None:
 
 
 def _list_rules(console: Console) -> None:
-    from mjrun.check.rule_table import RULES, TOPICS, topic
+    from mjrun.check.codes import TOPICS, topic
+    from mjrun.cli.check_report import rule_table
 
     if console.as_json:
         rules = [
             {"code": code, "severity": rule.severity, "title": rule.title, "topic": topic(code)}
-            for code, rule in RULES.items()
+            for code, rule in rule_table().items()
         ]
         console.document({"rules": rules})
         return
 
     sections: list[str] = []
     for name in TOPICS.values():
-        rules = (rule for rule in RULES.values() if topic(rule.code) == name)
+        rules = (rule for rule in rule_table().values() if topic(rule.code) == name)
         sections.append("\n".join([f"{name}:", *(f"  {rule.code}  {rule.severity:7}  {rule.title}" for rule in rules)]))
     console.result("\n\n".join(sections))
 
 
 def _explain(console: Console, code: str) -> None:
-    from mjrun.check.rule_table import RULES, explanation
+    from mjrun.check.codes import explanation
+    from mjrun.cli.check_report import rule_table
 
     text = explanation(code)
-    rule = RULES[code]
+    rule = rule_table()[code]
     if console.as_json:
         document = {"code": code, "severity": rule.severity, "title": rule.title, "explanation": text}
         console.document(document)

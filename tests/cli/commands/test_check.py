@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from mjrun.check.codes import TOPICS, explanation
 from mjrun.check.rule import SEVERITIES
-from mjrun.check.rule_table import RULES, TOPICS, explanation
+from mjrun.check.rule_table import RULES
 from mjrun.version import __version__
 from tests.processes import PATIENCE, children, command_line_of, wait_until, worker
 

@@ -1,0 +1,54 @@
+"""The codes of all rules with their topics and explanations, known without importing the rules, MuJoCo or NumPy."""
+
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+
+from mjrun import check
+from mjrun.errors import UnknownNameError
+
+TOPICS = {  # by the first digit of the code
+    "0": "The check itself",
+    "1": "Loading",
+    "2": "Names, masses and inertias",
+    "3": "Limits and units",
+    "4": "Keyframes",
+    "5": "Contacts and constraints",
+    "6": "Cameras",
+    "7": "Simulation",
+    "8": "Tasks and policies",
+}
+
+
+@cache
+def codes() -> Sequence[str]:
+    """Returns the codes of all rules, sorted; each has a page in `mjrun.check.explanations`."""
+    pages = resources.files(check).joinpath("explanations").iterdir()
+    return sorted(page.name.removesuffix(".md") for page in pages if page.name.endswith(".md"))
+
+
+def matching_codes(prefixes: Sequence[str]) -> frozenset[str]:
+    """Returns the codes that begin with one of `prefixes`, in any case.
+
+    Raises:
+      UnknownNameError: no code begins with one of them.
+    """
+    matching: set[str] = set()
+    for prefix in prefixes:
+        found = {code for code in codes() if prefix and code.startswith(prefix.upper())}
+        if not found:
+            raise UnknownNameError("code", prefix, list(codes()))
+        matching |= found
+    return frozenset(matching)
+
+
+def topic(code: str) -> str:
+    """Returns the topic of a rule."""
+    return TOPICS[code[2]]
+
+
+def explanation(code: str) -> str:
+    """Returns what a rule finds, why it matters, what to do, an example and when to ignore it, in Markdown."""
+    if code not in codes():
+        raise UnknownNameError("rule", code, list(codes()))
+    return resources.files(check).joinpath("explanations", f"{code}.md").read_text("utf-8")
