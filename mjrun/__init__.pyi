@@ -198,6 +198,7 @@ class Check(_Check):
         timeout: float | str | Fraction = ...,
         memory: int = ...,
         jobs: int | Literal["auto"] = ...,
+        cache: bool = ...,
         trust: bool = ...,
         policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
         normalize: str | PathLike[str] | None = ...,

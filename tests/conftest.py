@@ -13,6 +13,7 @@ from typing import cast
 from unittest import mock
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # for mujoco.Renderer, the oracle of drawing
+os.environ["MJRUN_CACHE"] = os.devnull  # nothing is stored below it
 # As in an activated environment, whose pip messages name.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
 

@@ -13,9 +13,11 @@ from typing import ClassVar
 
 from mjrun.check.baseline import Baseline, write_baseline
 from mjrun.check.codes import codes, matching_codes
+from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
@@ -24,6 +26,7 @@ from mjrun.options.check import CheckOptions
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
+from mjrun.packages import computing_versions
 from mjrun.platform.cores import available_cores
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.suffixes import CHECKED, XML, is_yaml
@@ -162,16 +165,20 @@ class Check(PolicyOptions, CheckOptions):
     def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
         """Yields the results for `paths` in their order; several are checked at once."""
         jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(paths)))
+        versions = computing_versions()
+        cache = ResultCache(versions) if self.cache else None
         workers = CheckProcesses()
         with ThreadPoolExecutor(jobs) as threads:
             try:
-                yield from threads.map(self._check, paths, repeat(workers), repeat(spelling))
+                yield from threads.map(self._check, paths, repeat(workers), repeat(cache), repeat(spelling))
             finally:
                 workers.end()
                 threads.shutdown(cancel_futures=True)
+                if cache:
+                    cache.trim()
 
-    def _check(self, path: str, workers: CheckProcesses, spelling: Spelling) -> ModelResult:
-        output = workers.run(self._task(path))
+    def _check(self, path: str, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling) -> ModelResult:
+        output = self._output(path, workers, cache)
         findings = [Finding(**message["finding"]) for message in output.messages if "finding" in message]
         loads = any(message.get("loaded") for message in output.messages)
         if not any(message.get("done") for message in output.messages):
@@ -188,6 +195,19 @@ class Check(PolicyOptions, CheckOptions):
 
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
         return ModelResult(path, loads, tuple(_spelled(finding, spelling) for finding in reported), suppressed)
+
+    def _output(self, path: str, workers: CheckProcesses, cache: ResultCache | None) -> WorkerOutput:
+        """Returns the output of the check of one model, or an earlier one."""
+        task = self._task(path)
+        if cache is None:
+            return workers.run(task)
+        key = cache.key(task)
+        messages = cache.read(key)
+        if messages is not None:
+            return WorkerOutput(messages, ExitStatus(0), "")
+        output = workers.run(task)
+        cache.write(key, task, output.messages)
+        return output
 
     def _is_ignored(self, finding: Finding) -> bool:
         """Returns whether `ignore_in` excludes a finding."""

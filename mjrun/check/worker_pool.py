@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -68,7 +68,7 @@ class WorkerOutput:
       stderr: the output of libraries.
     """
 
-    messages: Sequence[dict[str, Any]]
+    messages: Sequence[Mapping[str, Any]]
     exit: ExitStatus
     stderr: str
 

@@ -9,6 +9,12 @@ from mjrun.suffixes import ARCHIVES
 MOST = 1 << 26  # [bytes] larger files are not read; MJCF files are smaller
 
 
+def main_text(path: Path) -> tuple[bytes | None, str]:
+    """Returns the text that MuJoCo parses first, and its path; None and an empty path for a compiled model."""
+    main = str(path) if path.suffix == ".urdf" else main_mjcf(path)
+    return (file_content(main), main) if main else (None, "")
+
+
 def file_size(path: str) -> int | None:
     """Returns the size of a file [bytes]; None if it does not exist."""
     if not is_readable(path):

@@ -96,6 +96,23 @@ def existing_files(path: Path, text: bytes | None, member: str = "") -> list[Pat
     return [*files]
 
 
+def places_of_files(path: Path, text: bytes | None, member: str = "") -> list[list[str]] | None:
+    """Returns the places where MuJoCo may look for each file that the MJCF or URDF `text` names, existing or not.
+
+    Args:
+      path: the path of the text, or of the archive that contains it.
+      member: the path of the text if it is in the archive `path`.
+
+    Returns:
+      None if the places are not known: a plugin may open any file, and not all of very many texts are read.
+    """
+    named = _collect(path, text or b"", member)
+    texts = (text or b"", *named.models.values())
+    if len(named.models) >= MAX_FILES or any(b"<plugin" in each for each in texts):
+        return None
+    return [[*_places(file, path, named.folders)] for file in named.files]
+
+
 def with_absolute_paths(text: bytes, place: Callable[[str], str | Path]) -> bytes:
     """Returns MJCF or URDF with every absolute path in it replaced by its `place`."""
 

@@ -69,6 +69,11 @@ class CheckOptions(Options):
     jobs: int | str = option(
         converter=Processes(), default=AUTO, usual="auto, one per core", help="Number of models to check at once."
     )
+    cache: bool = option(
+        converter=Flag(negatable=True),
+        default=True,
+        help="Reuse earlier results of models whose files, and the settings that affect them, have not changed.",
+    )
 
 
 @options

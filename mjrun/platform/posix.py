@@ -154,6 +154,11 @@ def show_utf8() -> None:
     """Does nothing: terminals show what the user has chosen."""
 
 
+def cache_home() -> Path:
+    """Returns the folder below which programs store what they can make again."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))  # noqa: PTH111 – never fails
+
+
 def machine_name() -> str:
     """Returns the name of this machine in its network."""
     return os.uname().nodename

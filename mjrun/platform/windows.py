@@ -131,6 +131,11 @@ def show_utf8() -> None:
         libraries.kernel32.SetConsoleOutputCP(CP_UTF8)
 
 
+def cache_home() -> Path:
+    """Returns the folder below which programs store what they can make again."""
+    return Path(os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache"))  # noqa: PTH111 – never fails
+
+
 def machine_name() -> str:
     """Returns the name of this machine in its network."""
     import platform

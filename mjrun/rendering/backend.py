@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from mjrun.child_process import ChildProcess
 from mjrun.dataclass import dataclass
 from mjrun.errors import NoRendererError, SoftwareRendererError, UnknownNameError, option
+from mjrun.platform import system
 from mjrun.platform.installation import as_root
 from mjrun.rendering.worker_process import memory_file
 
@@ -96,8 +97,7 @@ class Backend:
 
 def _require_shader_cache() -> None:
     """Switches Mesa's cache of shaders off where it cannot be made: Mesa would print a message for each process."""
-    variables = map(os.environ.get, ("MESA_SHADER_CACHE_DIR", "XDG_CACHE_HOME"))
-    cache = Path(next(filter(None, variables), None) or os.path.expanduser("~/.cache"))  # noqa: PTH111 – never fails
+    cache = Path(os.environ.get("MESA_SHADER_CACHE_DIR") or system.cache_home())
     nearest = next((folder for folder in (cache, *cache.parents) if os.path.isdir(folder)), cache)  # noqa: PTH112
     if not os.access(nearest, os.W_OK):
         os.environ["MESA_SHADER_CACHE_DISABLE"] = "true"
@@ -274,9 +274,9 @@ def install_advice(packages: Mapping[str, str] = OPENGL) -> str:
     if platform.system() != "Linux":
         return "install a graphics driver"
     try:
-        system = platform.freedesktop_os_release()
+        release = platform.freedesktop_os_release()
     except OSError:
-        system = {}
-    families = [system.get("ID", ""), *system.get("ID_LIKE", "").split()]
+        release = {}
+    families = [release.get("ID", ""), *release.get("ID_LIKE", "").split()]
     family = next((name for name in families if name in INSTALLERS and name in packages), "")
     return as_root(f"{INSTALLERS[family]} {packages[family]}") if family else packages[""]

@@ -50,7 +50,7 @@ class FileSource(Source):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        return (self.path, *existing_files(self.path, *self._main_text()))
+        return (self.path, *existing_files(self.path, *archive_paths.main_text(self.path)))
 
     def stored_at(self, place: Callable[[Path], Path]) -> Source:
         return replace(self, path=place(self.path), label=self.text)
@@ -125,7 +125,7 @@ class FileSource(Source):
 
     def _parse(self) -> mujoco.MjSpec:
         path = self.path
-        text, main = self._main_text()
+        text, main = archive_paths.main_text(self.path)
         require_regular_files(path, text, main)
         if main:
             require_finite_nesting(path, main, text)
@@ -135,11 +135,6 @@ class FileSource(Source):
             if foreign := foreign_file(path, text):
                 raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None
             raise
-
-    def _main_text(self) -> tuple[bytes | None, str]:
-        """Returns the text that MuJoCo parses first, and its path; None and an empty path for a compiled model."""
-        main = str(self.path) if self.path.suffix == ".urdf" else archive_paths.main_mjcf(self.path)
-        return (archive_paths.file_content(main), main) if main else (None, "")
 
     def _parse_checked(self) -> mujoco.MjSpec:
         path = self.path
