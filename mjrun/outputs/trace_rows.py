@@ -87,9 +87,11 @@ class ProbeSampler:
         self._initial_fields = sorted({name for probe in of_fields if probe.needs_initial for name in probe.fields})
         self._of_instants = [probe for probe in self.probes if not isinstance(probe, FieldProbe | ContactProbe)]
         self._copies_contacts = with_contacts or any(isinstance(probe, ContactProbe) for probe in self.probes)
-        self._stepper: Stepper | None = None  # the last one that was read
+        self._stepper: Stepper | None = None  # the last one that was read, and its data
+        self._data: mujoco.MjData | None = None
         self._initial_values: Fields = {}
         self._like: Fields = {}  # an instance of each field
+        self._copies: Sequence[Callable[[], bytes | int]] = ()  # copy each field of the last MjData
         self.model = model
         if "energy" in self._fields and not model.opt.enableflags & ENERGY:
             self.model = copy.copy(model)
@@ -161,7 +163,10 @@ class ProbeSampler:
         data = stepper.instant()
         if stepper is not self._stepper:
             self._stepper, self._initial_values = stepper, self._initial(stepper)
+        if data is not self._data:  # whose arrays stay in place
+            self._data = data
             self._like = {name: np.asarray(getattr(data, name)) for name in self._fields}
+            self._copies = [_copy_of(stepper.model, data, name) for name in self._fields]
         measured: list[np.ndarray] = []
         for probe in self._of_instants:
             if isinstance(probe, EpisodeProbe):
@@ -170,7 +175,7 @@ class ProbeSampler:
             else:
                 measured.append(probe.measure(stepper.model, data))
         return InstantReading(
-            _copied(stepper.model, data, self._fields),
+            [copy() for copy in self._copies],
             self._initial_values,
             measured,
             copy_contacts(data) if self._copies_contacts else None,
@@ -248,12 +253,12 @@ def rate_warning(timeline: Timeline, rate: float | str | Fraction | None) -> str
     return f"{text}: each step gives one row; a smaller {option('timestep')} gives more"
 
 
-def _copied(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> list[bytes | int]:
-    """Returns the bytes of fields of `data`, or their numbers."""
-    if "energy" in names:
-        data = _with_energy(model, data)
-    values = [getattr(data, name) for name in names]
-    return [value.tobytes() if isinstance(value, np.ndarray) else value for value in values]
+def _copy_of(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> Callable[[], bytes | int]:
+    """Returns a function that returns the bytes of a field of `data`, or its number."""
+    if name == "energy" and not model.opt.enableflags & ENERGY:
+        return lambda: _with_energy(model, data).energy.tobytes()
+    value = getattr(data, name)
+    return value.tobytes if isinstance(value, np.ndarray) else partial(getattr, data, name)
 
 
 def _joined_copies(like: np.ndarray, copies: Sequence[bytes | int]) -> np.ndarray:
@@ -264,14 +269,13 @@ def _joined_copies(like: np.ndarray, copies: Sequence[bytes | int]) -> np.ndarra
 
 
 def _fields(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Fields:
-    data = _with_energy(model, data) if "energy" in names else data
+    if "energy" in names and not model.opt.enableflags & ENERGY:
+        data = _with_energy(model, data)
     return {name: np.array(getattr(data, name)) for name in names}
 
 
 def _with_energy(model: mujoco.MjModel, data: mujoco.MjData) -> mujoco.MjData:
-    """Returns an instant with energy: a copy, if the model leaves energy out."""
-    if model.opt.enableflags & ENERGY:
-        return data
+    """Returns a copy of an instant, with the energy that the model leaves out."""
     instant = mujoco.MjData(model)
     mujoco.mj_copyData(instant, model, data)
     mujoco.mj_energyPos(model, instant)

@@ -147,7 +147,7 @@ def warning(model: mujoco.MjModel) -> InstantProbe:
     index = list(kinds.values())
 
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        return np.array([data.warning[kind].number for kind in index], float)
+        return data.warning.number[index].astype(float)
 
     return InstantProbe(columns, measure)
 

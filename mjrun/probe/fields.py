@@ -3,6 +3,7 @@
 The meaning of a field, and the kind of object that indexes it, are read from MuJoCo's own description of mjData.
 """
 
+import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -117,7 +118,7 @@ def offered(model: mujoco.MjModel) -> list[str]:
 def field_probe(model: mujoco.MjModel, field: str, group: str = "") -> Probe:
     """Returns the probe of a field; the names of its columns begin with `group`, or with the field's own name."""
     if field in LAZY:
-        return InstantProbe(tuple(_columns(model, field, group or field)), _completed(model, field))
+        return InstantProbe(tuple(_columns(model, field, group or field)), _completed(field))
     return recorded_probe(model, field, group)
 
 
@@ -133,22 +134,37 @@ def recorded_probe(model: mujoco.MjModel, field: str, group: str = "") -> FieldP
     return FieldProbe(columns, (field,), compute)
 
 
+_compute_inverse = partial(mujoco.mj_inverseSkip, skipstage=int(mujoco.mjtStage.mjSTAGE_VEL), skipsensor=True)
+
 # Fields that a step computes only if a sensor needs them, and the functions that compute them.
 LAZY: dict[str, Callable[[mujoco.MjModel, mujoco.MjData], None]] = {
-    "qfrc_inverse": partial(mujoco.mj_inverseSkip, skipstage=int(mujoco.mjtStage.mjSTAGE_VEL), skipsensor=True)
+    "qfrc_inverse": _compute_inverse,
+    **dict.fromkeys(("cacc", "cfrc_int", "cfrc_ext"), mujoco.mj_rnePostConstraint),
+    **dict.fromkeys(("subtree_linvel", "subtree_angmom"), mujoco.mj_subtreeVel),
 }
-LAZY |= dict.fromkeys(("cacc", "cfrc_int", "cfrc_ext"), mujoco.mj_rnePostConstraint)
-LAZY |= dict.fromkeys(("subtree_linvel", "subtree_angmom"), mujoco.mj_subtreeVel)
+# All that these functions change in an MjData.
+CHANGED = {
+    _compute_inverse: ("qfrc_inverse", "qfrc_constraint", "efc_force", "efc_state"),
+    mujoco.mj_rnePostConstraint: ("cacc", "cfrc_int", "cfrc_ext", "flg_rnepost"),
+    mujoco.mj_subtreeVel: ("subtree_linvel", "subtree_angmom", "flg_subtreevel"),
+}
 
 
-def _completed(model: mujoco.MjModel, field: str) -> Measure:
-    """Measures a field that a step leaves out on a copy, so that other probes see the instant unchanged."""
-    scratch = cache(lambda: mujoco.MjData(model))
+def _completed(field: str) -> Measure:
+    """Measures a field that a step leaves out, and puts back what its computation changes."""
+    compute = LAZY[field]
+    changed = CHANGED[compute]
 
     def measure(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-        mujoco.mj_copyData(scratch(), model, data)
-        LAZY[field](model, scratch())
-        return getattr(scratch(), field).ravel().copy()
+        before = [copy.copy(getattr(data, name)) for name in changed]
+        compute(model, data)
+        values = getattr(data, field).ravel().copy()
+        for name, value in zip(changed, before, strict=True):
+            if isinstance(value, bool):
+                setattr(data, name, value)
+            else:
+                getattr(data, name)[:] = value
+        return values
 
     return measure
 

@@ -86,18 +86,29 @@ def _lines(piece: np.ndarray) -> bytes:
 
 
 def _mixed_lines(piece: np.ndarray, labels: Mapping[int, np.ndarray], integers: Set[int]) -> bytes:
-    """Returns the lines of a piece with texts and integers; the numbers between those are printed together."""
+    """Returns the lines of a piece with texts and integers; the cells between integers are printed together."""
     cells: list[list[bytes]] = []
-    alone = {*labels, *integers}
-    for index, run in itertools.groupby(range(piece.shape[1]), key=lambda i: i if i in alone else -1):
-        values = np.ascontiguousarray(piece[:, list(run)])
-        if index in labels:
-            cells.append(labels[index][values[:, 0].astype(int)].tolist())
-        elif index in integers:
+    kinds = ((i in labels, i if i in integers else -1) for i in range(piece.shape[1]))
+    for (are_texts, integer), run in itertools.groupby(enumerate(kinds), key=lambda each: each[1]):
+        columns = [index for index, _ in run]
+        values = np.ascontiguousarray(piece[:, columns])
+        if integer >= 0:
             cells.append(number_text.integer_text(values[:, 0], b"nan"))
+        elif are_texts:
+            cells.append(_label_lines(values, [labels[column].tolist() for column in columns]))
         else:
             cells.append(_lines(values).splitlines())
     return b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n"
+
+
+def _label_lines(values: np.ndarray, labels: Sequence[Sequence[bytes]]) -> list[bytes]:
+    """Returns the lines of text columns; the same texts are joined once."""
+    rows = values.astype("<i4").view(f"V{4 * len(labels)}")[:, 0].tolist()
+    lines: dict[bytes, bytes] = {}
+    for row in set(rows):
+        texts = zip(labels, np.frombuffer(row, "<i4").tolist(), strict=True)
+        lines[row] = b",".join([known[index] for known, index in texts])
+    return [lines[row] for row in rows]
 
 
 def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: CellKinds) -> TableContents:
