@@ -165,18 +165,25 @@ def new_values(values: np.ndarray, override: Override) -> np.ndarray | None:
 
 
 def read_array(model: mujoco.MjModel, array: str) -> np.ndarray:
-    """Returns a copy of an array, `(rows, size)`."""
-    if array.startswith("opt."):
-        return np.array(getattr(model.opt, array.removeprefix("opt.")), float).reshape(1, -1)
-    return getattr(model, array).copy()
+    """Returns a copy of an array, `(rows, size)`; of `opt.NAME` or `stat.NAME` as one row."""
+    group, dot, field = array.rpartition(".")
+    if dot:
+        return np.array(getattr(getattr(model, group), field), float).reshape(1, -1)
+    return getattr(model, field).copy()
 
 
 def write_array(model: mujoco.MjModel, array: str, values: np.ndarray) -> None:
     """Writes an array, the reverse of `read_array`."""
-    field = array.removeprefix("opt.")
-    if array == field:
-        getattr(model, field)[...] = values
-    elif field in VECTORS:
-        getattr(model.opt, field)[:] = values[0]
+    group, dot, field = array.rpartition(".")
+    if dot:
+        setattr(getattr(model, group), field, values[0] if values.shape[1] > 1 else float(values[0, 0]))
     else:
-        setattr(model.opt, field, float(values[0, 0]))
+        getattr(model, field)[...] = values
+
+
+def restore_array(model: mujoco.MjModel, array: str, source: mujoco.MjModel) -> None:
+    """Writes an array of another model."""
+    if "." in array:
+        write_array(model, array, read_array(source, array))
+    else:
+        getattr(model, array)[...] = getattr(source, array)

@@ -17,9 +17,15 @@ class DerivedNumbers:
 
     Args:
       spec: the specification of the model, already compiled.
+
+    Attributes:
+      arrays: the arrays and statistics that `compute` may change.
     """
 
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+        changed = (*mujoco.MjModel._setconst_outputs, "tendon_lengthspring")  # pyright: ignore[reportPrivateUsage]
+        self.arrays = [name for name in changed if getattr(model, name).size]
+        self.arrays += [f"stat.{name}" for name in STATISTICS]
         self._data = mujoco.MjData(model)
         lengths = [tendon.id for tendon in spec.tendons if (np.asarray(tendon.springlength) == -1).all()]
         self._automatic_lengths = np.array(lengths, int)

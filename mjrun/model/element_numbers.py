@@ -1,6 +1,12 @@
-"""Numbers of elements that the compiler copies, while `DerivedNumbers` computes everything that depends on them."""
+"""Numbers of elements that the compiler copies, while `DerivedNumbers` computes everything that depends on them.
+
+The mass and the inertia of a body with a single primitive geom are computed here, in the compiler's order of
+operations, and thus to the last bit.
+"""
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from math import pi
 from typing import Any
 
 import mujoco
@@ -13,7 +19,8 @@ from mjrun.model.override import Override, elements_at
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 SHAPES = ("SPHERE", "CAPSULE", "ELLIPSOID", "CYLINDER", "BOX", "PLANE")
-PRIMITIVES = {int(mujoco.mjtGeom.__members__[f"mjGEOM_{shape}"]) for shape in SHAPES}
+PRIMITIVES = {int(mujoco.mjtGeom.__members__[f"mjGEOM_{shape}"]): shape for shape in SHAPES}
+WITH_ENDS = ("CAPSULE", "CYLINDER")  # shapes whose length follows from `fromto`, and their radius does not
 VECTORS = ("damping", "stiffness")  # coefficients of a polynomial, in an array for the first and another for the rest
 LEAST = 1e-9  # smaller masses and sizes may be refused
 
@@ -31,6 +38,29 @@ class _Field:
     array: str
     any_sign: bool = False
     has_effects: bool = True
+
+
+@dataclass(frozen=True)
+class _Solid:
+    """The only geom of a body, from which the mass and the inertia of the body follow.
+
+    Attributes:
+      body: the id of the body.
+      shape: the name of the shape.
+      density: the density of the geom, if `mass` is None.
+      mass: the mass of the geom, if the source specifies it.
+    """
+
+    body: int
+    shape: str
+    density: float
+    mass: float | None
+
+    def numbers(self, size: np.ndarray) -> tuple[float, list[float]]:
+        """Returns the mass and the principal moments of inertia of the geom with a size."""
+        volume, moments = _SOLIDS[self.shape]
+        mass = self.density * volume(*size.tolist()) if self.mass is None else self.mass
+        return mass, moments(mass, *size.tolist())
 
 
 FIELDS = {
@@ -63,9 +93,11 @@ class ElementNumbers:
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
         self._spec, self.model = spec, model
         compiler = spec.compiler
-        is_plain = compiler.settotalmass <= 0 and not (compiler.fusestatic or compiler.boundmass or model.npair)
-        self._is_plain = is_plain and not (model.nflex or model.nskin or model.nplugin)
+        is_adjusted = compiler.settotalmass > 0 or compiler.boundmass or compiler.boundinertia or compiler.fusestatic
+        self._is_plain = not (is_adjusted or model.npair or model.nflex or model.nskin or model.nplugin)
         self._rows: dict[str, np.ndarray | None] = {}  # by the path of a field
+        self._first_only = set[str]()  # paths of which the compiler copies the first number of each row
+        self._solids: dict[int, _Solid] = {}  # by the id of the geom
 
     def changed(self, overrides: Sequence[Override]) -> dict[str, Rows] | None:
         """Returns the changed rows of each array and their values; None if the model must be compiled for them."""
@@ -77,15 +109,17 @@ class ElementNumbers:
                 return None
             array = FIELDS[field_name(override)].array
             values = whole.setdefault(array, _by_rows(self.model, array))
-            new = _first_number(values[rows], override) if _is_first(override) else new_values(values[rows], override)
+            is_first = override.target in self._first_only
+            new = _first_number(values[rows, :1], override) if is_first else new_values(values[rows], override)
             if new is None:
                 return None
-            values[rows] = new
+            values[rows, : new.shape[1]] = new
             changed.setdefault(array, []).extend(rows.tolist())
         result: dict[str, Rows] = {
             array: (rows, self._shaped(array, whole[array][rows])) for array, rows in changed.items()
         }
-        return result | self._of_free_joints(result)
+        of_solids = self._of_solids(result)
+        return None if of_solids is None else result | of_solids | self._of_free_joints(result)
 
     @staticmethod
     def have_effects(overrides: Sequence[Override]) -> bool:
@@ -111,8 +145,16 @@ class ElementNumbers:
             return None
         if fields == ["mass"] and not all(element.explicitinertial for element in elements):
             return None
+        has_ends = {kind == "geom" and _has_ends(element) for element in elements}
+        if True in has_ends and (False in has_ends or fields != ["size"]):
+            return None
+        if fields == ["pos"] and kind == "geom" and any(element.id in self._solids for element in elements):
+            return None  # it may change how MuJoCo computes the body
 
         values = _by_rows(self.model, field.array)
+        if fields[0] in VECTORS or True in has_ends:
+            self._first_only.add(override.target)
+            values = values[:, :1]
         rows = list[int]()
         for element in elements:
             own = self._dofs(element) if field.array.startswith("dof_") else [element.id]
@@ -127,11 +169,50 @@ class ElementNumbers:
     def _dofs(self, joint: Any) -> list[int]:
         return np.flatnonzero(self.model.dof_jntid == joint.id).tolist()
 
-    def has_own_inertia(self, geom: Any) -> bool:
-        """Returns whether the inertia of the body of a geom is independent of it, and of its mass."""
-        body, from_geoms = geom.parent, mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-        is_independent = not body.id or (body.explicitinertial and self._spec.compiler.inertiafromgeom != from_geoms)
-        return is_independent and int(geom.type) in PRIMITIVES and not np.isfinite(geom.fromto[0])
+    def is_separate(self, geom: Any) -> bool:
+        """Returns whether nothing but the bounds and the mass of its body depend on a geom, in a known way."""
+        body, shape = geom.parent, PRIMITIVES.get(int(geom.type))
+        # The compiler sorts the bounding volumes of several geoms by their positions.
+        if shape is None or self.model.body_bvhnum[body.id] > 1 or (_has_ends(geom) and shape not in WITH_ENDS):
+            return False
+        from_geoms = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        if not body.id or (body.explicitinertial and self._spec.compiler.inertiafromgeom != from_geoms):
+            return True
+        solid = _Solid(body.id, shape, float(geom.density), None if np.isnan(geom.mass) else float(geom.mass))
+        if shape not in _SOLIDS or geom.typeinertia != mujoco.mjtGeomInertia.mjINERTIA_VOLUME:
+            return False
+        is_exact = len(body.geoms) == 1 and self._is_exact(geom.id, solid)
+        if is_exact:
+            self._solids[geom.id] = solid
+        return is_exact
+
+    def _is_exact(self, geom: int, solid: _Solid) -> bool:
+        """Returns whether the compiled numbers of the body of a solid are those of its geom."""
+        model, body = self.model, solid.body
+        mass, inertia = solid.numbers(model.geom_size[geom])
+        pairs = (
+            (model.body_mass[body], mass),
+            (model.body_inertia[body], inertia),
+            (model.body_ipos[body], model.geom_pos[geom]),
+            (model.body_iquat[body], model.geom_quat[geom]),
+        )
+        return all(np.array_equal(compiled, computed) for compiled, computed in pairs)
+
+    def _of_solids(self, changed: dict[str, Rows]) -> dict[str, Rows] | None:
+        """Returns the rows of bodies whose only geom changes its size; None if the compiler may refuse them."""
+        bodies, masses, inertias = list[int](), list[float](), list[list[float]]()
+        for geom, size in zip(*changed.get("geom_size", ((), ())), strict=True):
+            solid = self._solids.get(geom)
+            if solid:
+                mass, inertia = solid.numbers(size)
+                if not min(mass, *inertia) > LEAST:
+                    return None
+                bodies.append(solid.body)
+                masses.append(mass)
+                inertias.append(inertia)
+        if not bodies:
+            return {}
+        return {"body_mass": (bodies, np.array(masses)), "body_inertia": (bodies, np.array(inertias))}
 
     def _of_free_joints(self, changed: dict[str, Rows]) -> dict[str, Rows]:
         """Returns the initial positions of free joints of bodies whose position changes."""
@@ -164,7 +245,7 @@ def _has_inertia(numbers: ElementNumbers, body: Any) -> bool:
 
 _CONDITIONS: dict[str, Callable[[ElementNumbers, Any], bool]] = {
     "body": _has_inertia,
-    "geom": ElementNumbers.has_own_inertia,
+    "geom": ElementNumbers.is_separate,
     "joint": _has_no_spring_damper,
 }
 
@@ -179,13 +260,12 @@ def _is_valid(override: Override) -> bool:
     return bool(np.isfinite(numbers).all()) and (FIELDS[field_name(override)].any_sign or is_positive)
 
 
-def _is_first(override: Override) -> bool:
-    """Returns whether an override may change the first coefficient of a polynomial, or all of them."""
-    return field_of(override) in VECTORS
+def _has_ends(geom: Any) -> bool:
+    return bool(np.isfinite(geom.fromto[0]))
 
 
 def _first_number(values: np.ndarray, override: Override) -> np.ndarray | None:
-    """Returns the first coefficients `(rows, 1)` after an override; None if it changes others from zero."""
+    """Returns the first numbers `(rows, 1)` after an override; None if it changes others."""
     numbers = numbers_of(override)
     if len(numbers) != 1 or override.index not in (None, 0):
         return None
@@ -196,3 +276,37 @@ def _by_rows(model: mujoco.MjModel, array: str) -> np.ndarray:
     """Returns a copy of an array, `(rows, size)`."""
     values = getattr(model, array)
     return values.reshape(len(values), -1).copy()
+
+
+def _capsule(mass: float, radius: float, half: float, _: float) -> list[float]:
+    """Returns the moments of inertia of a cylinder and two hemispheres at its ends."""
+    height = 2 * half
+    sphere = mass * 4 * radius / (4 * radius + 3 * height)
+    cylinder = mass - sphere
+    of_sphere = 2 * sphere * radius * radius / 5
+    across = cylinder * (3 * radius * radius + height * height) / 12
+    across += of_sphere + sphere * height * (3 * radius + 2 * height) / 8
+    return [across, across, cylinder * radius * radius / 2 + of_sphere]
+
+
+def _cylinder(mass: float, radius: float, half: float, _: float) -> list[float]:
+    height = 2 * half
+    across = mass * (3 * radius * radius + height * height) / 12
+    return [across, across, mass * radius * radius / 2]
+
+
+def _three_axes(mass: float, x: float, y: float, z: float, divisor: int) -> list[float]:
+    """Returns the moments of inertia of an ellipsoid (divisor 5) or a box (divisor 3) with these half axes."""
+    xx, yy, zz = x * x, y * y, z * z
+    return [mass * (yy + zz) / divisor, mass * (xx + zz) / divisor, mass * (xx + yy) / divisor]
+
+
+_Formulas = tuple[Callable[[float, float, float], float], Callable[[float, float, float, float], list[float]]]
+# The volume of a size, and the principal moments of inertia of a mass and a size.
+_SOLIDS: dict[str, _Formulas] = {
+    "SPHERE": (lambda r, _, __: 4 * pi * r * r * r / 3, lambda mass, r, _, __: [2 * mass * r * r / 5] * 3),
+    "CAPSULE": (lambda r, half, _: pi * (r * r * (2 * half) + 4 * r * r * r / 3), _capsule),
+    "CYLINDER": (lambda r, half, _: pi * r * r * (2 * half), _cylinder),
+    "ELLIPSOID": (lambda x, y, z: 4 * pi * x * y * z / 3, partial(_three_axes, divisor=5)),
+    "BOX": (lambda x, y, z: x * y * z * 8, partial(_three_axes, divisor=3)),
+}

@@ -103,8 +103,9 @@ class _Part:
         self._values = attrgetter(*self._names)
         self._whole_numbers = attrgetter(*(name for name in _whole_numbers() if getattr(first, name).size))
         self._structure = self._structure_of(first)
-        self._first = self._values(first)
-        for name, values in zip(self._names, self._first, strict=True):
+        values_of_first = self._values(first)
+        self._first = [values.tobytes() for values in values_of_first]
+        for name, values in zip(self._names, values_of_first, strict=True):
             whole, part = self._rows[arrays()[name].rows]
             if not np.array_equal(getattr(model, name)[whole], values[part], equal_nan=True):
                 raise ValueError(name)
@@ -119,7 +120,7 @@ class _Part:
             return None
         changed = dict[str, Rows]()
         for name, first, values in zip(self._names, self._first, self._values(compiled), strict=True):
-            if first.tobytes() != values.tobytes():
+            if first != values.tobytes():
                 whole, part = self._rows[arrays()[name].rows]
                 if not np.isfinite(values[part]).all():
                     return None

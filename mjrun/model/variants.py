@@ -17,7 +17,15 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
-from mjrun.model.copied_fields import CopiedFields, Rows, field_of, may_be_copied, read_array, write_array
+from mjrun.model.copied_fields import (
+    CopiedFields,
+    Rows,
+    field_of,
+    may_be_copied,
+    read_array,
+    restore_array,
+    write_array,
+)
 from mjrun.model.derived_numbers import DerivedNumbers
 from mjrun.model.element_numbers import ElementNumbers
 from mjrun.model.override import Override
@@ -209,14 +217,15 @@ class SharedCompilation:
             of_bodies = self._part_compiler.changed(rest)
         if of_bodies is None:
             return None
-        model = self._copy(())
-        self._write(changed | of_bodies, model)
+        changed |= of_bodies
+        model = self._copy(changed)
+        self._write(changed, model)
         if not has_effects:
-            return ModelVariant(model, self, frozenset([*changed, *of_bodies]))
+            return ModelVariant(model, self, frozenset(changed))
         self._derived = self._derived or DerivedNumbers(self.spec, self.model)
         if not self._derived.compute(model):
             return None
-        return ModelVariant(model, self, frozenset(changed), is_recompiled=True)
+        return ModelVariant(model, self, frozenset([*changed, *self._derived.arrays]))
 
     def recompiled(self, options: Sequence[Override], rest: Sequence[Override]) -> ModelVariant | None:
         """Returns the model with overrides of copied options, recompiled with all others; None if that fails."""
@@ -257,7 +266,7 @@ class SharedCompilation:
             self._whole_compiler.write(self.model, unused.model)
         for array in unused.copied:
             if array not in overwritten:
-                write_array(unused.model, array, read_array(self.model, array))
+                restore_array(unused.model, array, self.model)
         return unused.model
 
     def _write(self, changed: Mapping[str, Rows], model: mujoco.MjModel) -> None:

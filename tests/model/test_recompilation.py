@@ -103,11 +103,12 @@ def test_a_part_is_not_compiled_for_what_is_not_in_it(path: str) -> None:
         ("scale:joint/*.armature", "2", {"dof_armature"}),
         ("joint/elbow.damping", "0.3", {"dof_damping"}),
         ("site/*.pos", "1,-2,3", {"site_pos"}),
-        ("geom/pad.size[0]", "0.2", {"geom_size"}),
+        ("geom/floor.size[0]", "0.2", {"geom_size"}),
+        ("scale:geom/box.size", "0.7", {"geom_size", "body_mass", "body_inertia"}),
         ("body/arm.mass", "0", None),  # refused
         ("body/world.pos", "1,2,3", None),
-        ("geom/palm.size[0]", "0.2", None),  # which determines an inertia
-        ("geom/upper.size[0]", "0.2", None),  # with end points
+        ("geom/palm.size[0]", "0.2", None),  # which determines an inertia together with others
+        ("geom/pad.size[0]", "0.2", None),  # whose bounds are sorted with those of others
         ("geom/ring.pos", "1,2,3", None),  # in a frame
         ("joint/shoulder.damping", "1,2", None),
         ("scale:joint/shoulder.damping", "2", None),
@@ -120,6 +121,34 @@ def test_numbers_of_elements_are_copied(path: str, value: str, arrays: set[str] 
     assert (changed and changed.keys()) == arrays
     if changed:
         expected = compiled(override)[1]
+        for array, (rows, values) in changed.items():
+            np.testing.assert_array_equal(getattr(expected, array)[rows], values)
+
+
+@pytest.mark.parametrize("weight", ['mass="0.7"', 'density="333"'])
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ("sphere", 'size=".13"'),
+        ("capsule", 'size=".1 .23"'),
+        ("capsule", 'fromto="0 .1 .2 .3 .5 .1" size=".07"'),
+        ("cylinder", 'size=".11 .31"'),
+        ("ellipsoid", 'size=".1 .2 .3"'),
+        ("box", 'size=".12 .2 .07"'),
+    ],
+)
+def test_the_size_of_the_only_geom_of_a_body_determines_its_inertia(shape: str, size: str, weight: str) -> None:
+    geom = f'<geom name="solid" type="{shape}" {size} {weight}/>'
+    spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody><body><joint/>{geom}</body></worldbody></mujoco>")
+    numbers = ElementNumbers(spec, spec.compile())
+    for factor in (0.3, 0.9123, 1.7, 2.345678):
+        override = Override("scale:geom/solid.size", repr(factor))
+        changed = numbers.changed([override])
+        assert changed
+        assert changed.keys() == {"geom_size", "body_mass", "body_inertia"}
+        varied = spec.copy()
+        apply(varied, override)
+        expected = varied.compile()
         for array, (rows, values) in changed.items():
             np.testing.assert_array_equal(getattr(expected, array)[rows], values)
 

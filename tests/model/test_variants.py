@@ -271,6 +271,19 @@ def test_numbers_of_real_models_give_the_compiled_model(name: str, path: str) ->
         shared.reuse(variant)
 
 
+def test_models_that_are_overwritten_by_others_keep_no_number(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    shared = ModelVariants()
+    # The pad passes the upper arm, so that their bounding volumes change places.
+    for number in ("0.05", "0.1", "0.2", "0.31", "1.3"):
+        for name in ("geom/box.size[0]", "geom/pad.pos[0]", "site/goal.pos[0]", "body/hand.pos[0]", "geom/pad.size[0]"):
+            varied = parse_source(str(path), [Override(name, number)])
+            variant = shared.load(varied)
+            assert content(variant.model) == content(varied.load())
+            shared.reuse(variant)
+
+
 def test_numbers_that_vary_are_not_compiled_from_the_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
