@@ -276,7 +276,7 @@ def test_models_that_are_overwritten_by_others_keep_no_number(tmp_path: Path) ->
     path.write_text(ARM)
     shared = ModelVariants()
     # The pad passes the upper arm, so that their bounding volumes change places.
-    for number in ("0.05", "0.1", "0.2", "0.31", "1.3"):
+    for number in ("0.3", "0.25", "0.35", "0.1", "1.3"):
         for name in ("geom/box.size[0]", "geom/pad.pos[0]", "site/goal.pos[0]", "body/hand.pos[0]", "geom/pad.size[0]"):
             varied = parse_source(str(path), [Override(name, number)])
             variant = shared.load(varied)
