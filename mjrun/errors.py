@@ -125,7 +125,7 @@ def suggestion(name: str, valid: Iterable[str]) -> str:
 
 
 @dataclass(frozen=True)
-class Failure:
+class CommandFailure:
     """The failure of a command: `error` in its JSON document, which may have further keys that depend on the kind.
 
     Attributes:
@@ -141,7 +141,7 @@ class Failure:
     facts: Mapping[str, object] = field(default_factory=dict[str, object])
 
     @classmethod
-    def of(cls, error: "MjrunError") -> "Failure":
+    def of(cls, error: "MjrunError") -> "CommandFailure":
         """Returns the failure that `error` represents, with its public attributes as facts."""
         hidden = ("results", "path")
         facts = {name: plain(v) for name, v in vars(error).items() if name not in hidden and not name.startswith("_")}
@@ -310,7 +310,7 @@ class DocumentError(UsageError):
         super().__init__("\n".join([*map(str, problems[:FAULTS]), *more]))
 
 
-class InvalidJobsError(UsageError):
+class FaultyJobsError(UsageError):
     """Problems of jobs in one pass: `faults`, each with the index of its job, or None for the simulation."""
 
     def __init__(self, faults: Sequence[tuple[int | None, UsageError]]) -> None:

@@ -28,7 +28,7 @@ PATIENCE = 60.0  # [s] to wait for that
 Activity = Literal["", "reading", "compiling", "simulating", "drawing"]
 
 
-class Promise(SimpleNamespace):
+class ConfinementPromise(SimpleNamespace):
     """The resources to which a process is about to confine itself.
 
     Attributes:
@@ -62,7 +62,7 @@ class ProcessStatus(SimpleNamespace):
     folders: list[str]
     made: list[str]
     children: list[int]
-    promise: Promise | None
+    promise: ConfinementPromise | None
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class ProcessStatus(SimpleNamespace):
         folders: Sequence[str] = (),
         made: Sequence[str] = (),
         children: Sequence[int] = (),
-        promise: Promise | None = None,
+        promise: ConfinementPromise | None = None,
     ) -> None:
         lists = {"folders": [*folders], "made": [*made], "children": [*children]}
         super().__init__(activity=activity, model=model, promise=promise, **lists)
@@ -183,7 +183,7 @@ def note_end_of_child(pid: int) -> None:
             notice.children.remove(pid)
 
 
-def make_promise(promise: Promise) -> None:
+def make_promise(promise: ConfinementPromise) -> None:
     """Records the future confinement of this process, and waits until its reader has recorded it.
 
     Raises:
@@ -241,7 +241,7 @@ def _parsed(values: dict[str, Any]) -> ProcessStatus:
         [str(folder) for folder in values["folders"]][:MOST_FOLDERS],
         [str(folder) for folder in values["made"]][:MOST_FOLDERS],
         [int(pid) for pid in values["children"]],
-        promise and Promise(**promise),
+        promise and ConfinementPromise(**promise),
     )
 
 

@@ -36,7 +36,7 @@ DEATH_GRACE = 10.0  # [s] for a process to end after it has hung up
 
 
 @dataclass(frozen=True)
-class Failure:
+class PicklableException:
     """An exception in a form that can be pickled: not every class can be called with its instances' `args`.
 
     Attributes:
@@ -52,7 +52,7 @@ class Failure:
     trace: str
 
     @classmethod
-    def of(cls, error: Exception) -> "Failure":
+    def of(cls, error: Exception) -> "PicklableException":
         """Returns the failure that an exception is."""
         trace = "".join(traceback.format_exception(error))
         if isinstance(error, MjrunError):
@@ -104,7 +104,7 @@ class Reply(NamedTuple):
 
     request: Request
     value: Any
-    failure: Failure | None = None
+    failure: PicklableException | None = None
     warnings: Sequence[str] = ()
     is_last: bool = True
 
@@ -289,7 +289,7 @@ def _answer(parent: Connection, methods: object, name: str, arguments: tuple[Any
                     parent.send((item, None, (), False))
                 value = None
     except Exception as error:
-        value, failure = None, Failure.of(error)
+        value, failure = None, PicklableException.of(error)
     parent.send((value, failure, texts, True))
 
 

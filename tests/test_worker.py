@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import DrawError, InvalidActionError, MjrunError, NoRendererError, UnknownNameError, UnstableError
-from mjrun.worker import Failure, Request, Worker, WorkerEndedError
+from mjrun.worker import PicklableException, Request, Worker, WorkerEndedError
 from tests.processes import PATIENCE, wait_until
 
 ERRORS = [
@@ -184,7 +184,7 @@ def test_a_system_that_refuses_leaves_nothing_open(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_an_error_of_mjrun_arrives_as_it_was(error: MjrunError) -> None:
     error.add_note("somewhere")
-    arrived = pickle.loads(pickle.dumps(Failure.of(raised(error)))).error("a bug", DrawError)
+    arrived = pickle.loads(pickle.dumps(PicklableException.of(raised(error)))).error("a bug", DrawError)
     assert type(arrived) is type(error)
     assert (str(arrived), arrived.args, arrived.exit_code) == (str(error), error.args, error.exit_code)
     assert (vars(arrived), arrived.spelled(str)) == (vars(error), error.spelled(str))
@@ -193,10 +193,10 @@ def test_an_error_of_mjrun_arrives_as_it_was(error: MjrunError) -> None:
 
 @pytest.mark.parametrize("kind", [MjrunError, DrawError])
 def test_anything_else_is_a_bug_with_its_place(kind: type[MjrunError]) -> None:
-    error = Failure.of(raised(ValueError("so"))).error("a bug, drawing", kind)
+    error = PicklableException.of(raised(ValueError("so"))).error("a bug, drawing", kind)
     assert type(error) is kind
     assert str(error).startswith("a bug, drawing: ValueError: so (test_worker.py:")
 
 
 def test_what_a_bug_says_cannot_write_to_a_terminal() -> None:
-    assert "\x1b" not in str(Failure.of(raised(ValueError("\x1b[31mred"))).error("a bug"))
+    assert "\x1b" not in str(PicklableException.of(raised(ValueError("\x1b[31mred"))).error("a bug"))

@@ -140,7 +140,7 @@ class BatchRoller:
         return np.ascontiguousarray(np.broadcast_to(part, (self.copies, *part.shape)))
 
 
-class WarnedRunRoller:
+class WarnedRunTimer:
     """A timer of a run in which MuJoCo warns. With changing controls, a step takes about a microsecond longer."""
 
     copies = 1

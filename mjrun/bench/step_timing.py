@@ -194,7 +194,7 @@ class StepTimer:
         return min(profiles, key=lambda one: one.phases.seconds if one.phases else 0.0)
 
     def _leave_batch(self) -> None:
-        self.in_batch, self._roller = False, block_timing.WarnedRunRoller(self.run)
+        self.in_batch, self._roller = False, block_timing.WarnedRunTimer(self.run)
 
     def _longest(self, most: int) -> float:
         """Rolls out more and more steps, and returns the wall time of a step in the last and longest rollout [s]."""

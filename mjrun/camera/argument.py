@@ -22,7 +22,7 @@ from mjrun.model.names import identify, names
 from mjrun.options.kinds import AnyKind, Flag, Optional
 from mjrun.options.number_kinds import Point
 from mjrun.options.option import options_of
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 
 SHOT_SETTINGS = ("roll", "fovy")
 
@@ -126,7 +126,7 @@ class _RigArgument:
             return True
         try:
             value = kind.parse(text)
-        except ExpectedError as error:
+        except InvalidValueError as error:
             wrong = text if error.part is None else error.part
             raise BadValueError(f"{self._where}: {key}", wrong, error.expected) from None
         return replace(value, ease=ease) if isinstance(value, EasedNumber) else value
@@ -140,5 +140,5 @@ def parse_point(what: str, text: str, expected: str = "a point x/y/z [m]") -> Ve
     """
     try:
         return Point().parse(text)
-    except ExpectedError:
+    except InvalidValueError:
         raise BadValueError(what, text, expected) from None

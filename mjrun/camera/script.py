@@ -31,7 +31,7 @@ class FramedObject(Options):
     )
 
 
-class Fallback(ExactNumber):
+class EventFallback(ExactNumber):
     """A time [s], kept exactly, or the end."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class Event(Options):
         help="Delay after the event [s]; negative for a time before it.",
     )
     otherwise: Fraction | str | None = option(
-        converter=Optional(Fallback()),
+        converter=Optional(EventFallback()),
         default=None,
         key="else",
         kw_only=False,
@@ -119,7 +119,7 @@ class BlendKind(OneOf["Blend | str | float", Blend]):
         return plain_values(value)
 
 
-class FramedObjectKind(OneOf["FramedObject | str", FramedObject]):
+class FitKind(OneOf["FramedObject | str", FramedObject]):
     """A fit, or the name of its object."""
 
     def __init__(self) -> None:
@@ -182,7 +182,7 @@ class Shot(Options):
         help="Shake of a hand-held camera.",
     )
     fit: FramedObject | None = option(
-        converter=Optional(FramedObjectKind()),
+        converter=Optional(FitKind()),
         default=None,
         kw_only=False,
         help="Object to keep whole in the image by adjusting the distance.",

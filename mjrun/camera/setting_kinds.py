@@ -8,7 +8,7 @@ from mjrun.errors import suggestion
 from mjrun.options.kinds import Choice, Kind, Text
 from mjrun.options.number_kinds import POINT, Point, Real
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.schema_validation import TEXT, ExpectedError, Schema
+from mjrun.options.schema_validation import TEXT, InvalidValueError, Schema
 from mjrun.options.structured_kinds import OneOf, OptionsMapping
 
 
@@ -76,12 +76,12 @@ class RampKind(OneOf["EasedNumber | float", EasedNumber]):
     def __call__(self, value: "EasedNumber | float") -> EasedNumber:
         ramp = value if isinstance(value, EasedNumber) else EasedNumber.still(value)
         if ramp.ease not in EASINGS:
-            raise ExpectedError(f"one of {', '.join(EASINGS)}{suggestion(ramp.ease, EASINGS)}", ramp.ease)
+            raise InvalidValueError(f"one of {', '.join(EASINGS)}{suggestion(ramp.ease, EASINGS)}", ramp.ease)
         for number in (ramp.start, ramp.end):
             if not math.isfinite(number):
-                raise ExpectedError("finite", f"{number:g}")
+                raise InvalidValueError("finite", f"{number:g}")
             if self.unit and number <= 0:
-                raise ExpectedError(f"a positive number of {self.unit}", f"{number:g}")
+                raise InvalidValueError(f"a positive number of {self.unit}", f"{number:g}")
         return ramp
 
     def parse(self, text: str) -> EasedNumber:
@@ -91,7 +91,7 @@ class RampKind(OneOf["EasedNumber | float", EasedNumber]):
         except ValueError:
             ramp = EasedNumber.still(math.nan)
         if not (math.isfinite(ramp.start) and math.isfinite(ramp.end)):
-            raise ExpectedError("a number, or two as in 140..240")
+            raise InvalidValueError("a number, or two as in 140..240")
         return self(ramp)
 
     def plain(self, value: EasedNumber) -> object:

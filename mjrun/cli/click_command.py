@@ -19,7 +19,7 @@ from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
 from mjrun.options.kinds import AnyKind, Choice, Flag, Optional, Several
 from mjrun.options.option import FrontEnd, Option, Options, options_of
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ class KindType(click.ParamType[object]):
             return value
         try:
             return self._kind.parse(value)
-        except ExpectedError as error:
+        except InvalidValueError as error:
             self.fail(f"{(value if error.part is None else error.part)!r} is not {error.expected}", param, ctx)
 
 

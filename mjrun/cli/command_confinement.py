@@ -23,7 +23,7 @@ from mjrun.options.confinement import FILE, LIMITS, MEMORY, TIME, ConfinementOpt
 from mjrun.options.kinds import AnyKind, File, Optional, Several
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
-from mjrun.shared_status import Promise
+from mjrun.shared_status import ConfinementPromise
 from mjrun.suffixes import REFERRING
 
 MIB = 2**20
@@ -65,7 +65,7 @@ def confined(context: click.Context, options: ConfinementOptions) -> Generator[C
         if not os.path.exists(folder):  # noqa: PTH110 – also of names that are too long
             ParentFolders(Path(name), Path(folder))
     wanted = with_temporary(_confinement(paths))
-    shared_status.make_promise(Promise(wanted.temporary, [*wanted.written], limits[TIME]))
+    shared_status.make_promise(ConfinementPromise(wanted.temporary, [*wanted.written], limits[TIME]))
     made = confine(wanted, serves=command.is_endless)
     import_mujoco()  # not counted by the limit of memory
     limit_this_process(

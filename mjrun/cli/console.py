@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.confinement.confinement import confinement
-from mjrun.errors import Failure, flag, spelled
+from mjrun.errors import CommandFailure, flag, spelled
 from mjrun.shared_status import note_answered
 
 EVERY = 10.0  # [s] between two lines of progress when stderr is no terminal
@@ -103,9 +103,9 @@ class Console:
     def fail(self, code: int, kind: str, message: str) -> None:
         """Sets the exit code of a command that completed, and adds the reason to its JSON document."""
         self.code = code
-        self.report_failure(Failure(kind, message, code))
+        self.report_failure(CommandFailure(kind, message, code))
 
-    def report_failure(self, failure: Failure) -> None:
+    def report_failure(self, failure: CommandFailure) -> None:
         """Adds the `error` to the JSON document, if one is requested."""
         if self.as_json:
             self._failure = failure.document()

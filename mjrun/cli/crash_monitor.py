@@ -22,10 +22,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mjrun.platform.posix import PROMISE, SIGNALS
-from mjrun.shared_status import ProcessStatus, Promise, SharedStatus, write_on
+from mjrun.shared_status import ConfinementPromise, ProcessStatus, SharedStatus, write_on
 
 if TYPE_CHECKING:
-    from mjrun.errors import Failure
+    from mjrun.errors import CommandFailure
 
 HEEDED = (signal.SIGCHLD, signal.SIGALRM, PROMISE)  # handled by the parent; `SIGNALS` are forwarded
 GRACE = 0.5  # [s] for the child to respond to a signal before it is killed
@@ -98,7 +98,7 @@ class _Watcher:
 
     def __init__(self, child: int, board: SharedStatus, passed_on: list[signal.Signals]) -> None:
         self._child, self._board, self._passed_on = child, board, passed_on
-        self._promise: Promise | None = None
+        self._promise: ConfinementPromise | None = None
         self._temporary: os.stat_result | None = None  # the folder of the promise
         self._made = list[str]()  # folders of outputs that were made before it
         self._ending: signal.Signals | None = None  # the first signal that was passed on
@@ -195,7 +195,7 @@ class _Watcher:
             notice.children = []
         return notice
 
-    def _remove_temporary(self, promise: Promise) -> None:
+    def _remove_temporary(self, promise: ConfinementPromise) -> None:
         """Removes the temporary folder, if it is still the one that was created."""
         import shutil
 
@@ -203,14 +203,14 @@ class _Watcher:
             if self._temporary and os.path.samestat(self._temporary, os.lstat(promise.temporary)):
                 shutil.rmtree(promise.temporary, ignore_errors=True)
 
-    def _explain(self, code: int, notice: ProcessStatus) -> "Failure":
+    def _explain(self, code: int, notice: ProcessStatus) -> "CommandFailure":
         """Explains why a child with this exit code was killed."""
-        from mjrun.errors import Failure
+        from mjrun.errors import CommandFailure
 
         if self._ending == signal.SIGINT:
-            return Failure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
+            return CommandFailure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
         if self._ending is not None:
-            return Failure("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
+            return CommandFailure("TerminatedError", f"ended by {self._ending.name}", 128 + self._ending)
         return _obituary(signal.SIGALRM if self._has_expired else -code, notice, limited=self._promise is not None)
 
 
@@ -239,31 +239,31 @@ def _inside(folders: Collection[Path], paths: Sequence[str]) -> set[Path]:
     return {place for place in places if any(place.is_relative_to(folder) for folder in folders)}
 
 
-def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "Failure":
+def _obituary(killer: int, notice: ProcessStatus, *, limited: bool) -> "CommandFailure":
     """Explains why a process was killed, other than by a requested end.
 
     Args:
       limited: the process had limits set by mjrun.
     """
     from mjrun.child_process import ExitStatus
-    from mjrun.errors import Failure, OutOfMemoryError, clean, flag, option, spelled
+    from mjrun.errors import CommandFailure, OutOfMemoryError, clean, flag, option, spelled
 
     name = ExitStatus(-killer).signal
     during = f" while {notice.activity} {clean(notice.model)}" if notice.activity else ""
     if killer == signal.SIGKILL:
         reason = f"the process was killed{during}, which the system does when memory runs out"
-        return Failure.of(OutOfMemoryError(reason))
+        return CommandFailure.of(OutOfMemoryError(reason))
     if killer in LIMITS and limited:
         limit, reason = LIMITS[killer]
         message = f"ended{during}: {reason} its limit allows ({name})\n{option('limit')} {limit}=… allows more"
-        return Failure("LimitExceeded", spelled(message, flag), EXIT_CODES.get(notice.activity, EXCEEDED))
+        return CommandFailure("LimitExceeded", spelled(message, flag), EXIT_CODES.get(notice.activity, EXCEEDED))
     if killer not in CRASHES:
-        return Failure("TerminatedError", f"ended by {name}{during}", 128 + killer)
+        return CommandFailure("TerminatedError", f"ended by {name}{during}", 128 + killer)
 
     who = "MuJoCo" if notice.activity else "mjrun, or a library that it uses,"
     advice = ADVICE[notice.activity].format(model=clean(shlex.quote(notice.model)))
     message = f"{who} crashed{during}: {CRASHES[killer]} ({name})\n{advice}"
-    return Failure("Crash", message, EXIT_CODES.get(notice.activity, BUG))
+    return CommandFailure("Crash", message, EXIT_CODES.get(notice.activity, BUG))
 
 
 def _has_left_something(notice: ProcessStatus) -> bool:
@@ -306,7 +306,7 @@ def _kill(pid: int) -> None:
             kill(pid, signal.SIGKILL)
 
 
-def _report(failure: "Failure", *, is_answered: bool) -> None:
+def _report(failure: "CommandFailure", *, is_answered: bool) -> None:
     from mjrun.cli.console import Console, asks_for_json
     from mjrun.errors import EndedFromOutsideError
 

@@ -19,8 +19,8 @@ import click
 from mjrun.cli.console import Console, asks_for_json
 from mjrun.errors import (
     ClosedPipeError,
+    CommandFailure,
     EndedFromOutsideError,
-    Failure,
     MjrunError,
     OutOfMemoryError,
     TerminatedError,
@@ -167,27 +167,27 @@ def _guarded(console: Console, action: Callable[[], int]) -> int:
         console.close()
 
 
-def _failure(error: BaseException) -> Failure:
+def _failure(error: BaseException) -> CommandFailure:
     """Returns the failure that an exception represents."""
     match error:
         case click.UsageError():
-            return Failure("UsageError", _usage_message(error), error.exit_code)
+            return CommandFailure("UsageError", _usage_message(error), error.exit_code)
         case click.ClickException():
-            return Failure(type(error).__name__, error.format_message(), error.exit_code)
+            return CommandFailure(type(error).__name__, error.format_message(), error.exit_code)
         case MjrunError():
-            return Failure.of(error)
+            return CommandFailure.of(error)
         case KeyboardInterrupt() | click.Abort():
-            return Failure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
+            return CommandFailure("KeyboardInterrupt", "interrupted", 128 + signal.SIGINT)
         case EndedFromOutsideError():
-            return Failure("TerminatedError", f"ended by {error}", error.exit_code)
+            return CommandFailure("TerminatedError", f"ended by {error}", error.exit_code)
         case Exception():
             if isinstance(error, MemoryError) or NO_MEMORY in str(error):  # of a FatalError or a ValueError
-                return Failure.of(OutOfMemoryError(str(error)))
+                return CommandFailure.of(OutOfMemoryError(str(error)))
             from mjrun.packages import cause_of
 
             if (cause := cause_of(error)) is not None:
-                return Failure.of(cause)
-            return Failure("InternalError", _bug_message(error), BUG)
+                return CommandFailure.of(cause)
+            return CommandFailure("InternalError", _bug_message(error), BUG)
         case _:
             raise error
 
@@ -223,7 +223,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 def _is_in_finalizer(frame: FrameType | None) -> bool:
     while frame:
-        if frame.f_code is weakref.finalize.__call__.__code__:
+        if frame.f_code.co_qualname == weakref.finalize.__call__.__qualname__:
             return True
         frame = frame.f_back
     return False
@@ -231,7 +231,7 @@ def _is_in_finalizer(frame: FrameType | None) -> bool:
 
 def _interrupt_later(number: int) -> None:
     time.sleep(RETRY)
-    interrupt_main(number)
+    interrupt_main(signal.Signals(number))
 
 
 def _ending(number: int) -> BaseException:

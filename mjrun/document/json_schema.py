@@ -17,7 +17,7 @@ from mjrun.document.study import STUDY
 from mjrun.document.task import TASK
 from mjrun.document.value_forms import CAMERA, DocumentReader
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS
-from mjrun.errors import Failure, UnknownNameError
+from mjrun.errors import CommandFailure, UnknownNameError
 from mjrun.formats.format_lists import with_formats
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
 from mjrun.model.info import InfoResult
@@ -159,7 +159,7 @@ def failure_schema() -> JsonSchema:
 
 
 def _failure_rule() -> JsonSchema:
-    schema = _mapping(Failure, {})
+    schema = _mapping(CommandFailure, {})
     del schema["properties"]["facts"]
     schema["required"].remove("facts")
     return schema

@@ -40,7 +40,7 @@ from mjrun.document.tree import (
     written_path,
 )
 from mjrun.document.value_forms import DocumentReader
-from mjrun.errors import InvalidJobsError, UsageError
+from mjrun.errors import FaultyJobsError, UsageError
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import File, ReadingContext
 from mjrun.options.option import Options, document_key, options
@@ -131,9 +131,9 @@ class RunRequest:
             yield
         except UsageError as error:
             jobs_error = (
-                error if isinstance(error, InvalidJobsError) else error.__cause__
+                error if isinstance(error, FaultyJobsError) else error.__cause__
             )  # a lone one is raised as itself
-            if not isinstance(jobs_error, InvalidJobsError):
+            if not isinstance(jobs_error, FaultyJobsError):
                 raise
             raise document_error(self._fault(*fault) for fault in jobs_error.faults) from error
 

@@ -15,7 +15,7 @@ from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, File, Optional
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.policy import PolicyKind, is_code
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, setting_text
 from mjrun.options.structured_kinds import plain_values
 from mjrun.outputs.output import Job, OutputResult
@@ -130,7 +130,7 @@ def _setting(text: str) -> Plain:
     value = parts[0] if len(parts) == 1 else parts
     try:
         return value if setting_text(value) == text else text
-    except ExpectedError:
+    except InvalidValueError:
         return text
 
 

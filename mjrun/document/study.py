@@ -28,7 +28,7 @@ from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.input_file import is_file, opened
 from mjrun.options.kinds import Choice, Kind, ReadingContext, Text
 from mjrun.options.option import Options, document_options, options, required
-from mjrun.options.schema_validation import TEXT, ExpectedError, MisfitError, Misfits, Schema
+from mjrun.options.schema_validation import TEXT, InvalidValueError, MisfitError, Misfits, Schema
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.structured_kinds import OptionsMapping
 from mjrun.options.sweep import MANIFEST, PLANS
@@ -282,7 +282,7 @@ def _read(record: OptionsMapping[V], value: object, tree: Node, reader: ReadingC
     """
     try:
         return cast("V", record.read(value, reader))
-    except (MisfitError, ExpectedError) as error:
+    except (MisfitError, InvalidValueError) as error:
         top = Misfits()
         with top.at():
             raise error

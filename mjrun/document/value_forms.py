@@ -43,7 +43,7 @@ def read_camera(path: pathlib.Path | str) -> CameraScript:
     return read(path, CAMERA)[0].script(pathlib.Path(path).stem)
 
 
-class KnownName(Text):
+class MujocoConstantName(Text):
     """A name that MuJoCo defines, such as a visual flag."""
 
     def __init__(self, of: str) -> None:
@@ -197,5 +197,5 @@ class DocumentReader(Folders):
 
     def form(self, kind: AnyKind) -> AnyKind:
         if isinstance(kind, kinds.MujocoName):
-            return KnownName(kind.of)
+            return MujocoConstantName(kind.of)
         return FORMS.get(type(kind), kind)

@@ -56,7 +56,7 @@ class Scatter:
         return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
 
 
-class Ensemble:
+class EnsembleSearch:
     """A search for the least sum of squares of a problem.
 
     Args:

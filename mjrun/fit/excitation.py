@@ -16,7 +16,7 @@ from mjrun.fit.free_parameter import free_parameters, require_effect
 from mjrun.fit.information import all_information, sensitivity
 from mjrun.fit.limited_chirps import MotionLimits, chirps, control_room
 from mjrun.fit.measurements import CONTROLS, Segment, commands
-from mjrun.fit.prediction import Chunk, Predictor, Rollout
+from mjrun.fit.prediction import Chunk, ChunkSimulation, Predictor
 from mjrun.fit.shooting import Shooting
 from mjrun.fit.solution import Solution
 from mjrun.fit.starting_states import StartingStates
@@ -286,7 +286,7 @@ class _Excitation:
         values = tuple(p.value(c) for p, c in zip(self._parameters, coordinates, strict=True))
         steps = np.arange(round(inputs[0].times[-1] / self._judge.timestep) + 1)
         chunks = [Chunk(each, slice(None), 0, steps) for each in inputs]
-        return self._judge.predict([Rollout(chunk, values, self._start) for chunk in chunks])
+        return self._judge.predict([ChunkSimulation(chunk, values, self._start) for chunk in chunks])
 
     def _look(self, segment: Segment) -> Solution:
         parts = self._shooting.cut([segment])

@@ -12,11 +12,11 @@ from dataclasses import field, replace
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.fit.ensemble_gauss_newton import Ensemble
+from mjrun.fit.ensemble_gauss_newton import EnsembleSearch
 from mjrun.fit.free_parameter import FreeParameter, values_at
 from mjrun.fit.gauss_newton import EVALUATIONS, EXPLAINED, ROUGH_TOLERANCE, STAGE_EVALUATIONS, TOLERANCE, GaussNewton
 from mjrun.fit.measurements import Segment
-from mjrun.fit.prediction import Chunk, InitialStates, Predictor, chunks
+from mjrun.fit.prediction import Chunk, ChunkInitialStates, Predictor, chunks
 from mjrun.fit.rotations_and_noise import LEAST_NOISE, shared
 from mjrun.fit.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
 from mjrun.fit.solution import Floats, Solution
@@ -66,7 +66,7 @@ class Shooting:
     ) -> None:
         self._predictor, self._parameters, self._starting = predictor, parameters, starting
         self._loss, self._seed = loss, seed
-        self._states, self._is_rough = InitialStates(predictor.model), False
+        self._states, self._is_rough = ChunkInitialStates(predictor.model), False
 
     def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
         """Cuts segments into chunks of about `rows` rows."""
@@ -252,7 +252,7 @@ class Shooting:
             openings = [_opening(part, rows) for part in parts]
             is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
             problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
-            search = Ensemble(problem, self._seed + seed, scatter, advanced)
+            search = EnsembleSearch(problem, self._seed + seed, scatter, advanced)
             solution, scatter = yield from search.minimize(is_last=is_last)
             if is_last:
                 return solution

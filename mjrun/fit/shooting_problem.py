@@ -11,7 +11,7 @@ import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.fit.free_parameter import FreeParameter, values_at
-from mjrun.fit.prediction import Chunk, InitialStates, Predictor, Rollout
+from mjrun.fit.prediction import Chunk, ChunkInitialStates, ChunkSimulation, Predictor
 from mjrun.fit.solution import LOSSES, Floats, Solution
 
 NUDGE = 1e-5  # step of finite differences of coordinates, which go from 0 to 1
@@ -20,14 +20,14 @@ STATE_SCALE = 10.0  # standard deviation of a prior of states, for components th
 PENALTY = 1e3  # residual where a simulation fails, in standard deviations of the noise
 
 Result = TypeVar("Result")
-Simulating = Generator[Sequence[Rollout], Sequence[Floats], Result]
+Simulating = Generator[Sequence[ChunkSimulation], Sequence[Floats], Result]
 Advanced = Callable[[Solution], None]
 
 
 def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[Result]:
     """Runs generators side by side and simulates their requests as one batch."""
     results: dict[int, Result] = {}
-    waiting: dict[int, Sequence[Rollout]] = {}
+    waiting: dict[int, Sequence[ChunkSimulation]] = {}
 
     def advance(index: int, predicted: Sequence[Floats] | None) -> None:
         try:
@@ -81,7 +81,7 @@ class ShootingProblem:
         self,
         predictor: Predictor,
         parameters: Sequence[FreeParameter],
-        states: InitialStates,
+        states: ChunkInitialStates,
         parts: Sequence[Chunk],
         coordinates: Floats | None,
         guesses: Floats,
@@ -165,6 +165,6 @@ class ShootingProblem:
         left = [(rows - self.parts[i].values) / self.noise for (i, _, _), rows in zip(starts, predicted, strict=True)]
         return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
 
-    def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> Rollout:
+    def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> ChunkSimulation:
         values = None if self._is_nominal else values_at(self._parameters, coordinates)
-        return Rollout(self.parts[index], values, self._states.moved(self._guesses[index], deviation))
+        return ChunkSimulation(self.parts[index], values, self._states.moved(self._guesses[index], deviation))

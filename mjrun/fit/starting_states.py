@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.fit.measurements import Segment
-from mjrun.fit.prediction import Chunk, Predictor, Rollout
+from mjrun.fit.prediction import Chunk, ChunkSimulation, Predictor
 from mjrun.model import state
 from mjrun.probe.fields import field_probe
 
@@ -184,7 +184,7 @@ def _simulated(
     rows = _rows_by_step(segment, predictor.timestep)
     last = max(wanted)
     whole = Chunk(segment, slice(None), 0, segment.steps(predictor.timestep))
-    controls = predictor.controls(Rollout(whole, values, starting.start), last + 1)
+    controls = predictor.controls(ChunkSimulation(whole, values, starting.start), last + 1)
 
     for step in range(last + 1):
         if step in rows:

@@ -6,7 +6,7 @@ from typing import ClassVar
 from mjrun.options.kinds import File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import Numbers, Percent, Real
 from mjrun.options.option import Options, option, options
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import NamedNumbers
 
 ALIGNMENTS = ("time", "row")
@@ -29,15 +29,15 @@ class ColumnTolerances(NamedNumbers):
     def parse(self, text: str) -> tuple[str, Numbers]:
         try:
             pattern, numbers = super().parse(text)
-        except ExpectedError:
-            raise ExpectedError("COLUMNS=ATOL or COLUMNS=ATOL,RTOL, as in 'qvel/*=1e-6'") from None
+        except InvalidValueError:
+            raise InvalidValueError("COLUMNS=ATOL or COLUMNS=ATOL,RTOL, as in 'qvel/*=1e-6'") from None
         _require_tolerance(numbers)
         return pattern, numbers
 
 
 def _require_tolerance(numbers: Numbers) -> None:
     if len(numbers) not in (1, 2) or not all(number >= 0 for number in numbers):
-        raise ExpectedError("an absolute tolerance, or an absolute and a relative one, of at least 0")
+        raise InvalidValueError("an absolute tolerance, or an absolute and a relative one, of at least 0")
 
 
 @options

@@ -12,7 +12,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Processes,
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.rendering import QUALITIES
-from mjrun.options.schema_validation import NUMBER, ExpectedError, Schema
+from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.sweep import VariationOptions
 
@@ -35,7 +35,7 @@ class Thresholds(NamedNumbers):
     def __call__(self, value: Mapping[str, float | Sequence[float]]) -> Mapping[str, Numbers]:
         thresholds = super().__call__(value)
         if any(len(numbers) != 1 for numbers in thresholds.values()):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return thresholds
 
     def parse(self, text: str) -> tuple[str, Numbers]:
@@ -45,7 +45,7 @@ class Thresholds(NamedNumbers):
         except ValueError:
             number = math.nan
         if not name or not math.isfinite(number):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return name, (number,)
 
 

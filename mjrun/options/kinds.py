@@ -14,7 +14,7 @@ from os import PathLike, fspath
 from typing import Any, Generic, TypeVar, cast
 
 from mjrun.errors import Problem, suggestion
-from mjrun.options.schema_validation import TEXT, ExpectedError, Misfits, Schema, check
+from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfits, Schema, check
 
 V = TypeVar("V", contravariant=True)
 T = TypeVar("T")
@@ -73,7 +73,7 @@ class Kind(Generic[V, T]):
         """Converts a value from Python.
 
         Raises:
-          ExpectedError: the value is invalid.
+          InvalidValueError: the value is invalid.
         """
         raise NotImplementedError
 
@@ -81,7 +81,7 @@ class Kind(Generic[V, T]):
         """Converts text from a command line to a value that `__call__` accepts.
 
         Raises:
-          ExpectedError: the text is invalid.
+          InvalidValueError: the text is invalid.
         """
         return text
 
@@ -102,7 +102,7 @@ class Kind(Generic[V, T]):
         """Converts a plain value from a document to a value that `__call__` accepts.
 
         Raises:
-          MisfitError, ExpectedError: the value is invalid.
+          MisfitError, InvalidValueError: the value is invalid.
           UsageError: a path in it is invalid.
         """
         check(value, self.form)
@@ -125,7 +125,7 @@ class Text(Kind[str, str]):
 
     def __call__(self, value: object) -> str:
         if not isinstance(value, str):
-            raise ExpectedError("text")
+            raise InvalidValueError("text")
         return value
 
 
@@ -161,7 +161,7 @@ class Choice(Kind[str, str]):
     def __call__(self, value: str) -> str:
         if value not in self.names:
             hint = suggestion(value, self.names) if isinstance(value, str) else ""  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ExpectedError(f"one of {', '.join(self.names)}{hint}")
+            raise InvalidValueError(f"one of {', '.join(self.names)}{hint}")
         return value
 
 
@@ -177,7 +177,7 @@ class Flag(Kind[bool, bool]):
 
     def __call__(self, value: object) -> bool:
         if not isinstance(value, bool):
-            raise ExpectedError("true or false")
+            raise InvalidValueError("true or false")
         return value
 
 
@@ -218,7 +218,7 @@ class File(Kind[str | PathLike[str], str]):
     def __call__(self, value: str | PathLike[str]) -> str:
         path = fspath(value)
         if not path:  # usually an unset variable of a shell script
-            raise ExpectedError("the name of a file")
+            raise InvalidValueError("the name of a file")
         return path
 
     def read(self, value: object, reader: ReadingContext) -> object:
@@ -282,7 +282,7 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
     def _words(self, text: str) -> tuple[object, ...]:
         words = [word.strip() for word in re.split(r",(?![^\[]*\])", text) if word.strip()]
         if self.expected and not words:
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return tuple(map(self._parse_word, words))
 
     def plain(self, value: tuple[T, ...]) -> object:
@@ -292,8 +292,8 @@ class Several(Kind["W | Sequence[W]", tuple[T, ...]], Generic[W, T]):
     def _parse_word(self, word: str) -> object:
         try:
             return self.each.parse(word)
-        except ExpectedError as error:
-            raise ExpectedError(error.expected, word) from None
+        except InvalidValueError as error:
+            raise InvalidValueError(error.expected, word) from None
 
     def _is_one(self, value: object) -> bool:
         """Returns whether `value` is a single value; (640, 480) is one size."""

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import cast
 
 from mjrun.options.kinds import Kind, ReadingContext
-from mjrun.options.schema_validation import NUMBER, ExpectedError, Schema, check, type_name
+from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema, check, type_name
 from mjrun.timeline import rational
 
 Number = float | str | Fraction
@@ -46,15 +46,15 @@ class Integer(Kind[int, int]):
     def __call__(self, value: int) -> int:
         # NumPy's integers have __index__ too.
         if isinstance(value, bool) or not hasattr(value, "__index__"):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         number = value.__index__()
         if (self.least is not None and number < self.least) or (self.most is not None and number > self.most):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return number
 
     def parse(self, text: str) -> int:
         if not re.fullmatch(r"[-+]?[0-9]{1,18}", text.strip()):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return self(int(text))
 
 
@@ -91,7 +91,7 @@ class Real(Kind[float, float]):
         least = -math.inf if self.least is None else self.least
         high_enough = number >= least if self.above is None else number > self.above
         if not math.isfinite(number) or not high_enough or (self.most is not None and number > self.most):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return number
 
     def parse(self, text: str) -> float:
@@ -106,8 +106,8 @@ class Percent(Real):
     def parse(self, text: str) -> float:
         try:
             return self(to_float(text[:-1]) / 100 if text.endswith("%") else math.nan)
-        except ExpectedError:
-            raise ExpectedError("a percentage; write it as in 10%") from None
+        except InvalidValueError:
+            raise InvalidValueError("a percentage; write it as in 10%") from None
 
 
 class ExactNumber(Kind[Number, Fraction]):
@@ -135,10 +135,10 @@ class ExactNumber(Kind[Number, Fraction]):
             number = rational(value)
             nearest = float(number)
         except (OverflowError, TypeError, ValueError):
-            raise ExpectedError(self.expected) from None
+            raise InvalidValueError(self.expected) from None
         too_small = nearest == 0 and not (self.zero and number == 0)  # below the smallest float
         if (number < 0 and not self.signed) or too_small:
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return number
 
     def parse(self, text: str) -> Fraction:
@@ -146,7 +146,7 @@ class ExactNumber(Kind[Number, Fraction]):
 
     def read(self, value: object, reader: ReadingContext) -> object:
         if type_name(value) not in ("integer", "number", "string"):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return self(cast("Number", value))
 
 
@@ -181,13 +181,13 @@ class Size(Kind[Sequence[int], tuple[int, int]]):
     def __call__(self, value: Sequence[int]) -> tuple[int, int]:
         sides = () if isinstance(value, str) else tuple(value)
         if len(sides) != 2 or not all(hasattr(side, "__index__") and side > 0 for side in sides):
-            raise ExpectedError(self.accepted)
+            raise InvalidValueError(self.accepted)
         return sides[0].__index__(), sides[1].__index__()
 
     def parse(self, text: str) -> tuple[int, int]:
         width, _, height = text.lower().partition("x")
         if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
-            raise ExpectedError("a size; write width x height in pixels, as in 1280x720")
+            raise InvalidValueError("a size; write width x height in pixels, as in 1280x720")
         return int(width), int(height)
 
     def plain(self, value: tuple[int, int]) -> str:
@@ -214,15 +214,15 @@ class Range(Kind[Sequence[float], tuple[float, float]]):
     def __call__(self, value: Sequence[float]) -> tuple[float, float]:
         low, high = value if len(value) == 2 else (math.nan, math.nan)
         if not -math.inf < low < high < math.inf:
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return float(low), float(high)
 
     def parse(self, text: str) -> tuple[float, float]:
         first, _, last = text.partition("..")
         try:
             return self((to_float(first), to_float(last)))
-        except ExpectedError:
-            raise ExpectedError("a range; write two numbers, the smaller first, as in 0.5..4") from None
+        except InvalidValueError:
+            raise InvalidValueError("a range; write two numbers, the smaller first, as in 0.5..4") from None
 
     def plain(self, value: tuple[float, float]) -> list[float]:
         return [*value]
@@ -245,7 +245,7 @@ class Processes(Kind[int | str, int | str]):
     def __call__(self, value: int | str) -> int | str:
         whole = isinstance(value, int) and not isinstance(value, bool) and 0 < value < 10_000
         if value != AUTO and not whole:
-            raise ExpectedError(f"a number of {self.of}, at least 1, or auto")
+            raise InvalidValueError(f"a number of {self.of}, at least 1, or auto")
         return value
 
     def parse(self, text: str) -> int | str:
@@ -270,13 +270,13 @@ class Groups(Kind[Sequence[int] | str, tuple[int, ...]]):
             return GROUPS if value == "all" else ()
         groups = tuple(value)
         if not all(group in GROUPS for group in groups):
-            raise ExpectedError("a list of groups from 0 to 5, all or none")
+            raise InvalidValueError("a list of groups from 0 to 5, all or none")
         return tuple(int(group) for group in groups)
 
     def parse(self, text: str) -> tuple[int, ...]:
         words = text.split(",")
         if text not in ("all", "none") and not all(re.fullmatch("[0-5]", word) for word in words):
-            raise ExpectedError("a list of groups from 0 to 5, as in 0,1,2, or all, or none")
+            raise InvalidValueError("a list of groups from 0 to 5, as in 0,1,2, or all, or none")
         return self(text if text in ("all", "none") else [int(word) for word in words])
 
     def plain(self, value: tuple[int, ...]) -> str | list[int]:
@@ -297,7 +297,7 @@ class NumberVector(Kind["float | Sequence[float]", Numbers]):
         each: list[object] = [] if isinstance(parts, str) else [*parts]
         numbers = tuple(float(part) for part in each if isinstance(part, (int, float)) and math.isfinite(part))
         if not numbers or len(numbers) < len(each):
-            raise ExpectedError("a finite number, or a list of them")
+            raise InvalidValueError("a finite number, or a list of them")
         return numbers
 
     def plain(self, value: Numbers) -> object:
@@ -316,7 +316,7 @@ class Point(Kind[Vector, Vector]):
     def __call__(self, value: Vector) -> Vector:
         x, y, z = map(float, value)
         if not all(map(math.isfinite, (x, y, z))):
-            raise ExpectedError("made of finite numbers", ", ".join(f"{number:g}" for number in value))
+            raise InvalidValueError("made of finite numbers", ", ".join(f"{number:g}" for number in value))
         return (x, y, z)
 
     def parse(self, text: str) -> Vector:
@@ -324,7 +324,7 @@ class Point(Kind[Vector, Vector]):
             x, y, z = map(float, text.split("/"))
             return self((x, y, z))
         except ValueError:
-            raise ExpectedError("a point x/y/z [m]") from None
+            raise InvalidValueError("a point x/y/z [m]") from None
 
     def plain(self, value: Vector) -> object:
         return [*value]

@@ -11,7 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError
 from mjrun.errors import option as mention
 from mjrun.options.kinds import AnyKind
-from mjrun.options.schema_validation import ExpectedError, Path
+from mjrun.options.schema_validation import InvalidValueError, Path
 
 V = TypeVar("V")
 T = TypeVar("T")
@@ -145,7 +145,7 @@ class Options:
                 continue
             try:
                 made = each.kind(value)
-            except ExpectedError as error:
+            except InvalidValueError as error:
                 wrong = _shown(value) if error.part is None else error.part
                 raise BadValueError(mention(each.name), wrong, error.expected) from None
             except (AttributeError, TypeError, ValueError) as error:

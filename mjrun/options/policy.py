@@ -6,7 +6,7 @@ from typing import ClassVar, cast
 
 from mjrun.options.kinds import Flag, Kind, Optional, ReadingContext
 from mjrun.options.option import FrontEnd, Options, option, options
-from mjrun.options.schema_validation import TEXT, ExpectedError, Misfit, MisfitError, Schema, check
+from mjrun.options.schema_validation import TEXT, InvalidValueError, Misfit, MisfitError, Schema, check
 
 RANDOM, ZERO = BUILT_IN = ("random", "zero")
 NONE = "none"
@@ -31,7 +31,7 @@ class PolicyKind(Kind[object, object]):
 
     def __call__(self, value: object) -> object:
         if value == "":
-            raise ExpectedError("a policy")
+            raise InvalidValueError("a policy")
         return fspath(cast("PathLike[str]", value)) if isinstance(value, PathLike) else value
 
 

@@ -10,7 +10,7 @@ from mjrun.dataclass import dataclass
 from mjrun.options.kinds import Optional, ReadingContext, Text
 from mjrun.options.number_kinds import ExactNumber, Point
 from mjrun.options.option import Options, option, options, required
-from mjrun.options.schema_validation import ExpectedError, Path, check
+from mjrun.options.schema_validation import InvalidValueError, Path, check
 from mjrun.options.structured_kinds import OneOf, OptionsMapping
 from mjrun.timeline import rational
 
@@ -83,12 +83,12 @@ class PushKind(OneOf["Push | str | Mapping[str, object]", Push]):
             case Mapping():
                 return _from_mapping(value)
             case _:
-                raise ExpectedError(EXPECTED)
+                raise InvalidValueError(EXPECTED)
 
     def parse(self, text: str) -> Push:
         match = _PUSH.fullmatch(text.strip())
         if not match:
-            raise ExpectedError(EXPECTED)
+            raise InvalidValueError(EXPECTED)
         return _push(match["target"], match["force"].split("/"), match["at"], match["duration"])
 
     def plain(self, value: Push) -> str:
@@ -106,7 +106,7 @@ class PushText(Text):
 def _from_mapping(value: Mapping[str, object]) -> Push:
     target = [f"{kind}:{value[kind]}" for kind in ("body", "site") if kind in value]
     if len(target) != 1 or set(value) - set(KEYS) or not {"force", "at", "duration"} <= set(value):
-        raise ExpectedError("a push: {body or site, force: [FX, FY, FZ], at, duration}")
+        raise InvalidValueError("a push: {body or site, force: [FX, FY, FZ], at, duration}")
     return _push(target[0], value["force"], value["at"], value["duration"])
 
 
@@ -116,15 +116,15 @@ def _push(target: str, force: object, at: object, duration: object) -> Push:
     except (TypeError, ValueError):
         x = y = z = math.nan
     if not all(map(math.isfinite, (x, y, z))):
-        raise ExpectedError("a push with a force of three finite numbers, FX/FY/FZ [N]")
+        raise InvalidValueError("a push with a force of three finite numbers, FX/FY/FZ [N]")
     try:
         begin = ExactNumber(zero=True)(cast("float | str", at))
-    except ExpectedError:
-        raise ExpectedError("a push that begins at 0 or later [s]") from None
+    except InvalidValueError:
+        raise InvalidValueError("a push that begins at 0 or later [s]") from None
     try:
         length = ExactNumber()(cast("float | str", duration))
-    except ExpectedError:
-        raise ExpectedError("a push of a duration above 0 [s]") from None
+    except InvalidValueError:
+        raise InvalidValueError("a push of a duration above 0 [s]") from None
     return Push(target, (x, y, z), begin, length)
 
 

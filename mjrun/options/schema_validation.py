@@ -38,7 +38,7 @@ _TYPE_NAMES: dict[type, str] = {
 }
 
 
-class ExpectedError(ValueError):
+class InvalidValueError(ValueError):
     """A value that its kind does not accept.
 
     Attributes:
@@ -93,7 +93,7 @@ class Misfits:
             yield
         except MisfitError as error:
             self.all += [replace(misfit, path=(*path, *misfit.path)) for misfit in error.misfits]
-        except ExpectedError as error:
+        except InvalidValueError as error:
             sentence = "" if error.part is None else f"{quoted(error.part)} is not {error.expected}"
             self.all.append(Misfit(path, error.expected * (not sentence), sentence))
         except UsageError as error:

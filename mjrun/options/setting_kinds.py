@@ -7,7 +7,7 @@ from typing import cast
 
 from mjrun.options.kinds import Kind, ReadingContext
 from mjrun.options.number_kinds import NUMBERS, Numbers, to_float
-from mjrun.options.schema_validation import NUMBER, TEXT, ExpectedError, Misfits, Schema, check
+from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Misfits, Schema, check
 
 SETTING: Schema = {
     "anyOf": [NUMBER, TEXT, {"type": "boolean"}, {"type": "array", "items": NUMBER, "minItems": 1}],
@@ -33,7 +33,7 @@ class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numb
         name, equals, written = text.rpartition("=")
         numbers = tuple(map(to_float, written.split(",")))
         if not (equals and name and all(map(math.isfinite, numbers))):
-            raise ExpectedError("NAME=VALUE, or NAME=VALUE,VALUE,… with finite numbers")
+            raise InvalidValueError("NAME=VALUE, or NAME=VALUE,VALUE,… with finite numbers")
         return name, numbers
 
     def plain(self, value: Mapping[str, Numbers]) -> dict[str, float | Sequence[float]]:
@@ -58,7 +58,7 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
     def __call__(self, value: Mapping[str, object] | Sequence[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
         pairs = [*(value.items() if isinstance(value, Mapping) else value)]
         if not all(isinstance(path, str) for path, _ in pairs):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise ExpectedError(self.accepted)
+            raise InvalidValueError(self.accepted)
         return tuple((path, self.text(setting)) for path, setting in pairs)
 
     def text(self, setting: object) -> str:
@@ -69,7 +69,7 @@ class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[t
         """Splits text into a path and its value."""
         path, equals, setting = text.partition("=")
         if not (equals and path and setting):
-            raise ExpectedError(f"{self.metavar}, as in {self.example}")
+            raise InvalidValueError(f"{self.metavar}, as in {self.example}")
         return path, setting
 
     def plain(self, value: tuple[tuple[str, str], ...]) -> dict[str, str]:
@@ -111,14 +111,14 @@ class ColumnMap(Kind[str | PathLike[str] | Mapping[str, object] | Sequence[str],
         column, equals, of = text.partition("=")
         is_file = column[:1] == "@" and column[1:]
         if not is_file and not (equals and column.strip() and of.strip()):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return text
 
     def _part(self, text: str) -> str:
         try:
             return self.parse(text)
-        except ExpectedError as error:
-            raise ExpectedError(error.expected, str(text)) from None
+        except InvalidValueError as error:
+            raise InvalidValueError(error.expected, str(text)) from None
 
     def plain(self, value: tuple[str, ...]) -> object:
         pairs = [text.partition("=") for text in value if not text.startswith("@")]
@@ -142,7 +142,7 @@ class ScanValues(Settings):
         if isinstance(setting, str):
             return setting
         if not isinstance(setting, Sequence):
-            raise ExpectedError("a list of values, or text")
+            raise InvalidValueError("a list of values, or text")
         texts = [setting_text(value) for value in cast("Sequence[object]", setting)]
         if not any("," in text for text in texts):
             return ",".join(texts)
@@ -153,7 +153,7 @@ def setting_text(value: object) -> str:
     """Formats `value` as the command line would: `0,0,-1.6`, `true`, `elliptic`.
 
     Raises:
-      ExpectedError: the value is not a setting.
+      InvalidValueError: the value is not a setting.
     """
     match value:
         case bool():
@@ -168,13 +168,13 @@ def setting_text(value: object) -> str:
                 return ",".join(map(setting_text, parts))
         case _:
             pass
-    raise ExpectedError("a finite number, text, true or false, or a list of finite numbers")
+    raise InvalidValueError("a finite number, text, true or false, or a list of finite numbers")
 
 
 def _expression(value: object) -> str:
     """Formats the definition of a column: an expression, or a number."""
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):
-        raise ExpectedError("an expression or a number", str(value))
+        raise InvalidValueError("an expression or a number", str(value))
     return str(value)
 
 
@@ -235,7 +235,7 @@ class VariedSettings(ScanValues):
 
     def read(self, value: object, reader: ReadingContext) -> object:
         if not isinstance(value, dict):
-            raise ExpectedError("a mapping")
+            raise InvalidValueError("a mapping")
         ways = {"model": reader.model, "ctrl_from": reader.input}
         texts: dict[str, str] = {}
         misfits = Misfits()
@@ -258,8 +258,8 @@ class VariedSettings(ScanValues):
     def _listed(self, setting: object) -> str:
         try:
             return super().text(setting)
-        except ExpectedError:
-            raise ExpectedError(EXPECTED) from None
+        except InvalidValueError:
+            raise InvalidValueError(EXPECTED) from None
 
 
 def _mapping_text(mapping: Mapping[str, object]) -> str:
@@ -270,14 +270,14 @@ def _mapping_text(mapping: Mapping[str, object]) -> str:
     name, arguments = next(iter(mapping.items()), ("", None))
     if len(mapping) == 1 and name in DISTRIBUTIONS and isinstance(arguments, list | tuple):
         return f"{name}({', '.join(map(setting_text, cast('Sequence[object]', arguments)))})"
-    raise ExpectedError(EXPECTED)
+    raise InvalidValueError(EXPECTED)
 
 
 def distribution_text(value: object) -> str:
     """Formats a distribution or a number as text; a document may write `{uniform: [-1, 1]}`.
 
     Raises:
-      ExpectedError: the value is neither.
+      InvalidValueError: the value is neither.
     """
     match value:
         case Mapping() if not {"from", "to"} & set(cast("Mapping[str, object]", value)):
@@ -285,7 +285,7 @@ def distribution_text(value: object) -> str:
         case str() | int() | float():
             return setting_text(value)
         case _:
-            raise ExpectedError("a distribution as in uniform(-0.1, 0.1), or a number")
+            raise InvalidValueError("a distribution as in uniform(-0.1, 0.1), or a number")
 
 
 def with_paths(text: str, convert: Callable[[str], str]) -> str:

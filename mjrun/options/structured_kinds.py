@@ -10,7 +10,7 @@ from mjrun.options.kinds import AnyKind, Kind, ReadingContext, read_list
 from mjrun.options.option import Option, Options, document_options, is_always_written
 from mjrun.options.schema_validation import (
     TEXT,
-    ExpectedError,
+    InvalidValueError,
     Misfit,
     MisfitError,
     Misfits,
@@ -69,7 +69,7 @@ class OptionsMapping(Kind[T, T]):
 
     def __call__(self, value: T) -> T:
         if isinstance(self.make, type) and not isinstance(value, self.make):
-            raise ExpectedError(f"a {self.make.__name__}")
+            raise InvalidValueError(f"a {self.make.__name__}")
         return value
 
     def conflicts(self, values: Mapping[str, object]) -> Iterator[tuple[Path, str]]:
@@ -82,7 +82,7 @@ class OptionsMapping(Kind[T, T]):
         options = {each.key: each for each in self.options()}
         if not isinstance(value, dict):
             few = f" with {', '.join(options)}" if len(options) <= LISTED_KEYS else ""
-            raise ExpectedError(f"a mapping{few}")
+            raise InvalidValueError(f"a mapping{few}")
 
         written = cast("dict[str, object]", value)
         misfits = Misfits([Misfit(path, message=message) for path, message in self.conflicts(written)])
@@ -146,12 +146,12 @@ class ListOf(Kind[Sequence[T], tuple[T, ...]], Generic[T]):
     def __call__(self, value: Sequence[T]) -> tuple[T, ...]:
         items = tuple(self.each(item) for item in value)
         if len(items) < self.least:
-            raise ExpectedError(f"at least {self.least}", str(len(items)))
+            raise InvalidValueError(f"at least {self.least}", str(len(items)))
         return items
 
     def read(self, value: object, reader: ReadingContext) -> object:
         if not isinstance(value, list):
-            raise ExpectedError(self.accepted)
+            raise InvalidValueError(self.accepted)
         items = cast("list[object]", value)
         if message := wrong_length(len(items), {"minItems": self.least}):
             raise MisfitError([Misfit(message=message)])
@@ -179,7 +179,7 @@ class MappingOf(Kind[Mapping[str, T], Mapping[str, T]], Generic[T]):
 
     def read(self, value: object, reader: ReadingContext) -> object:
         if not isinstance(value, dict):
-            raise ExpectedError("a mapping")
+            raise InvalidValueError("a mapping")
         values: dict[str, object] = {}
         misfits = Misfits()
         for name, item in cast("dict[str, object]", value).items():
@@ -210,7 +210,7 @@ class OneOf(Kind[V, T]):
         name = type_name(value)
         member = self.members.get(name) or self.members.get({"integer": "number", "number": "integer"}.get(name, ""))
         if member is None:
-            raise ExpectedError(self.forms)
+            raise InvalidValueError(self.forms)
         return member.read(value, reader)
 
     def schema(self, reader: ReadingContext, definitions: dict[str, Schema]) -> Schema:

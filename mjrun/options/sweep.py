@@ -11,7 +11,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
 from mjrun.options.rendering import QUALITIES
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
 from mjrun.options.trace import PROBES
 
@@ -96,7 +96,7 @@ class TaskNumber(Kind[Sequence[int], tuple[int, int]]):
 
     def __call__(self, value: Sequence[int]) -> tuple[int, int]:
         if len(value) != 2 or not 1 <= value[0] <= value[1]:
-            raise ExpectedError("one of N tasks; write it as in 1/16")
+            raise InvalidValueError("one of N tasks; write it as in 1/16")
         return value[0], value[1]
 
     def parse(self, text: str) -> tuple[int, int]:

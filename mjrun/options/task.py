@@ -8,7 +8,7 @@ from mjrun.options.kinds import Choice, File, Key, Kind, Optional, ReadingContex
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
-from mjrun.options.schema_validation import NUMBER, TEXT, ExpectedError, Schema
+from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema
 from mjrun.options.setting_kinds import DISTRIBUTION, NamedNumbers, VariedSettings, distribution_text
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
 
@@ -60,11 +60,11 @@ class Limits(Kind[Sequence[float | Sequence[float]], tuple[Numbers, Numbers]]):
         try:
             low, high = (NumberVector()(bound) for bound in value)
         except (TypeError, ValueError):
-            raise ExpectedError(self.expected) from None
+            raise InvalidValueError(self.expected) from None
         fits = len(low) == len(high) or 1 in (len(low), len(high))
         count = max(len(low), len(high))
         if not fits or not all(a < b for a, b in zip(_spread(low, count), _spread(high, count), strict=True)):
-            raise ExpectedError(self.expected)
+            raise InvalidValueError(self.expected)
         return low, high
 
     def plain(self, value: tuple[Numbers, Numbers]) -> object:
@@ -86,8 +86,8 @@ class VectorOrKey(Kind["float | str | Sequence[float]", "Numbers | str"]):
             return value
         try:
             return NumberVector()(cast("float | Sequence[float]", value))
-        except ExpectedError:
-            raise ExpectedError("a number, a list of numbers, or the name of a keyframe") from None
+        except InvalidValueError:
+            raise InvalidValueError("a number, a list of numbers, or the name of a keyframe") from None
 
     def plain(self, value: "Numbers | str") -> object:
         return value if isinstance(value, str) else NumberVector().plain(value)
@@ -108,10 +108,10 @@ class Schedule(Kind[Sequence[Sequence[object]], "tuple[tuple[Fraction, Numbers],
         try:
             entries = [(ExactNumber(zero=True)(cast("float", time)), _vector(values)) for time, values in value]
         except (TypeError, ValueError):
-            raise ExpectedError(self.expected) from None
+            raise InvalidValueError(self.expected) from None
         times, sizes = [time for time, _ in entries], {len(values) for _, values in entries}
         if len(sizes) != 1 or times[0] != 0 or times != sorted(set(times)):
-            raise ExpectedError(self.expected, ", ".join(f"[{', '.join(map(str, entry))}]" for entry in value))
+            raise InvalidValueError(self.expected, ", ".join(f"[{', '.join(map(str, entry))}]" for entry in value))
         return tuple(entries)
 
     def plain(self, value: "tuple[tuple[Fraction, Numbers], ...]") -> object:

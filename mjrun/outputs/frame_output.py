@@ -43,7 +43,7 @@ R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 
 
 @options
-class FrameJob(ViewOptions, Job[R_co]):
+class VideoOrImageJob(ViewOptions, Job[R_co]):
     """A requested video or image."""
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class FramePlan:
       schedule: the schedule of the frames; None if events decide.
     """
 
-    job: FrameJob[OutputResult]
+    job: VideoOrImageJob[OutputResult]
     context: Context
     plots: Sequence[str]
     motions: Sequence[CameraMotion]
@@ -115,7 +115,7 @@ class FramePlan:
 
 
 def plan_frames(
-    job: FrameJob[OutputResult], context: Context, plots: Sequence[str] = (), side: str = "under"
+    job: VideoOrImageJob[OutputResult], context: Context, plots: Sequence[str] = (), side: str = "under"
 ) -> FramePlan:
     """Resolves every name in the model and schedules the frames unless events decide.
 

@@ -22,7 +22,7 @@ from mjrun.options.option import options
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files
 from mjrun.outputs.event_detection import time_of
-from mjrun.outputs.frame_output import FrameJob, FrameOutput, FramePlan, plan_frames
+from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, image_schedule
 from mjrun.outputs.output_files import named_files
 from mjrun.rendering.compositor import SceneCompositor
@@ -36,7 +36,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".webm", ".gif", ".apng")
 
 
 @options
-class Image(ImageOptions, FrameJob["ImageResult"]):
+class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
     """An image of one instant of a simulation: its options are keywords.
 
     The duration of the simulation matters only if the output waits for an event. Depth and segmentation are stored as

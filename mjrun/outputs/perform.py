@@ -347,7 +347,7 @@ class _UsageErrors:
     def raise_all(self) -> None:
         """Raises the collected errors, if any."""
         if self._errors:
-            together = errors.InvalidJobsError(self._errors)
+            together = errors.FaultyJobsError(self._errors)
             if self._alone and len(self._errors) == 1:
                 raise self._errors[0][1] from together
             raise together

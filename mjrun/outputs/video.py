@@ -25,13 +25,13 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files, panels_of
 from mjrun.outputs.frame_drawer import FrameDrawer
-from mjrun.outputs.frame_output import FrameJob, FrameOutput, FramePlan, plan_frames
+from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.rendering.compositor import SceneCompositor
 
 
 @options
-class Video(VideoOptions, FrameJob["VideoResult"]):
+class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
     """A video of a simulation: its options are keywords."""
 
     @property

@@ -19,7 +19,7 @@ from mjrun.child_process import ExitStatus
 from mjrun.errors import DrawError, option
 from mjrun.rendering.worker_process import Painter, SharedMemoryLayout, Slot, memory_file
 from mjrun.shared_status import doing
-from mjrun.worker import ENVIRONMENT, Failure, Worker, WorkerEndedError
+from mjrun.worker import ENVIRONMENT, PicklableException, Worker, WorkerEndedError
 
 AHEAD = 2  # frames assigned to a process at a time: one to draw, and the next
 SLOTS = 3  # frames in memory per process; the third waits for its turn
@@ -140,7 +140,7 @@ class ParallelPainter(Generic[P]):
         self._is_open = True
         self._resources = contextlib.ExitStack()
         self._slots: list[Slot] = []
-        self._drawn: dict[int, Failure | None] = {}  # frames whose turn has not come
+        self._drawn: dict[int, PicklableException | None] = {}  # frames whose turn has not come
         self._warnings: set[str] = set()
         self._workers: list[Worker] = []
 

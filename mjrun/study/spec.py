@@ -17,7 +17,7 @@ from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.python_code import ModuleSource, Sealed, module_sources
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
@@ -178,7 +178,7 @@ def _change(name: str, text: str, controllers: Controllers) -> tuple[str, Any]:
         try:
             key, entry = (group, f"{rest}={text}") if has_entries else (name, text)
             return key, simulation_kinds()[key].parse(entry)
-        except ExpectedError as error:
+        except InvalidValueError as error:
             raise BadValueError(f"{option('vary')} {clean(name)}", text, error.expected) from None
 
 

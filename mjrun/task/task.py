@@ -19,7 +19,7 @@ from mjrun.model.sources import source_of
 from mjrun.options import task as options_of_tasks
 from mjrun.options.number_kinds import ExactNumber
 from mjrun.options.option import is_given, options
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.task import COMMANDED, CONTROL, CURRENT, DERIVED, OBSERVED, POSITION, VELOCITY
 from mjrun.physics.random_distribution import parse_distribution
 from mjrun.task.episode import Ending, EndingKind
@@ -345,5 +345,5 @@ def _require_one(term: Observation | Action | Command, names: tuple[str, ...], w
 def _seconds(name: str, value: float | str | Fraction) -> Fraction:
     try:
         return ExactNumber("SECONDS")(value)
-    except ExpectedError as error:
+    except InvalidValueError as error:
         raise BadValueError(option(name), value, error.expected) from None

@@ -20,7 +20,8 @@ from tests.processes import PATIENCE, command_line_of, wait_until
 HEAD = """
 import os, signal, sys, time
 from mjrun import shared_status
-from mjrun.shared_status import ProcessStatus, Promise, completing, doing, make_promise, note_child, note_heard
+from mjrun.shared_status import ConfinementPromise, ProcessStatus
+from mjrun.shared_status import completing, doing, make_promise, note_child, note_heard
 from mjrun.cli.crash_monitor import fork_watched
 from mjrun.platform import system
 def die(number):
@@ -115,7 +116,7 @@ def test_a_limit_of_a_confined_process_is_told_with_its_option_and_nothing_is_le
     own.mkdir()
     (own / "file").write_text("")
     work = f"""
-make_promise(Promise({str(own)!r}, [], 1000))
+make_promise(ConfinementPromise({str(own)!r}, [], 1000))
 with doing({activity!r}, "robot.xml"): die(signal.{number})"""
     ended, message = outcome(start(work, tmp_path))
     assert ended == code
@@ -127,7 +128,7 @@ with doing({activity!r}, "robot.xml"): die(signal.{number})"""
 def test_a_child_that_confined_itself_ends_in_time_whatever_it_ignores(tmp_path: Path) -> None:
     (tmp_path / "own").mkdir()
     work = f"""
-make_promise(Promise({str(tmp_path / "own")!r}, [], 0.2))
+make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [], 0.2))
 signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
 while True: time.sleep(1000)"""
     code, message = outcome(start(work, tmp_path))
@@ -140,9 +141,9 @@ LIES = {
     "folders": "board.write(ProcessStatus(folders=[OUTSIDE]))",
     "made folders": "board.write(ProcessStatus(made=[OUTSIDE + '/empty', 'out/../outside/empty', 'out']))",
     "children": "board.write(ProcessStatus(children=[VICTIM, -VICTIM]))",
-    "promise": "board.write(ProcessStatus(promise=Promise(OUTSIDE, [OUTSIDE], 1)))",
+    "promise": "board.write(ProcessStatus(promise=ConfinementPromise(OUTSIDE, [OUTSIDE], 1)))",
     "another promise": (
-        "board.write(ProcessStatus(promise=Promise(OUTSIDE, [OUTSIDE], 1)))\n"
+        "board.write(ProcessStatus(promise=ConfinementPromise(OUTSIDE, [OUTSIDE], 1)))\n"
         "os.kill(os.getppid(), signal.SIGUSR1)\ntime.sleep(0.1)"
     ),
     "link": (
@@ -175,7 +176,7 @@ def test_nothing_that_a_confined_child_writes_decides_what_is_removed_killed_or_
     with subprocess.Popen(["sleep", "1000"], start_new_session=True) as victim:
         work = f"""
 OUTSIDE, VICTIM, board = {str(outside)!r}, {victim.pid}, shared_status._board
-make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
+make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 board.write(ProcessStatus(folders=[{str(tmp_path / "out")!r}]))
 {LIES[lie]}
 die(signal.SIGSEGV)"""
@@ -204,7 +205,7 @@ from mjrun.formats.destinations import StagedFile
 from pathlib import Path
 from mjrun.shared_status import note_made_folder
 note_made_folder(Path({str(tmp_path / "made")!r}))
-make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
+make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 Path("own/file").write_text("")
 outputs = [StagedFile(Path("out/a.csv")), StagedFile(Path("out/inner/b.csv"))]
 die(signal.SIGSEGV)"""
@@ -231,7 +232,7 @@ def test_a_confined_child_that_dies_leaves_no_empty_folder_in_its_outputs(tmp_pa
     work = f"""
 from mjrun.formats.destinations import StagedFile
 from pathlib import Path
-make_promise(Promise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
+make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [{str(tmp_path / "out")!r}], 1000))
 output = StagedFile(Path("out/a/b/x.csv"))
 die(signal.SIGSEGV)"""
     assert outcome(start(work, tmp_path))[0] == 70
@@ -243,7 +244,7 @@ die(signal.SIGSEGV)"""
 def test_whatever_a_confined_child_has_started_ends_with_it(tmp_path: Path, ending: str) -> None:
     (tmp_path / "own").mkdir()
     work = f"""
-make_promise(Promise({str(tmp_path / "own")!r}, [], 1000))
+make_promise(ConfinementPromise({str(tmp_path / "own")!r}, [], 1000))
 into, out = os.pipe()
 for _ in range(3):
     if os.fork() == 0:

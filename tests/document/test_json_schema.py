@@ -13,7 +13,7 @@ from mjrun.document.json_schema import DOCUMENTS, VARIABLE_KEYS, json_schema
 from mjrun.document.run import RUN
 from mjrun.errors import UnknownNameError
 from mjrun.options.kinds import ReadingContext
-from mjrun.options.schema_validation import ExpectedError, MisfitError
+from mjrun.options.schema_validation import InvalidValueError, MisfitError
 from tests.document.schema_oracle import fits, rules
 
 
@@ -48,7 +48,7 @@ def test_what_is_read_fits_the_schema(text: str) -> None:
 )  # fmt: skip
 def test_what_is_refused_does_not_fit_the_schema(text: str) -> None:
     value = yaml.safe_load(text)
-    with pytest.raises((MisfitError, ExpectedError)):
+    with pytest.raises((MisfitError, InvalidValueError)):
         value_forms.CAMERA.read(value, ReadingContext())
     assert not fits(value, json_schema("camera"), json_schema("camera"))
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from mjrun.fit.gauss_newton import GaussNewton, solve_normal
-from mjrun.fit.prediction import InitialStates, Rollout
+from mjrun.fit.prediction import ChunkInitialStates, ChunkSimulation
 from mjrun.fit.shooting_problem import STATE_SCALE, ShootingProblem, together
 from tests.fit.logs import NOISE
 from tests.fit.problems import THREE, predictor_of, segments, shooting
@@ -19,13 +19,13 @@ def test_it_ends_where_scipy_does(loss: str) -> None:
     predictor = predictor_of(shoot)
     (part,) = shoot.cut(segments(1.0))
     guess, noise = shoot.guessed([part], None), np.array([NOISE])
-    states = InitialStates(predictor.model)
+    states = ChunkInitialStates(predictor.model)
     problem = ShootingProblem(predictor, parameters, states, [part], np.array([0.5, 0.5]), guess, noise, loss, False)
     (solution,) = together(predictor, [GaussNewton(problem).minimize()])
 
     def residuals(x: np.ndarray) -> np.ndarray:
         values = tuple(p.value(c) for p, c in zip(parameters, x[:2], strict=True))
-        (rows,) = predictor.predict([Rollout(part, values, states.moved(guess[0], x[2:]))])
+        (rows,) = predictor.predict([ChunkSimulation(part, values, states.moved(guess[0], x[2:]))])
         return np.concatenate([((rows - part.values) / noise).ravel(), x[2:] / STATE_SCALE])
 
     start: Any = np.concatenate([solution.coordinates, np.zeros(2)])

@@ -3,7 +3,7 @@
 import pytest
 
 from mjrun.options.diff import ColumnTolerances
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 
 
 def test_a_tolerance_is_absolute_or_absolute_and_relative() -> None:
@@ -15,5 +15,5 @@ def test_a_tolerance_is_absolute_or_absolute_and_relative() -> None:
 
 @pytest.mark.parametrize("text", ["x", "x=", "=1", "x=one", "x=-1", "x=1,2,3", "x=nan", "x=1,inf"])
 def test_what_is_no_tolerance_is_refused(text: str) -> None:
-    with pytest.raises(ExpectedError):
+    with pytest.raises(InvalidValueError):
         ColumnTolerances().parse(text)

@@ -3,7 +3,7 @@
 import pytest
 
 from mjrun.options.evaluation import Thresholds
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 
 
 @pytest.mark.parametrize(
@@ -17,5 +17,5 @@ def test_a_threshold_is_a_number_or_a_percentage(text: str, expected: tuple[str,
 
 @pytest.mark.parametrize("text", ["0.9", "success", "=3", "success=most", "success=nan", "success=1,2", "a=%"])
 def test_anything_else_is_none(text: str) -> None:
-    with pytest.raises(ExpectedError, match=r"success=90% or return=200"):
+    with pytest.raises(InvalidValueError, match=r"success=90% or return=200"):
         Thresholds().parse(text)

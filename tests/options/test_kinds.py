@@ -21,7 +21,7 @@ from mjrun.options.number_kinds import (
     Real,
     Size,
 )
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import ColumnMap, NamedNumbers, Settings, setting_text
 
 
@@ -107,7 +107,7 @@ def test_python_gives_a_value_and_a_kind_makes_it_immutable(
     ],
 )
 def test_what_python_cannot_mean_is_refused(kind: Kind[Any, Any], value: object, message: str) -> None:
-    with pytest.raises(ExpectedError) as error:
+    with pytest.raises(InvalidValueError) as error:
         kind(value)
     assert error.value.expected == message
 
@@ -165,7 +165,7 @@ def test_a_command_line_is_parsed(kind: Kind[Any, Any], text: str, expected: obj
     ],
 )
 def test_text_that_means_nothing_is_refused(kind: Kind[Any, Any], text: str) -> None:
-    with pytest.raises(ExpectedError):
+    with pytest.raises(InvalidValueError):
         kind.parse(text)
 
 
@@ -191,7 +191,7 @@ def test_the_text_of_a_setting_is_what_a_command_line_would_say(value: object, t
 
 @pytest.mark.parametrize("value", ["", [], [True], {}, None, float("nan"), float("inf"), [[1]]])
 def test_a_setting_that_has_no_text_is_refused(value: object) -> None:
-    with pytest.raises(ExpectedError):
+    with pytest.raises(InvalidValueError):
         setting_text(value)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.options.push import Push, PushKind
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 
 KIND = PushKind()
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -65,5 +65,5 @@ def test_a_mapping_says_the_same() -> None:
     ],
 )
 def test_what_is_no_push_is_refused_with_what_is_missing(value: object, expected: str) -> None:
-    with pytest.raises(ExpectedError, match=expected):
+    with pytest.raises(InvalidValueError, match=expected):
         KIND(value)  # type: ignore[arg-type]

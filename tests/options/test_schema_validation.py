@@ -4,7 +4,7 @@ import pytest
 
 from mjrun.errors import UsageError
 from mjrun.options.number_kinds import NUMBERS
-from mjrun.options.schema_validation import ExpectedError, Misfit, MisfitError, Misfits, Schema, check
+from mjrun.options.schema_validation import InvalidValueError, Misfit, MisfitError, Misfits, Schema, check
 from mjrun.options.setting_kinds import SETTING
 from tests.document.schema_oracle import fits
 
@@ -73,9 +73,9 @@ def test_a_rule_means_what_it_means_to_an_independent_checker(schema: Schema, va
 def test_errors_of_parts_are_collected_with_their_places() -> None:
     misfits = Misfits()
     with misfits.at("a", 1):
-        raise ExpectedError("a tree")
+        raise InvalidValueError("a tree")
     with misfits.at("b"):
-        raise ExpectedError("a tree", "bush")
+        raise InvalidValueError("a tree", "bush")
     with misfits.at("c"):
         raise MisfitError([Misfit(("d",), "a tree")])
     error = UsageError("no tree", ("trees",))

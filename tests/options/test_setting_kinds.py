@@ -2,7 +2,7 @@
 
 import pytest
 
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import DISTRIBUTIONS, VariedSettings, with_paths
 from mjrun.physics.random_distribution import parse_distribution
 
@@ -32,7 +32,7 @@ def test_every_form_is_a_text(value: object, text: str) -> None:
     "value", [None, {}, {"from": 1}, {"gauss": [0, 1]}, {"uniform": 1}, {"uniform": [0, 1], "normal": [0, 1]}, [None]]
 )
 def test_anything_else_is_refused(value: object) -> None:
-    with pytest.raises(ExpectedError):
+    with pytest.raises(InvalidValueError):
         VariedSettings()({"x": value})
 
 

@@ -8,7 +8,7 @@ from mjrun.errors import spelled
 from mjrun.options import kinds, number_kinds
 from mjrun.options.kinds import ReadingContext
 from mjrun.options.option import Exclusion, Options, option, options, required
-from mjrun.options.schema_validation import ExpectedError, MisfitError, Path, Schema
+from mjrun.options.schema_validation import InvalidValueError, MisfitError, Path, Schema
 from mjrun.options.structured_kinds import ListOf, MappingOf, OneOf, OptionsMapping, plain_values
 
 
@@ -84,7 +84,7 @@ def test_an_exclusion_concerns_what_is_set_only() -> None:
 
 
 def test_what_is_no_mapping_is_told_the_keys() -> None:
-    with pytest.raises(ExpectedError, match=r"^a mapping with heat, slices, bagel, assert$"):
+    with pytest.raises(InvalidValueError, match=r"^a mapping with heat, slices, bagel, assert$"):
         TOASTER.read(5, ReadingContext())
 
 
@@ -92,7 +92,7 @@ def test_a_key_alone_is_an_empty_mapping_where_nothing_is_needed() -> None:
     blank = OptionsMapping[dict[str, object]](Bread, dict, blank=True)
     assert blank.read(None, ReadingContext()) == {}
     assert blank.schema(ReadingContext(), {}) == {"anyOf": [{"$ref": "#/$defs/Bread"}, {"type": "null"}]}
-    with pytest.raises(ExpectedError):
+    with pytest.raises(InvalidValueError):
         TOASTER.read(None, ReadingContext())
 
 
@@ -102,9 +102,9 @@ def test_lists_and_mappings_tell_of_every_part() -> None:
     assert toasters([Toaster(heat=1)]) == (Toaster(heat=1),)
     assert misfits([{"heat": 0}, 5], toasters)[0] == ((0, "heat"), "a positive number")
     assert misfits([], toasters) == [((), "expected at least 1 item, got none")]
-    with pytest.raises(ExpectedError, match=r"^a list$"):
+    with pytest.raises(InvalidValueError, match=r"^a list$"):
         toasters.read({}, ReadingContext())
-    with pytest.raises(ExpectedError, match=r"^at least 1$"):
+    with pytest.raises(InvalidValueError, match=r"^at least 1$"):
         toasters([])
     by_name = MappingOf[Toaster](TOASTER)
     assert by_name.read({"a": {"heat": 1}}, ReadingContext()) == {"a": Toaster(heat=1)}
@@ -119,7 +119,7 @@ def test_one_of_several_forms_is_chosen_by_the_type() -> None:
     assert forms.read(2, ReadingContext()) == 2
     assert forms.read({"heat": 2}, ReadingContext()) == Toaster(heat=2)
     assert misfits(-1, forms) == [((), "a number of at least 0")]
-    with pytest.raises(ExpectedError, match=r"^a number or a toaster$"):
+    with pytest.raises(InvalidValueError, match=r"^a number or a toaster$"):
         forms.read("2", ReadingContext())
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 
 from mjrun.options.kinds import AnyKind
-from mjrun.options.schema_validation import ExpectedError
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.task import (
     Limits,
     RandomValue,
@@ -51,5 +51,5 @@ def test_a_kind_takes_what_documents_write(kind: AnyKind, value: object, made: o
     ],
 )
 def test_a_kind_refuses_what_cannot_be(kind: AnyKind, value: object) -> None:
-    with pytest.raises(ExpectedError):
+    with pytest.raises(InvalidValueError):
         kind(value)

@@ -17,8 +17,8 @@ from mjrun.camera.rigs.around import FreeRig
 from mjrun.camera.script import CameraScript, Event, Shot
 from mjrun.errors import (
     FailedAssertionError,
+    FaultyJobsError,
     FileError,
-    InvalidJobsError,
     MjrunError,
     PartlyDoneError,
     UnknownNameError,
@@ -89,9 +89,9 @@ def test_what_fails_early_leaves_nothing_of_any_job(swing: Path, tmp_path: Path)
     simulation = Simulation(swing, steps=10)
     good = Trace(simulation, f"{tmp_path}/a.csv")
     for bad, error in (
-        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), InvalidJobsError),
+        (Trace(simulation, f"{tmp_path}/b.csv", probe=["nothing"]), FaultyJobsError),
         (Plot(simulation, "/dev/null/p.png", probe=["energy"]), FileError),
-        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), InvalidJobsError),
+        (Image(simulation, f"{tmp_path}/i.png", time=Event("speed(nobody) > 1")), FaultyJobsError),
     ):
         with pytest.raises(error):
             perform([good, bad])
@@ -136,7 +136,7 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
     video = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
     trace = Trace(simulation, f"{tmp_path}/t.csv", probe=["qpos"])
     plot = Plot(simulation, f"{tmp_path}/p.png", probe=["enrgy"])
-    with pytest.raises(InvalidJobsError) as caught:
+    with pytest.raises(FaultyJobsError) as caught:
         perform([video, trace, plot])
     assert [index for index, _ in caught.value.faults] == [0, 2, None]
     assert [getattr(error, "name", None) for _, error in caught.value.faults] == ["sde", "enrgy", "hing"]
@@ -145,7 +145,7 @@ def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path
         "no probe 'enrgy' (did you mean 'energy'?)",
         "no joint 'hing' (did you mean 'hinge'?)",
     ]
-    with pytest.raises(InvalidJobsError) as caught:  # each front end spells options in its own way
+    with pytest.raises(FaultyJobsError) as caught:  # each front end spells options in its own way
         preview([video, Keyframe(simulation, f"{tmp_path}/key.txt")])
     assert "--save-key" in caught.value.spelled(lambda name: f"--{name.replace('_', '-')}")
     with pytest.raises(UnknownNameError, match="no probe 'enrgy'"):

@@ -399,7 +399,7 @@ LIES = {
     "folders": "board.write(ProcessStatus(folders=[at.folder]))",
     "children": "board.write(ProcessStatus(children=[at.pid, -at.pid]))",
     "made folders": "board.write(ProcessStatus(made=[at.folder + '/empty']))",
-    "a promise": "board.write(ProcessStatus(promise=Promise(at.folder, [at.folder], 1)))",
+    "a promise": "board.write(ProcessStatus(promise=ConfinementPromise(at.folder, [at.folder], 1)))",
     "escape sequences": "board.write(ProcessStatus('drawing', '\x1b]0;title\x07\x9b' * 999))",
     "garbage": "board.memory[8:] = b'\\xff' * (len(board.memory) - 8)",
 }
@@ -424,7 +424,7 @@ def attacked(arguments: list[str]) -> int:
                     "at": at,
                     "board": shared_status._board,
                     "ProcessStatus": shared_status.ProcessStatus,
-                    "Promise": shared_status.Promise,
+                    "ConfinementPromise": shared_status.ConfinementPromise,
                 }
                 exec(LIES[lie], names)
                 os.kill(os.getpid(), signal.SIGSEGV)
