@@ -463,6 +463,17 @@ class FailedStepError(SimulationError):
         super().__init__(step, time, "\n".join([failure, *map(str.strip, rest), *advice]))
 
 
+class ContactMemoryError(SimulationError):
+    """A step without some of its contacts or constraints, for which the model reserves too little memory.
+
+    MuJoCo only warns and continues, with results that are wrong.
+    """
+
+    def __init__(self, step: int, time: float) -> None:
+        what = f"MuJoCo left out contacts or constraints at step {step}, time {time:.9g} s"
+        super().__init__(step, time, f"{what}\n{MORE_MEMORY}")
+
+
 class UnstableError(SimulationError):
     """A simulation that diverged."""
 

@@ -61,6 +61,7 @@ CODES = {
     "ModelNotFoundError": 3,
     "BrokenModelError": 3,
     "SimulationError": 4,
+    "ContactMemoryError": 4,
     "FailedStepError": 4,
     "UnstableError": 4,
     "RendererError": 5,

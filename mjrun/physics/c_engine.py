@@ -187,7 +187,6 @@ class _Run:
         self._states, self._controls, self._record, self._threads = starts, controls, record, threads
         self._stable = np.ones(len(models), bool)
         self._failures: dict[int, SimulationError] = {}  # since the last block
-        self._shortages: dict[int, int] = {}  # since the last block
         self._initial: Fields = {}
         self._batch: RecordingBatch | None = None
         # States do not include which bodies sleep: these simulations stay in an MjData each, outside the batch.
@@ -211,9 +210,7 @@ class _Run:
                     stepper.advance(step)
                     _put(recorded.fields, index, row, stepper.instant())
                     counts[index] += 1
-                    self._note_shortage(index, step, stepper)
                 stepper.advance(first + count)
-                self._note_shortage(index, first + count, stepper)
             except SimulationError as error:
                 self._fail(index, error)
             self._states[index] = stepper.state()
@@ -256,16 +253,12 @@ class _Run:
         self._failures[index] = error
         self._stable[index] = False
 
-    def _note_shortage(self, index: int, step: int, stepper: PhysicsStepper) -> None:
-        if stepper.lacks_memory:
-            self._shortages.setdefault(index, step)
-
     def _block(self, steps: np.ndarray, fields: dict[str, np.ndarray], counts: np.ndarray) -> RolloutBlock:
         self._initial = self._initial or {name: values[:, :1].copy() for name, values in fields.items()}
-        failures, shortages = self._failures, self._shortages
+        failures = self._failures
         if len(steps):
-            self._failures, self._shortages = {}, {}
-        return RolloutBlock(steps, fields, self._initial, counts, failures, shortages)
+            self._failures = {}
+        return RolloutBlock(steps, fields, self._initial, counts, failures)
 
 
 def with_flags(models: Sequence[mujoco.MjModel], disable: int = 0, leave_out: int = 0) -> Sequence[mujoco.MjModel]:

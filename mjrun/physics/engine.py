@@ -30,8 +30,6 @@ class RolloutBlock:
       initial: the same fields at step 0, `(n, 1, …)`, for quantities relative to the start.
       counts: the number of valid rows of each simulation, `(n,)`; a failed simulation has fewer than the block.
       failures: the simulations that failed since the previous block, by index.
-      shortages: the first step in this block at which a simulation continued without some of its contacts or
-        constraints for lack of memory, by index; empty for engines that do not report it.
     """
 
     steps: np.ndarray
@@ -39,7 +37,6 @@ class RolloutBlock:
     initial: Fields
     counts: np.ndarray
     failures: Mapping[int, SimulationError] = field(default_factory=dict[int, SimulationError])
-    shortages: Mapping[int, int] = field(default_factory=dict[int, int])
 
 
 class Engine(Protocol):
@@ -88,8 +85,8 @@ def joined(blocks: Iterable[RolloutBlock], rows: int) -> Iterator[RolloutBlock]:
 def _joined(one: RolloutBlock, other: RolloutBlock) -> RolloutBlock:
     steps = np.concatenate([one.steps, other.steps])
     fields = {name: np.concatenate([values, other.fields[name]], axis=1) for name, values in one.fields.items()}
-    failures, shortages = {**one.failures, **other.failures}, {**other.shortages, **one.shortages}
-    return RolloutBlock(steps, fields, one.initial, one.counts + other.counts, failures, shortages)
+    failures = {**one.failures, **other.failures}
+    return RolloutBlock(steps, fields, one.initial, one.counts + other.counts, failures)
 
 
 def models_of(models: mujoco.MjModel | Sequence[mujoco.MjModel], count: int) -> Sequence[mujoco.MjModel]:

@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import mujoco
 import numpy as np
 
-from mjrun.errors import FailedStepError, UnstableError
+from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError
 from mjrun.model import state
 from mjrun.model.names import names
 from mjrun.physics.control import NEVER, ControlSources, PeriodicController
@@ -17,13 +17,14 @@ from mjrun.physics.push_forces import PushForces
 from mjrun.timeline import rational
 
 CHUNK = 50  # steps between two checks of the warning counters; a check per step costs about 10 %
-SHORTAGES = (int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL))
+SHORTAGES = slice(int(mujoco.mjtWarning.mjWARN_CONTACTFULL), int(mujoco.mjtWarning.mjWARN_CNSTRFULL) + 1)
 BAD = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
     int(mujoco.mjtWarning.mjWARN_BADQVEL),
     int(mujoco.mjtWarning.mjWARN_BADQACC),
 ]
 SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 
 # What is computed in the MjData of a step: nothing yet, positions and velocities, or all of the instant.
 STATE, MOTION, INSTANT = int(mujoco.mjtStage.mjSTAGE_NONE), int(mujoco.mjtStage.mjSTAGE_VEL), 3
@@ -75,12 +76,20 @@ def derive(
 
     Raises:
       FailedStepError: MuJoCo raised an error.
+      ContactMemoryError: MuJoCo left out contacts or constraints for lack of memory.
     """
     mujoco.mj_copyData(instant, model, data)
     try:
         mujoco.mj_forwardSkip(model, instant, computed, False)
     except mujoco.FatalError as error:
         raise FailedStepError(step, data.time, str(error)) from None
+    if lacks_memory(instant):
+        raise ContactMemoryError(step, data.time)
+
+
+def lacks_memory(data: mujoco.MjData) -> bool:
+    """Returns whether MuJoCo has left out contacts or constraints for lack of memory; it warns and continues."""
+    return any(data.warning.number[SHORTAGES].tolist())
 
 
 def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
@@ -120,6 +129,7 @@ class PhysicsStepper:
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         self.step = 0
         self._integrate = integrator_of(self.model)
+        self._collides_again = int(self.model.opt.integrator) == RK4  # within a step, beyond its instant
         self._data = mujoco.MjData(self.model)
         self._computed = STATE
         # The state on arrival at a step, without its new inputs; and another, which is written meanwhile.
@@ -162,11 +172,6 @@ class PhysicsStepper:
             self._data, self._saved = self._saved, mujoco.MjData(self.model)
             for _ in range(count):
                 self._take_one()  # until the step that fails
-
-    @property
-    def lacks_memory(self) -> bool:
-        """True where MuJoCo left out contacts or constraints for lack of memory; it warns and continues."""
-        return any(self._data.warning[kind].number for kind in SHORTAGES)
 
     def steps_alike(self) -> int:
         """Returns the number of steps before a controller is called or inputs other than controls change."""
@@ -225,9 +230,12 @@ class PhysicsStepper:
 
     def _derive(self) -> None:
         """Computes the rest of the instant in place."""
-        if self._computed == STATE:
+        computed = self._computed
+        if computed == STATE:
             self._save()
-        mujoco.mj_forwardSkip(self.model, self._data, self._computed, False)
+        mujoco.mj_forwardSkip(self.model, self._data, computed, False)
+        if computed == STATE and lacks_memory(self._data):
+            raise self._shortage()
         self._computed = INSTANT
 
     def _derive_motion(self) -> None:
@@ -237,6 +245,8 @@ class PhysicsStepper:
             mujoco.mj_step1(self.model, self._data)
         except mujoco.FatalError as error:
             raise self._failure(str(error)) from None
+        if lacks_memory(self._data):
+            raise self._shortage()
         self._computed = MOTION
 
     def _arrive(self) -> None:
@@ -337,6 +347,8 @@ class PhysicsStepper:
                 return False
         integrate(model, data)
         mujoco.mj_getState(model, data, self._next_state, state.STATE)
+        if self._collides_again and lacks_memory(data):
+            return False
         if not (is_bounded(self._next_state[self._moving]) or self._is_stable()):
             return False
         self._saved_state, self._next_state = self._next_state, self._saved_state
@@ -346,7 +358,7 @@ class PhysicsStepper:
     def _is_stable(self) -> bool:
         """Returns whether the steps up to the present state are stable."""
         data = self._data  # MuJoCo checks positions and velocities only at the start of the next step
-        has_warned = any(data.warning[kind].number for kind in BAD)
+        has_warned = lacks_memory(data) or any(data.warning[kind].number for kind in BAD)
         return not has_warned and is_bounded(data.qpos) and is_bounded(data.qvel)
 
     def _save(self) -> None:
@@ -365,8 +377,6 @@ class PhysicsStepper:
         else:
             self._data = mujoco.MjData(self.model)  # that of an interrupted step is unusable
             state.restore(self.model, self._data, self._saved_state)
-            for kind in SHORTAGES:
-                self._data.warning[kind].number = failed.warning[kind].number
         state.restore(self.model, self._data, inputs, state.INPUTS)
         self._computed = STATE
         return failed
@@ -376,8 +386,15 @@ class PhysicsStepper:
         self._go_back()
         return FailedStepError(self.step, self._data.time, reason)
 
-    def _instability(self) -> UnstableError:
+    def _shortage(self) -> ContactMemoryError:
+        """Returns to the state before a step without some of its contacts, and describes the error."""
+        self._go_back()
+        return ContactMemoryError(self.step, self._data.time)
+
+    def _instability(self) -> SimulationError:
         """Returns to the last good state, and describes what is wrong after it."""
+        if lacks_memory(self._data):
+            return self._shortage()
         failed = self._go_back()
         return UnstableError(self.step, self._data.time, *self._culprit(failed), self.model.opt.timestep)
 

@@ -141,8 +141,6 @@ class PointSimulator:
                 buffer = RowBuffer(ready.sampler, rows, lambda block: ready.metrics.feed(block.values))
                 observe(stepper, [Tap(rows, ready.sampler.read, buffer.add)], rows[-1])
                 buffer.flush()
-            if isinstance(stepper, PhysicsStepper) and stepper.lacks_memory:
-                raise out_of_memory(stepper.step, ready.timeline)
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)
@@ -187,8 +185,6 @@ class PointSimulator:
         failures = dict[int, SimulationError]()
         for block in joined(self._engine.rollout(models, starts, None, steps, first.sampler.fields, every), ENOUGH):
             failures |= block.failures
-            for index, step in block.shortages.items():
-                failures.setdefault(index, out_of_memory(step, first.timeline))
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step may not be an N-th one
             shared = first.sampler.tables(block, wanted)
             for index, ready in enumerate(points):
@@ -282,12 +278,6 @@ def _model_sizes(points: Sequence[_ReadyPoint]) -> dict[int, int]:
     """Returns the memory of each model of these points [bytes], by its id."""
     variants = [point.variant for point in points]
     return {id(model): each.compilation.size for each in variants for model in (each.model, each.compiled)}
-
-
-def out_of_memory(step: int, timeline: Timeline) -> SimulationError:
-    """Returns the error of a simulation in which MuJoCo has left out contacts: it would continue with wrong results."""
-    text = f"MuJoCo left out contacts or constraints by step {step}: the model has too little memory for them"
-    return SimulationError(step, float(timeline.time(step)), f'{text}; give it more as in <size memory="10M"/>')
 
 
 def structure(model: mujoco.MjModel) -> tuple[object, ...]:

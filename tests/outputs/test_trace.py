@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import FailedAssertionError, MjrunError, UnstableError, UsageError
+from mjrun.errors import ContactMemoryError, FailedAssertionError, MjrunError, UnstableError, UsageError
 from mjrun.outputs.trace import Trace, columns
 from mjrun.outputs.trace_rows import TIME
 from mjrun.simulation.simulation import Simulation
@@ -259,13 +259,23 @@ def test_what_is_wrong_is_refused_before_the_first_step(
 
 def test_warnings_of_mujoco_are_told_and_no_log_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    text = """<mujoco><worldbody><body><joint name="j"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
+<actuator><motor joint="j"/></actuator></mujoco>"""
+    (tmp_path / "wild.xml").write_text(text)
+    with pytest.warns(UserWarning, match="MuJoCo: .* CTRL"):
+        result = Trace(Simulation("wild.xml", controller=lambda model, data: 1e11, steps=5), "t.csv").run()
+    assert result.warnings
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["t.csv", "wild.xml"]
+
+
+@pytest.mark.parametrize("probe", ["qpos", "contact_force"])  # stepped in C, and read instant by instant
+def test_a_trace_without_some_of_its_contacts_fails(tmp_path: Path, probe: str) -> None:
     spheres = "".join(f'<body pos="{x / 8} 0 .04"><freejoint/><geom size=".05"/></body>' for x in range(6))
     text = f'<mujoco><size memory="12K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
-    (tmp_path / "full.xml").write_text(text)
-    with pytest.warns(UserWarning, match="MuJoCo: Insufficient arena memory"):
-        result = Trace(Simulation("full.xml", steps=5), "t.csv").run()
-    assert result.warnings
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["full.xml", "t.csv"]
+    simulation = Simulation(mujoco.MjModel.from_xml_string(text), steps=5)
+    with pytest.raises(ContactMemoryError, match=r"size\.memory"):
+        Trace(simulation, str(tmp_path / "t.csv"), probe=[probe]).run()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_list_of_columns_begins_with_time() -> None:

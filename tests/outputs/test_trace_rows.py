@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import FailedStepError, UnstableError
+from mjrun.errors import ContactMemoryError, FailedStepError, UnstableError
 from mjrun.outputs.event_detection import EventDetector
 from mjrun.outputs.overlay_probes import overlay_probes
 from mjrun.outputs.trace_rows import ProbeSampler, blocks
@@ -164,15 +164,25 @@ def test_bodies_that_sleep_are_measured_as_they_are() -> None:
 
 
 def test_a_warning_that_is_no_failure_does_not_stop_the_rows() -> None:
+    text = """<mujoco><worldbody><body><joint name="j"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
+<actuator><motor joint="j"/></actuator></mujoco>"""
+    model, data = start(text)
+    data.ctrl[0] = np.nan  # for which MuJoCo substitutes zero
+    again = mujoco.MjData(model)
+    again.ctrl[0] = np.nan
+    found = streamed(PhysicsStepper(model, data), ("qpos", "qvel"), 60, 20)
+    mujoco.mj_step(model, again, nstep=60)
+    assert again.warning[int(mujoco.mjtWarning.mjWARN_BADCTRL)].number
+    assert found["qpos"].shape == (61, model.nq)
+    assert np.array_equal(found["qpos"][-1], again.qpos)
+
+
+def test_rows_end_before_a_step_without_some_of_its_contacts() -> None:
     spheres = "".join(f'<body pos="{x / 8} 0 .04"><freejoint/><geom size=".05"/></body>' for x in range(6))
     text = f'<mujoco><size memory="12K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
     model, data = start(text)
-    found = streamed(PhysicsStepper(model, data), ("qpos", "qvel"), 60, 20)
-    again = mujoco.MjData(model)
-    mujoco.mj_step(model, again, nstep=60)
-    assert again.warning[int(mujoco.mjtWarning.mjWARN_CNSTRFULL)].number
-    assert found["qpos"].shape == (61, model.nq)
-    assert np.array_equal(found["qpos"][-1], again.qpos)
+    with pytest.raises(ContactMemoryError):
+        streamed(PhysicsStepper(model, data), ("qpos", "qvel"), 60, 20)
 
 
 def test_rows_before_an_instability_are_all_there_and_good() -> None:

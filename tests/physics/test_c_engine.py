@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from mjrun.errors import FailedStepError, SimulationError, UnstableError, UsageError
+from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError, UsageError
 from mjrun.model import state
 from mjrun.physics import engine as engines
 from mjrun.physics.c_engine import CEngine
@@ -174,9 +174,12 @@ def test_a_failure_between_two_rows_is_told_with_the_next_block(
     ]
 
 
-def test_running_out_of_memory_ends_that_simulation_alone() -> None:
+@pytest.mark.parametrize(("memory", "error"), [("20K", FailedStepError), ("12K", ContactMemoryError)])
+def test_running_out_of_memory_ends_that_simulation_alone(memory: str, error: type[SimulationError]) -> None:
     spheres = "".join(f'<body pos="{x / 8} 0 .06"><freejoint/><geom size=".05"/></body>' for x in range(6))
-    text = f'<mujoco><size memory="20K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
+    text = (
+        f'<mujoco><size memory="{memory}"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
+    )
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     falling = state.save(model, data)
@@ -184,19 +187,20 @@ def test_running_out_of_memory_ends_that_simulation_alone() -> None:
     starts = np.array([state.save(model, data), falling])
     blocks = list(ENGINE.rollout(model, starts, None, 60, ("qpos",)))
     (failure,) = [error for block in blocks for error in block.failures.values()]
-    assert isinstance(failure, FailedStepError)
+    assert isinstance(failure, error)
     assert len(joined(blocks, "qpos", 0)) == 61
     assert len(joined(blocks, "qpos", 1)) <= failure.step + 1
 
 
 def test_a_warning_that_is_no_failure_ends_nothing() -> None:
-    spheres = "".join(f'<body pos="{x / 8} 0 .04"><freejoint/><geom size=".05"/></body>' for x in range(6))
-    text = f'<mujoco><size memory="12K"/><worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>'
+    text = """<mujoco><worldbody><body><joint name="j"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
+<actuator><motor joint="j"/></actuator></mujoco>"""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
+    data.ctrl[0] = np.nan  # for which MuJoCo substitutes zero
     starts = np.array([state.save(model, data)] * 2)
     mujoco.mj_step(model, data, nstep=60)
-    assert data.warning[int(mujoco.mjtWarning.mjWARN_CNSTRFULL)].number
+    assert data.warning[int(mujoco.mjtWarning.mjWARN_BADCTRL)].number
     blocks = list(ENGINE.rollout(model, starts, None, 60, ("qpos",)))
     for index in range(2):
         np.testing.assert_array_equal(joined(blocks, "qpos", index)[-1], data.qpos)

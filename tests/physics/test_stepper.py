@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.errors import FailedStepError, SimulationError, UnstableError
+from mjrun.errors import ContactMemoryError, FailedStepError, SimulationError, UnstableError
 from mjrun.physics.stepper import CHUNK, PhysicsStepper
 
 STEPS = 160
@@ -398,6 +398,46 @@ def test_the_step_in_which_mujoco_gives_up_is_that_of_a_bare_loop(memory: str) -
     with pytest.raises(FailedStepError) as again:
         stepper.advance(10**6)
     assert again.value.step == failed
+
+
+def landing(integrator: str) -> mujoco.MjModel:
+    """Spheres whose constraints, when they land, need more memory than there is."""
+    spheres = "".join(f'<body pos="{x / 8} 0 .06"><freejoint/><geom size=".05"/></body>' for x in range(6))
+    return mujoco.MjModel.from_xml_string(f"""<mujoco><option integrator="{integrator}"/><size memory="12K"/>
+<worldbody><geom type="plane" size="1 1 1"/>{spheres}</worldbody></mujoco>""")
+
+
+def first_shortage(model: mujoco.MjModel) -> tuple[int, dict[str, bytes]]:
+    """The step of a bare loop in which MuJoCo leaves out constraints, and the state before it."""
+    data = mujoco.MjData(model)
+    full = data.warning[int(mujoco.mjtWarning.mjWARN_CNSTRFULL)]
+    states = []
+    while not full.number and len(states) < 1000:
+        states.append(bits(data))
+        mujoco.mj_step(model, data)
+    assert full.number
+    return len(states) - 1, states[-1]
+
+
+@pytest.mark.usefixtures("workplace")
+@pytest.mark.parametrize("observed", [False, True])
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+def test_a_step_without_some_of_its_contacts_is_a_failure_of_the_simulation(integrator: str, observed: bool) -> None:
+    model = landing(integrator)
+    stepper = PhysicsStepper(model, mujoco.MjData(model))
+    failed, expected = first_shortage(model)
+    assert failed > 5
+
+    def watch() -> None:
+        for step in range(100):
+            stepper.advance(step)
+            stepper.instant()
+
+    for _ in range(2):
+        with pytest.raises(ContactMemoryError) as caught:
+            watch() if observed and not stepper.step else stepper.advance(100)
+        assert caught.value.step == stepper.step == failed
+        assert state(stepper) == expected
 
 
 @pytest.mark.usefixtures("workplace")

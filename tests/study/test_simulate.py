@@ -229,7 +229,7 @@ def test_points_without_enough_memory_fail_one_by_one(tmp_path: Path, noise: str
     results = simulated(spec, [(str(tmp_path / f"{size}.xml"),) for size in memory])
     assert [result.status for result in results] == ["ok", "failed", "failed", "failed", "ok"]
     assert "out of memory, stack overflow" in results[1].message
-    assert "left out contacts or constraints by step" in results[2].message
+    assert "left out contacts or constraints at step" in results[2].message
     assert "Could not allocate memory" in results[3].message
     for result in (results[0], results[4]):
         np.testing.assert_array_equal(result.metrics, bare())
