@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.check.baseline import Baseline, write_baseline
+from mjrun.check.changed_models import ChangedModels
 from mjrun.check.codes import codes, matching_codes
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding
@@ -66,6 +67,7 @@ class CheckResult:
       models: the result for each model.
       skipped: the number of files that are not models by themselves, such as files that models include.
       gone: the number of findings in the baseline that are no longer there.
+      unchanged: the number of models that were not checked, as they have not changed since a commit.
       code: the exit code: 3 if a model does not load, unless that is known; 1 if a finding is at or above `fail_on`;
         else 0.
       errors, warnings, notes: the number of findings of each severity.
@@ -76,6 +78,7 @@ class CheckResult:
     skipped: int
     code: int
     gone: int = 0
+    unchanged: int = 0
     errors: int = field(default=0, init=False)
     warnings: int = field(default=0, init=False)
     notes: int = field(default=0, init=False)
@@ -116,6 +119,9 @@ class Check(PolicyOptions, CheckOptions):
                 raise BadValueError(option("severity"), f"{code}={severity}", f"one of {', '.join(SEVERITIES)}")
         if self.update_baseline and self.baseline is None:
             raise UsageError(f"{option('update_baseline')} requires {option('baseline')}")
+        if self.update_baseline and self.changed_since is not None:
+            reason = "a baseline contains the findings of all models"
+            raise UsageError(f"{option('update_baseline')} excludes {option('changed_since')}: {reason}")
         if self.policy is not None and not isinstance(self.policy, str):
             raise UsageError(f"{option('policy')}: each task is checked in a separate process; give the policy as text")
 
@@ -148,6 +154,9 @@ class Check(PolicyOptions, CheckOptions):
         paths, skipped = find_models(self.models, skip_other=self.skip_other)
         if not paths and all(is_folder(path) for path in self.models):
             raise UsageError("no model to check: give model files, or folders that contain some")
+        found = len(paths)
+        if self.changed_since is not None:
+            paths = ChangedModels(self.changed_since).of(paths)
         results: list[ModelResult] = []
         for result in self._check_all(paths, spelling):
             results.append(result)
@@ -160,7 +169,7 @@ class Check(PolicyOptions, CheckOptions):
         if known is not None:
             results = [_without_known(result, known) for result in results]
             gone = known.gone([result.model for result in results], self.codes)
-        return CheckResult(tuple(results), skipped, self._exit_code(results), gone)
+        return CheckResult(tuple(results), skipped, self._exit_code(results), gone, found - len(paths))
 
     def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
         """Yields the results for `paths` in their order; several are checked at once."""

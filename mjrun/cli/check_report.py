@@ -57,6 +57,8 @@ def summary(result: CheckResult) -> str:
         parts.append(f"{known} known")
     if result.gone:
         parts.append(f"{result.gone} of the baseline no longer found")
+    if result.unchanged:
+        parts.append(f"{result.unchanged} unchanged")
     if result.skipped:
         are = "is not a model" if result.skipped == 1 else "are not models"
         parts.append(f"{_counted(result.skipped, 'file')} skipped that {are}")

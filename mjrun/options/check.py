@@ -53,6 +53,13 @@ class CheckOptions(Options):
         default=False,
         help="Create or replace the baseline with the present findings.",
     )
+    changed_since: str | None = option(
+        converter=Optional(Text("REF")),
+        default=None,
+        usual="all models",
+        help="Check only models of which a file, an include or an asset is changed or new in git since the branch "
+        "began at REF.",
+    )
     skip_other: bool = option(
         converter=Flag(),
         default=False,

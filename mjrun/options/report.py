@@ -18,6 +18,18 @@ class ReportFormatOptions(Options):
         places=FrontEnd.COMMAND,
         help="Print GitHub Actions annotations to stdout.",
     )
+    junit: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print JUnit XML to stdout, in which errors and warnings are failures.",
+    )
+    markdown: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print a Markdown table of what failed to stdout, for the summary of a pull request.",
+    )
 
 
 REPORT_FORMATS = tuple(each.name for each in options_of(ReportFormatOptions))
