@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from mjrun.gym.environment import TaskLike, action_space, draw_seed, ending_info, observation_space, task_of
+from mjrun.task.expressions import RUNNING
 from mjrun.task.worlds import TaskStep, TaskWorlds
 
 MASK = "reset_mask"
@@ -46,10 +47,10 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {"autoreset_mode": self.autoreset_mode, "render_modes": []}
         self._generators: list[np.random.Generator | None] = [None] * num_envs
-        self._observations = np.zeros((num_envs, len(self.worlds.observed)))
         self._over = np.zeros(num_envs, bool)
         self._all = np.arange(num_envs)
         self._rewards = [f"reward/{name}" for name in self.worlds.reward_names]
+        self._skips_ended = self.autoreset_mode == AutoresetMode.SAME_STEP
 
     def reset(  # type: ignore[override]
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -62,9 +63,9 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             if seeds[world] is not None:
                 self._generators[world] = seeding.np_random(seeds[world])[0]
         given = [self._draw(world) if seeds[world] is None else seeds[world] for world in worlds.tolist()]
-        self._observations[worlds] = self.worlds.reset([int(each or 0) for each in given], worlds)
+        self.worlds.reset([int(each or 0) for each in given], worlds)
         self._over[worlds] = False
-        return self._observations.copy(), {}
+        return self.worlds.observations, {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Steps every world by a control period; see `VectorEnv`."""
@@ -73,17 +74,13 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 raise ValueError("an episode is over: reset its world with the option reset_mask")
             return self._step_after_end(np.asarray(actions, float))
         step = self.worlds.step(actions)
-        infos = self._infos(step, self._all)
-        terminated, truncated = step.terminated, step.truncated
-        observations = self._observations = step.observations
-        over = step.over
+        infos, over = self._infos(step, self._all), step.over
         if over.any():
-            if self.autoreset_mode == AutoresetMode.SAME_STEP:
-                infos = self._begin_next(step, infos)
-                observations = self._observations
+            if self._skips_ended:
+                infos |= self._begin_next(step, np.flatnonzero(over))
             else:
                 self._over = over
-        return observations.copy(), step.rewards, terminated, truncated, infos
+        return step.observations, step.rewards, step.terminated, step.truncated, infos
 
     def _step_after_end(
         self, actions: np.ndarray
@@ -91,41 +88,52 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Takes a step in which some worlds begin their next episode instead."""
         begin, go_on = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
-        self._observations[begin] = self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
+        self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
         infos: dict[str, Any] = {}
         if len(go_on):
             step = self.worlds.step(actions[go_on], go_on)
-            self._observations[go_on], rewards[go_on] = step.observations, step.rewards
+            rewards[go_on] = step.rewards
             terminated[go_on], truncated[go_on] = step.terminated, step.truncated
             infos = self._infos(step, go_on)
         self._over = terminated | truncated
-        return self._observations.copy(), rewards, terminated, truncated, infos
+        return self.worlds.observations, rewards, terminated, truncated, infos
 
-    def _begin_next(self, step: TaskStep, infos: dict[str, Any]) -> dict[str, Any]:
-        """Begins the next episode in worlds whose last one ended in this step."""
-        over = np.flatnonzero(step.over)
+    def _begin_next(self, step: TaskStep, over: np.ndarray) -> dict[str, Any]:
+        """Begins the next episode in the worlds `over`, whose last one ended in this step; returns their infos."""
+        mask, final = np.zeros(self.num_envs, bool), np.full(self.num_envs, None, object)
+        mask[over] = True
         for world in over.tolist():
-            terms = dict(zip(self._rewards, step.reward_terms[world].tolist(), strict=True))
-            info = terms | ending_info(step.endings[int(step.codes[world])])
-            infos = self._add_info(infos, {"final_obs": step.observations[world].copy(), "final_info": info}, world)
-        self._observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
-        return infos
+            final[world] = step.observations[world].copy()
+        infos = {"final_obs": final, "_final_obs": mask, "final_info": self._arrays(step, over, over)}
+        step.observations[over] = self.worlds.reset([self._draw(world) for world in over.tolist()], over)
+        return infos | {"_final_info": mask.copy()}
 
     def _infos(self, step: TaskStep, worlds: np.ndarray) -> dict[str, Any]:
         """Returns the infos of a step of `worlds` `(k,)`, without worlds whose next episode begins in the same step."""
-        infos: dict[str, Any] = {}
+        if not self._skips_ended:
+            return self._arrays(step, self._all[: len(worlds)], worlds)
         # Gymnasium reports such a world in its `final_info` alone.
-        is_told = ~step.over if self.autoreset_mode == AutoresetMode.SAME_STEP else np.ones(len(worlds), bool)
-        if not is_told.any():
+        rows = np.flatnonzero(~step.over)
+        return self._arrays(step, rows, worlds[rows]) if len(rows) else {}
+
+    def _arrays(self, step: TaskStep, rows: np.ndarray, worlds: np.ndarray) -> dict[str, Any]:
+        """Returns the infos of some rows `(r,)` of a step, whose worlds are `worlds`, as arrays with their masks."""
+        mask, terms = np.zeros(self.num_envs, bool), np.zeros((len(self._rewards), self.num_envs))
+        mask[worlds] = True
+        terms[:, worlds] = step.reward_terms[rows].T
+        infos = dict[str, Any](zip(self._rewards, terms, strict=True))
+        infos |= {f"_{name}": mask.copy() for name in self._rewards}
+
+        codes: np.ndarray = step.codes[rows]
+        ended = worlds[codes != RUNNING]
+        if not len(ended):
             return infos
-        mask = np.zeros(self.num_envs, bool)
-        mask[worlds[is_told]] = True
-        for name, terms in zip(self._rewards, step.reward_terms.T, strict=True):
-            infos[name], infos[f"_{name}"] = np.zeros(self.num_envs), mask.copy()
-            infos[name][mask] = terms[is_told]
-        for row in np.flatnonzero(step.over & is_told).tolist():
-            infos = self._add_info(infos, ending_info(step.endings[int(step.codes[row])]), int(worlds[row]))
-        return infos
+        mask, success, names = np.zeros_like(mask), np.zeros_like(mask), np.full(self.num_envs, None, object)
+        mask[ended] = True
+        for world, code in zip(ended.tolist(), codes[codes != RUNNING], strict=True):
+            info = ending_info(step.endings[int(code)])
+            names[world], success[world] = info["ending"], info["is_success"]
+        return infos | {"ending": names, "_ending": mask, "is_success": success, "_is_success": mask.copy()}
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
         if seed is None:

@@ -44,14 +44,13 @@ class ColumnMatrix(Mapping[str, Any]):
         self._layout = layout
         self._matrix = matrix
         self._others = others
-        self._places = layout.places
-        self._columns = np.ascontiguousarray(matrix.T)
+        self._columns = dict[str, Any](others)
 
     def __getitem__(self, name: str) -> Any:
-        try:
-            return self._columns[self._places[name]]
-        except KeyError:
-            return self._others[name]
+        column = self._columns.get(name)
+        if column is None:
+            column = self._columns[name] = np.ascontiguousarray(self._matrix[:, self._layout.places[name]])
+        return column
 
     def __iter__(self) -> Iterator[str]:
         yield from self._layout.places

@@ -150,6 +150,11 @@ class TaskWorlds:
         return _endings_of(self._start_codes, self.endings)
 
     @property
+    def observations(self) -> np.ndarray:
+        """The last observations of all worlds `(count, nobs)`, as a new array."""
+        return self._observed.copy()
+
+    @property
     def world_bytes(self) -> int:
         """The approximate memory of a world [bytes]: its own model, if any, and its MjData in a persistent batch."""
         model = 0 if self._models.is_one else 2 * mujoco.mj_sizeModel(self._first)  # as compiled, and as varied
@@ -293,6 +298,7 @@ class TaskWorlds:
         self._batch = self._open(model, measured, threads)
         each = self._each  # a bound method would be a reference cycle, which only Python's collector frees
         self._measurement = BatchColumns(self._batch, measured, lambda world: each[world].model)
+        self._measured = np.empty((count, self._measurement.count))  # in the step at hand
         self._state = self._batch.state
         self._ctrl, self._qpos, self._qvel = (self._batch.bind(name) for name in ("ctrl", "qpos", "qvel"))
         self._counters = self._batch.warning
@@ -361,16 +367,21 @@ class TaskWorlds:
         rows, some = (ALL, None) if ids is None else (np.asarray(ids, int), np.asarray(ids, int))
         worlds = self._all[rows]
         measured = self._measure(rows)
-        in_force = self.commands.at(worlds, self._instants[rows])
+        in_force = self.commands.at(worlds, self._instants[rows]) if self.commands.names else None
         self._instants[rows] += 1
-        after = self._inputs(worlds)
-        columns = self._expressions.columns(measured[:, self._of_terms :], after._replace(commands=in_force))
+        inputs = after = self._inputs(worlds)
+        if in_force is not None:
+            inputs = after._replace(commands=in_force)
+        columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
         terms, codes = self._expressions.advance(columns, some, len(worlds))
-        codes[(codes == RUNNING) & (after.instants >= self._periods)] = self.endings.timeout
+        is_last = after.instants >= self._periods
+        if is_last.any():
+            codes[(codes == RUNNING) & is_last] = self.endings.timeout
 
         values = NOTHING
         if self._expressions.has_values:
-            columns = self._expressions.columns(measured[:, self._of_terms :], after)
+            if in_force is not None:
+                columns = self._expressions.columns(measured[:, self._of_terms :], after)
             values = self._expressions.values(columns, some, first=False)
         observed = self._observations.observe(measured[:, : self._of_terms], after, values, worlds, first=False)
         if not self._is_surely_stable(rows):
@@ -393,7 +404,7 @@ class TaskWorlds:
 
     def _measure(self, rows: Rows) -> np.ndarray:
         """Returns all columns of the model that terms and expressions read `(k, columns)`."""
-        measured = np.empty((len(self._all[rows]), self._measurement.count))
+        measured = self._measured[: len(self._all[rows])]
         self._measurement.read(rows, measured)
         return measured
 
