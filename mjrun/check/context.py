@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from mjrun.check.rule import Place, Violation
+from mjrun.check.rule import MakeFix, Place, Violation
 from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
+from mjrun.model.text_edits import ElementEditor
 from mjrun.model.xml_source import Element, XmlSource
 from mjrun.suffixes import XML
 
@@ -44,10 +45,13 @@ class LintContext:
       model: the compiled model.
       spec: the specification that it was compiled from; None for a binary.
       source: its XML, as far as it could be read.
+      editor: the editor of its elements.
+      unsafe: true if rules may propose fixes that need a look.
     """
 
     def __init__(self, path: Path, model: mujoco.MjModel, spec: mujoco.MjSpec | None, source: XmlSource) -> None:
         self.path, self.model, self.spec, self.source = path, model, spec, source
+        self.editor, self.unsafe = ElementEditor(source.texts), False
         self._names: dict[str, list[str]] = {}
         self._lines_by_id: dict[str, dict[int, int]] = {}
         self._elements_by_kind: dict[str, list[Element]] = {}
@@ -63,9 +67,11 @@ class LintContext:
         spec, model = source_of(path).compile()
         return cls(path, model, spec if path.suffix in XML else None, source)
 
-    def violation(self, kind: str, index: int, message: str, remedy: str, severity: str = "") -> Violation:
+    def violation(
+        self, kind: str, index: int, message: str, remedy: str, severity: str = "", fix: MakeFix | None = None
+    ) -> Violation:
         """Returns a violation by the object `index` of a kind, at the line that declares it."""
-        return Violation(message, remedy, self.place(kind, index), self.object(kind, index), severity)
+        return Violation(message, remedy, self.place(kind, index), self.object(kind, index), severity, fix)
 
     def name(self, kind: str, index: int) -> str:
         """Returns the name of an object; `joint:3` if it has none."""

@@ -4,15 +4,30 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mjrun.dataclass import dataclass
+from mjrun.model.text_edits import TextEdit, UneditableError
 from mjrun.model.xml_source import Element
 
 if TYPE_CHECKING:
     from mjrun.check.context import LintContext
 
 SEVERITIES = ("note", "warning", "error")  # in ascending order
+SAFE, UNSAFE = "safe", "unsafe"  # fixes that are certain, and fixes that need a look
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A fix of a fault by edits of the text of the model.
+
+    Attributes:
+      edits: the edits, which are made together or not at all.
+      fields: the fields of the compiled model that it may change, with wildcards: `jnt_range`, `geom_*`.
+    """
+
+    edits: tuple[TextEdit, ...]
+    fields: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -27,6 +42,7 @@ class Finding:
       line: the line in `file`, counted from 1, if known.
       object: the object with the fault, such as `joint 'knee'`; empty for the whole model.
       remedy: the remedy.
+      fixes: the fixes of the fault, several for a finding that stands for several objects.
 
     All texts except `code` and `severity` may contain unescaped names from the model.
     """
@@ -38,6 +54,13 @@ class Finding:
     line: int | None = None
     object: str = ""
     remedy: str = ""
+    fixes: tuple[Fix, ...] = ()
+
+    @classmethod
+    def read(cls, values: dict[str, Any]) -> "Finding":
+        """Returns the finding that `asdict` has turned into `values`."""
+        fixes = [Fix(tuple(TextEdit(**e) for e in fix["edits"]), tuple(fix["fields"])) for fix in values["fixes"]]
+        return cls(**{**values, "fixes": tuple(fixes)})
 
 
 class Place(NamedTuple):
@@ -58,6 +81,7 @@ class Violation(NamedTuple):
 
     Attributes:
       severity: a severity that overrides that of the rule, if not empty.
+      fix: makes the fix; None without one.
     """
 
     message: str
@@ -65,6 +89,7 @@ class Violation(NamedTuple):
     place: Place
     object: str = ""
     severity: str = ""
+    fix: "MakeFix | None" = None
 
 
 def short_path(path: Path) -> str:
@@ -77,6 +102,7 @@ def short_path(path: Path) -> str:
 
 
 Violations = Callable[["LintContext"], Iterator[Violation]]
+MakeFix = Callable[[], Fix | None]
 
 
 @dataclass(frozen=True)
@@ -88,33 +114,54 @@ class Rule:
       severity: the severity of its findings, unless a violation overrides it.
       title: its title, a few words.
       violations: the function that finds violations in a model that loads; None if loading or stepping reveals them.
+      fix: `safe` or `unsafe` if `mjrun check` can fix some of its violations; else empty.
     """
 
     code: str
     severity: str
     title: str
     violations: Violations | None = None
+    fix: str = ""
 
     def findings(self, context: "LintContext") -> Iterator[Finding]:
         """Yields the violations in a model that loads; none if the rule does not apply to such a model."""
-        for message, remedy, place, name, severity in self.violations(context) if self.violations else ():
-            yield self.finding(message, remedy, place, name, severity)
+        for message, remedy, place, name, severity, fix in self.violations(context) if self.violations else ():
+            wanted = fix if self.fix == SAFE or context.unsafe else None
+            yield self.finding(message, remedy, place, name, severity, wanted)
 
-    def finding(self, message: str, remedy: str, place: Place, object: str = "", severity: str = "") -> Finding:  # noqa: A002
+    def finding(
+        self,
+        message: str,
+        remedy: str,
+        place: Place,
+        object: str = "",  # noqa: A002
+        severity: str = "",
+        fix: MakeFix | None = None,
+    ) -> Finding:
         """Returns a violation of this rule at `place`."""
         file, line, origin = place
         attached = f" (attached from {short_path(origin[0])}:{origin[1]})" if origin else ""
-        return Finding(self.code, severity or self.severity, message + attached, short_path(file), line, object, remedy)
+        text, severity = message + attached, severity or self.severity
+        return Finding(self.code, severity, text, short_path(file), line, object, remedy, _made(fix))
 
-    def in_element(self, element: Element, message: str, remedy: str) -> Finding:
+    def in_element(self, element: Element, message: str, remedy: str, fix: MakeFix | None = None) -> Finding:
         """Returns a violation of this rule in an XML element."""
-        return self.finding(message, remedy, Place(element.file, element.line), str(element))
+        return self.finding(message, remedy, Place(element.file, element.line), str(element), fix=fix)
 
     def in_model(self, model: Path, message: str, remedy: str = "") -> Finding:
         """Returns a violation of this rule by a model as a whole."""
         return self.finding(message, remedy, Place(model))
 
 
-def rule(code: str, severity: str, title: str) -> Callable[[Violations], Rule]:
+def rule(code: str, severity: str, title: str, fix: str = "") -> Callable[[Violations], Rule]:
     """Turns the function that finds violations into a rule."""
-    return lambda violations: Rule(code, severity, title, violations)
+    return lambda violations: Rule(code, severity, title, violations, fix)
+
+
+def _made(fix: MakeFix | None) -> tuple[Fix, ...]:
+    """Returns the fix; none if the text cannot be edited."""
+    try:
+        made = fix() if fix else None
+    except UneditableError:
+        made = None
+    return (made,) if made else ()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mjrun.check import rules
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Finding, Rule, short_path
+from mjrun.check.rule import Finding, Fix, Rule, short_path
 from mjrun.check.rules import compile_errors, mjcf_schema, process_failures
 from mjrun.errors import BrokenModelError, ModelError, clean
 from mjrun.model.xml_source import XmlSource
@@ -76,7 +76,8 @@ def capped(findings: Sequence[Finding]) -> list[Finding]:
     if len(merged) <= MAX_FINDINGS:
         return merged
     rest = f"… and {len(merged) - MAX_FINDINGS + 1} more like it"
-    return [*merged[: MAX_FINDINGS - 1], replace(merged[MAX_FINDINGS - 1], message=rest, line=None, object="")]
+    hidden = merged[MAX_FINDINGS - 1 :]
+    return [*merged[: MAX_FINDINGS - 1], replace(hidden[0], message=rest, line=None, object="", fixes=_fixes(hidden))]
 
 
 def _merged(group: Sequence[Finding]) -> Finding:
@@ -86,4 +87,8 @@ def _merged(group: Sequence[Finding]) -> Finding:
         return first
     names = [finding.object for finding in others[:MAX_OBJECTS]] + ["…"] * (len(others) > MAX_OBJECTS)
     listed = f": {', '.join(names)}" if all(names) else " like it"
-    return replace(first, message=f"{first.message} (and {len(others)} more{listed})")
+    return replace(first, message=f"{first.message} (and {len(others)} more{listed})", fixes=_fixes(group))
+
+
+def _fixes(findings: Sequence[Finding]) -> tuple[Fix, ...]:
+    return tuple(fix for finding in findings for fix in finding.fixes)

@@ -5,7 +5,6 @@ of the class default it inherits from, if every element that inherits the value 
 element gets an attribute itself.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -15,8 +14,10 @@ import numpy as np
 from mjrun.confinement.self_confinement import confined_load
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean
+from mjrun.model.class_defaults import default_holder
 from mjrun.model.override import ELEMENTS, PARTIAL, ROOTS, Override, apply, indices_at
-from mjrun.model.xml_source import START_TAG, Element, XmlSource, read_xml
+from mjrun.model.text_edits import ElementEditor, edited
+from mjrun.model.xml_source import Element, XmlSource, read_xml
 
 # Attributes whose name differs from that of the MjSpec field.
 NAMES = {"solref_limit": "solreflimit", "solimp_limit": "solimplimit"}
@@ -79,21 +80,8 @@ def changes(path: Path, overrides: Sequence[Override]) -> list[Change]:
 
 def with_changes(xml: bytes, made: Sequence[Change]) -> bytes:
     """Returns the text of one file with its attributes changed."""
-    for each in sorted(made, key=lambda change: -change.element.offset):
-        tag = START_TAG.match(xml, each.element.offset)
-        assert tag, "the parser reported an element here"
-        xml = xml[: tag.start()] + _with_attribute(tag[0], each.attribute, each.value) + xml[tag.end() :]
-    return xml
-
-
-def _with_attribute(tag: bytes, name: str, value: str) -> bytes:
-    attribute = re.search(rb"(\s" + re.escape(name.encode()) + rb"\s*=\s*)(\"[^\"]*\"|'[^']*')", tag)
-    if attribute:
-        quote = attribute[2][:1]
-        return tag[: attribute.start(2)] + quote + value.encode() + quote + tag[attribute.end(2) :]
-    end = re.search(rb"\s*/?>\Z", tag)
-    assert end
-    return tag[: end.start()] + f' {name}="{value}"'.encode() + tag[end.start() :]
+    editor = ElementEditor({each.element.file: xml for each in made})
+    return edited(xml, [editor.with_value(each.element, each.attribute, each.value) for each in made])
 
 
 def _of_override(text: XmlSource, changed: mujoco.MjSpec, override: Override) -> Iterator[Change]:
@@ -109,11 +97,10 @@ def _of_override(text: XmlSource, changed: mujoco.MjSpec, override: Override) ->
     chosen = {id(written[index]): everyone[index] for index in indices}
     for element in written:
         if id(element) in chosen:
-            yield _of_element(text, element, written, chosen, fields[0], override)
+            yield _of_element(element, written, chosen, fields[0], override)
 
 
 def _of_element(
-    text: XmlSource,
     element: Element,
     written: Sequence[Element],
     chosen: "dict[int, object]",
@@ -125,10 +112,10 @@ def _of_element(
     values = np.ravel(np.array(list(np.ravel(getattr(owner, field))), float))
     if attribute in holder.attributes:
         return Change(holder, attribute, _text(values, holder.attributes[attribute], override))
-    default = _default_with(text, element, attribute)
+    default = default_holder(element, attribute)
     if default is not None:
         others = [each for each in written if each.tag == element.tag and attribute not in each.attributes]
-        sharing = [each for each in others if _default_with(text, each, attribute) is default]
+        sharing = [each for each in others if default_holder(each, attribute) is default]
         new = _text(values, default.attributes[attribute], override)
         same = all(
             id(each) in chosen and np.array_equal(np.ravel(getattr(chosen[id(each)], field)), np.ravel(values))
@@ -193,28 +180,6 @@ def _written(text: XmlSource, kind: str) -> list[Element]:
         if fits and not element.within("default"):
             elements.append(element)
     return elements
-
-
-def _default_with(text: XmlSource, element: Element, attribute: str) -> Element | None:
-    """Returns the class default that sets `attribute` of `element`; None if the value is MuJoCo's default."""
-    default = _default_class(text, element)
-    while default is not None and default.tag == "default":
-        for child in default.children:
-            if child.tag == element.tag and attribute in child.attributes:
-                return child
-        default = default.parent
-    return None
-
-
-def _default_class(text: XmlSource, element: Element) -> Element | None:
-    name = element.attributes.get("class")
-    above = element.parent
-    while name is None and above is not None:
-        name, above = above.attributes.get("childclass"), above.parent
-    classes = [each for each in text.elements() if each.tag == "default"]
-    if name is None:
-        return next((each for each in classes if each.parent is text.root), None)
-    return next((each for each in classes if each.attributes.get("class") == name), None)
 
 
 def _refusal(override: Override, reason: str) -> UsageError:

@@ -100,6 +100,7 @@ class XmlSource:
       circular: true if one of these attaches itself again, which crashes MuJoCo.
       errors: an error for each file that is not well-formed.
       comments: the comments of the model and of its includes.
+      texts: the bytes of each file that was read.
     """
 
     path: Path
@@ -108,6 +109,7 @@ class XmlSource:
     circular: bool = False
     errors: list[XmlError] = field(default_factory=list)
     comments: list[Comment] = field(default_factory=list)
+    texts: dict[Path, bytes] = field(default_factory=dict)
 
     def elements(self) -> Iterator[Element]:
         """Yields all elements in order, those of included files in place of the include."""
@@ -118,7 +120,7 @@ def read_xml(path: Path) -> XmlSource:
     """Reads the XML of the model `path` as far as possible; it has no elements for an archive or a binary."""
     source = XmlSource(path)
     if path.suffix in XML:
-        source.root = _parsed(path, source.errors, source.comments)
+        source.root = _parsed(source, path)
     if source.root:
         _follow(source, source.root)
         _attach(source)
@@ -163,7 +165,7 @@ def _follow(source: XmlSource, root: Element) -> None:
             continue
 
         seen.add(path.resolve())
-        inner = _parsed(path, source.errors, source.comments)
+        inner = _parsed(source, path)
         if inner is None:
             continue
 
@@ -182,7 +184,8 @@ def _attach(source: XmlSource) -> None:
         path, above = waiting.pop()
         real = path.resolve()
         source.circular |= real in above
-        root = _parsed(path, [], []) if real not in seen and path.suffix in XML else None
+        own = XmlSource(path, texts=source.texts)
+        root = _parsed(own, path) if real not in seen and path.suffix in XML else None
         seen.add(real)
         if root:
             source.attached.append(root)
@@ -195,22 +198,23 @@ def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
     return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
 
 
-def _parsed(path: Path, errors: list[XmlError], comments: list[Comment]) -> Element | None:
-    """Parses one file; returns its root up to the first error, and adds the error and the comments to the lists."""
+def _parsed(source: XmlSource, path: Path) -> Element | None:
+    """Parses one file; returns its root up to the first error, and adds the error and the comments to `source`."""
     if not is_regular(path):
         return None
     try:
         text = path.read_bytes()
     except OSError:
         return None
+    source.texts[path] = text
     parser = XmlParser(path)
     try:
         parser.expat.Parse(text, True)
     except expat.ExpatError as error:
-        errors.append(parser.explain(error, text))
+        source.errors.append(parser.explain(error, text))
     except (ValueError, LookupError) as error:  # an encoding unknown to Python
-        errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
-    comments += parser.comments
+        source.errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
+    source.comments += parser.comments
     return parser.root
 
 

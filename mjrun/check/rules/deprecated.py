@@ -38,6 +38,39 @@ REMOVED_ATTRIBUTES = {
     ("contact", "internal"): ("in MuJoCo 3.15.0", "write selfcollide"),
 }
 
+# Attributes that have another name now, and values that are written as other attributes, or no longer needed.
+RENAMED_ATTRIBUTES = {
+    ("option", "mpr_iterations"): "ccd_iterations",
+    ("option", "mpr_tolerance"): "ccd_tolerance",
+    ("joint", "actuatorforcerange"): "actuatorfrcrange",
+    ("joint", "actuatorforcelimited"): "actuatorfrclimited",
+}
+REWRITTEN_VALUES: dict[tuple[str, str, str], dict[str, str]] = {
+    ("option", "collision", "all"): {},
+    ("compiler", "convexhull", "true"): {},
+    ("compiler", "convexhull", "false"): {},
+    ("compiler", "exactmeshinertia", "false"): {},
+    ("flag", "sensornoise", "enable"): {},
+    ("flag", "sensornoise", "disable"): {},
+    ("flag", "passive", "enable"): {},
+    ("flag", "passive", "disable"): {"spring": "disable", "damper": "disable"},
+    ("camera", "orthographic", "true"): {"projection": "orthographic"},
+    ("camera", "orthographic", "false"): {"projection": "perspective"},
+    ("contact", "internal", "false"): {},
+}
+# The fields of the compiled model on which they act, where MuJoCo ignores what it does not know, as in <frame>.
+REWRITTEN_FIELDS = {"joint": ("jnt_actfrc*",), "camera": ("cam_projection",)}
+
+
+def rewritten(tag: str, attribute: str, value: str) -> dict[str, str] | None:
+    """Returns the attributes that replace a removed one; None if that is not certain."""
+    if name := RENAMED_ATTRIBUTES.get((tag, attribute)):
+        return {name: value}
+    if (tag, attribute) == ("option", "apirate"):
+        return {}
+    return REWRITTEN_VALUES.get((tag, attribute, value))
+
+
 # The version without the value of an attribute, and the remedy.
 REMOVED_VALUES = {
     ("edge", "equality", "vert"): ("in MuJoCo 4.0.0", REMOVED_ELEMENTS["flexvert"][1]),

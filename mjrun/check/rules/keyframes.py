@@ -1,12 +1,13 @@
 """Keyframes that a simulation cannot start from as written."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.rule import SAFE, Fix, Violation, rule
 from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
 from mjrun.model.names import BALL, FREE, actuator_parts
@@ -82,7 +83,7 @@ def _activations(context: LintContext, key: int) -> Iterator[Violation]:
             yield context.violation("keyframe", key, message, remedy)
 
 
-@rule("MJ404", "warning", "keyframe with a bad quaternion")
+@rule("MJ404", "warning", "keyframe with a bad quaternion", fix=SAFE)
 def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
     """Yields keyframes with a quaternion that is not a rotation; MuJoCo normalizes it, and reads 0 as no rotation."""
     model = context.model
@@ -98,7 +99,18 @@ def quaternions_not_normalized(context: LintContext) -> Iterator[Violation]:
                 message = f"the quaternion of {context.object('joint', joint)} has length {length:.4g}, not 1"
                 last = _entry(context, key, "qpos", start + 3)
                 numbers = f"qpos[{start}] to {last}" if last else "the orientation of the joint"
-                yield context.violation("keyframe", key, message, f"change {numbers} in the keyframe")
+                fix = partial(_normalized, context, key, start)
+                yield context.violation("keyframe", key, message, f"change {numbers} in the keyframe", fix=fix)
+
+
+def _normalized(context: LintContext, key: int, start: int) -> Fix | None:
+    """Returns the fix that writes the quaternion which MuJoCo uses."""
+    element = context.element("keyframe", key)
+    if element is None or len(_words(context, key, "qpos")) != context.model.nq:
+        return None
+    quaternion = context.model.key_qpos[key, start : start + 4]
+    words = {start + i: repr(float(number)) for i, number in enumerate(quaternion)}
+    return Fix(context.editor.with_words(element, "qpos", words))
 
 
 @rule("MJ405", "error", "keyframe of the wrong size")

@@ -1,19 +1,24 @@
 """Ranges of joints, tendons and actuators that are missing, reversed or violated at the start."""
 
 from collections.abc import Iterator
+from functools import partial
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.rule import SAFE, Fix, Violation, rule
 from mjrun.errors import option
+from mjrun.model.class_defaults import holder
 
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
 # MuJoCo's enums equal integers, but numpy does not find them among integers.
 JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
+FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
+FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
+ENDINGS = ("range", "limited")
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -37,7 +42,7 @@ def actuators_without_limits(context: LintContext) -> Iterator[Violation]:
             yield context.violation("actuator", i, message, remedy)
 
 
-@rule("MJ302", "warning", "reversed range")
+@rule("MJ302", "warning", "reversed range", fix=SAFE)
 def reversed_ranges(context: LintContext) -> Iterator[Violation]:
     """Yields ranges whose first number is the larger one, which MuJoCo silently ignores."""
     model = context.model
@@ -55,7 +60,19 @@ def reversed_ranges(context: LintContext) -> Iterator[Violation]:
             low, high = ranges[i]
             message = f"its {attribute} {low:g} {high:g} is reversed and has no effect"
             remedy = f'write {attribute}="{high:g} {low:g}" (angles in the unit of <compiler angle=…>), or remove it'
-            yield context.violation(kind, i, message, remedy)
+            fix = partial(_swapped, context, kind, i, attribute)
+            yield context.violation(kind, i, message, remedy, fix=fix)
+
+
+def _swapped(context: LintContext, kind: str, index: int, attribute: str) -> Fix | None:
+    """Returns the fix that swaps the numbers of a range, in the element or in the default class that sets it."""
+    element = context.element(kind, index)
+    owner = holder(element, attribute) if element else None
+    words = owner.attributes[attribute].split() if owner else []
+    if owner is None or len(words) != 2:
+        return None
+    edits = context.editor.with_words(owner, attribute, {0: words[1], 1: words[0]})
+    return Fix(edits, tuple(f"{FIELD_PREFIXES[kind]}_{FIELDS.get(attribute, attribute)[:-5]}{end}" for end in ENDINGS))
 
 
 @rule("MJ304", "warning", "joint or tendon starts beyond its range")

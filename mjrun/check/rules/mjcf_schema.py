@@ -7,20 +7,22 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import field
-from functools import cache
+from functools import cache, partial
 
 import mujoco
 
-from mjrun.check.rule import Finding, Place, Rule
+from mjrun.check.rule import SAFE, Finding, Fix, Place, Rule
 from mjrun.check.rules import deprecated
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean, listing, near, quoted, suggestion
+from mjrun.model.class_defaults import holder
+from mjrun.model.text_edits import ElementEditor
 from mjrun.model.xml_source import Element, XmlSource
 
 UNKNOWN_ELEMENT = Rule("MJ102", "error", "unknown element")
 MISPLACED_ELEMENT = Rule("MJ103", "error", "element in the wrong place")
 UNKNOWN_ATTRIBUTE = Rule("MJ104", "error", "unknown attribute")
-REMOVED = Rule("MJ105", "error", "removed from MuJoCo")
+REMOVED = Rule("MJ105", "error", "removed from MuJoCo", fix=SAFE)
 STRAY_VALUE = Rule("MJ106", "error", "value outside an attribute")
 REPEATED_ELEMENT = Rule("MJ111", "error", "repeated element")
 
@@ -103,7 +105,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
     stack = [(source.root, schema().children["mujoco"])]
     while stack:
         element, node = stack.pop()
-        yield from _attributes(element, node)
+        yield from _attributes(source, element, node)
         yield from _repeated(element, node)
         if element.text and not _is_value(element):
             yield _stray_text(element)
@@ -118,7 +120,7 @@ def violations(source: XmlSource) -> Iterator[Finding]:
         stack.extend(reversed(children))
 
 
-def _attributes(element: Element, node: Node) -> Iterator[Finding]:
+def _attributes(source: XmlSource, element: Element, node: Node) -> Iterator[Finding]:
     for name, value in element.attributes.items():
         removed = deprecated.REMOVED_VALUES.get((element.tag, name, value))
         if name == "plugin" and value in deprecated.REMOVED_PLUGINS:
@@ -130,10 +132,29 @@ def _attributes(element: Element, node: Node) -> Iterator[Finding]:
             continue
         if removed := deprecated.REMOVED_ATTRIBUTES.get((element.tag, name)):
             message = f"the attribute {quoted(name)} of <{element.tag}> was removed {removed[0]}"
-            yield REMOVED.in_element(element, message, removed[1])
+            yield REMOVED.in_element(element, message, removed[1], partial(_rewritten, source, element, name))
             continue
         message = f"<{clean(element.tag)}> has no attribute {quoted(name)}{suggestion(name, node.attributes)}"
         yield UNKNOWN_ATTRIBUTE.in_element(element, message, _attribute_remedy(element, name, node))
+
+
+def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
+    """Returns the fix that writes a removed attribute as MuJoCo reads it now; None if that is not certain."""
+    editor, value = ElementEditor(source.texts), element.attributes[name]
+    if (element.tag, name, value) == ("compiler", "exactmeshinertia", "true"):
+        meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
+        exact = [editor.with_value(e, "inertia", "exact") for e in meshes if not holder(e, "inertia")]
+        return Fix((editor.without(element, name), *exact), ("body_*", "mesh_*"))
+    new = deprecated.rewritten(element.tag, name, value)
+    if new is None:
+        return None
+    missing = [other for other in new if other not in element.attributes]
+    if len(missing) == 1:
+        edits = [editor.renamed(element, name, missing[0])]
+        edits += [editor.with_value(element, name, new[missing[0]])] if new[missing[0]] != value else []
+    else:
+        edits = [editor.without(element, name), *(editor.with_value(element, other, new[other]) for other in missing)]
+    return Fix(tuple(edits), deprecated.REWRITTEN_FIELDS.get(element.tag, ()))
 
 
 def _attribute_remedy(element: Element, name: str, node: Node) -> str:

@@ -1,0 +1,212 @@
+"""Edits of the text of XML files: each replaces a span of bytes, and every other byte stays unchanged."""
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import escape
+
+from mjrun.dataclass import dataclass
+from mjrun.model.xml_source import START_TAG, Element
+
+ATTRIBUTE = re.compile(rb"\s+(?P<name>[^\s=>/\"']+)\s*=\s*(?P<value>\"[^\"]*\"|'[^']*')")
+NAME = re.compile(rb"<[^\s/>]+")
+WORD = re.compile(rb"[^\s\"']+")
+END = re.compile(rb"\s*/?>\Z")
+DECLARED_ENCODING = re.compile(rb"\A\s*<\?xml[^>]*encoding\s*=\s*[\"']([\w.-]+)[\"']")
+UNICODE = (b"utf-8", b"utf8", b"ascii", b"us-ascii")
+
+
+@dataclass(frozen=True)
+class TextEdit:
+    """A replacement of a span of a file; an empty span is a place to insert text.
+
+    Attributes:
+      file: the path of the file.
+      start, end: the span in bytes; the end is exclusive.
+      text: the new text.
+    """
+
+    file: str
+    start: int
+    end: int
+    text: str
+
+    def overlaps(self, other: "TextEdit") -> bool:
+        """Returns whether both change the same bytes."""
+        return self.file == other.file and self.start < other.end and other.start < self.end
+
+
+class UneditableError(ValueError):
+    """An element whose text cannot be edited, such as one in a file of an unusual encoding."""
+
+
+class _Attribute(NamedTuple):
+    """The spans of an attribute in its file: all of it with the space before it, its name, its value in quotes."""
+
+    whole: tuple[int, int]
+    name: tuple[int, int]
+    value: tuple[int, int]
+
+
+class ElementEditor:
+    """Edits of elements in the texts of files.
+
+    Args:
+      texts: the bytes of each file, as they were parsed.
+    """
+
+    def __init__(self, texts: Mapping[Path, bytes]) -> None:
+        self._texts = texts
+
+    def with_value(self, element: Element, name: str, value: str) -> TextEdit:
+        """Returns the edit that sets an attribute, which is added at the end of the tag if it is missing.
+
+        Raises:
+          UneditableError: the element cannot be edited.
+        """
+        attribute = self._attributes(element).get(name.encode())
+        if attribute is None:
+            end = self._end_of_attributes(element)
+            return self._edit(element, (end, end), f' {name}="{escape(value, {chr(34): "&quot;"})}"')
+        start, end = attribute.value
+        quote = self._texts[element.file][start : start + 1].decode()
+        entity = {'"': "&quot;", "'": "&apos;"}[quote]
+        return self._edit(element, (start + 1, end - 1), escape(value, {quote: entity}))
+
+    def with_words(self, element: Element, name: str, words: Mapping[int, str]) -> tuple[TextEdit, ...]:
+        """Returns the edits that replace some of the words of an attribute, by index; the space between them stays.
+
+        Raises:
+          UneditableError: the element cannot be edited, or has no such words.
+        """
+        start, end = self._attribute(element, name).value
+        spans = [match.span() for match in WORD.finditer(self._texts[element.file], start + 1, end - 1)]
+        if any(index >= len(spans) for index in words):
+            raise UneditableError(f"{element} has no such words in {name}")
+        return tuple(self._edit(element, spans[index], word) for index, word in words.items())
+
+    def renamed(self, element: Element, old: str, new: str) -> TextEdit:
+        """Returns the edit that renames an attribute.
+
+        Raises:
+          UneditableError: the element cannot be edited, or has no such attribute.
+        """
+        return self._edit(element, self._attribute(element, old).name, new)
+
+    def without(self, element: Element, name: str) -> TextEdit:
+        """Returns the edit that removes an attribute.
+
+        Raises:
+          UneditableError: the element cannot be edited, or has no such attribute.
+        """
+        return self._edit(element, self._attribute(element, name).whole, "")
+
+    def without_element(self, element: Element) -> TextEdit:
+        """Returns the edit that removes an element, with its line if nothing else is on it.
+
+        Raises:
+          UneditableError: the element cannot be edited.
+        """
+        text, start, end = self._texts[element.file], element.offset, self._end(element)
+        line_start = text.rfind(b"\n", 0, start) + 1
+        rest = re.compile(rb"[ \t]*(?:\r?\n|\r)").match(text, end)
+        if rest and not text[line_start:start].strip():
+            start, end = line_start, rest.end()
+        return self._edit(element, (start, end), "")
+
+    def with_child(self, element: Element, child: str) -> TextEdit:
+        """Returns the edit that adds an element at the end of another one, indented like its last child.
+
+        Raises:
+          UneditableError: the element cannot be edited.
+        """
+        text, tag = self._texts[element.file], self._tag(element)
+        own = self._indent(element)
+        last = element.children[-1] if element.children else None
+        indent = self._indent(last) if last and last.file == element.file else f"{own}  "
+        newline = "\r\n" if b"\r\n" in text else "\n"
+        if tag[0].endswith(b"/>"):
+            end = self._end_of_attributes(element)
+            inner = f">{newline}{indent}{child}{newline}{own}</{element.tag}>"
+            return self._edit(element, (end, tag.end()), inner)
+        place = element.closing
+        before = text[text.rfind(b"\n", 0, place) + 1 : place]
+        if before.strip():  # the end tag shares its line
+            return self._edit(element, (place, place), f"{newline}{indent}{child}{newline}{own}")
+        start = place - len(before)
+        return self._edit(element, (start, start), f"{indent}{child}{newline}")
+
+    def _indent(self, element: Element) -> str:
+        text = self._texts[element.file]
+        before = text[text.rfind(b"\n", 0, element.offset) + 1 : element.offset]
+        return before.decode() if not before.strip() and before.isascii() else ""
+
+    def _end(self, element: Element) -> int:
+        tag = self._tag(element)
+        if tag[0].endswith(b"/>"):
+            return tag.end()
+        return self._texts[element.file].index(b">", element.closing) + 1
+
+    def _attribute(self, element: Element, name: str) -> _Attribute:
+        attribute = self._attributes(element).get(name.encode())
+        if attribute is None:
+            raise UneditableError(f"{element} has no attribute {name}")
+        return attribute
+
+    def _attributes(self, element: Element) -> dict[bytes, _Attribute]:
+        tag = self._tag(element)
+        position = tag.start() + self._name_length(tag[0])
+        attributes: dict[bytes, _Attribute] = {}
+        while match := ATTRIBUTE.match(self._texts[element.file], position, tag.end()):
+            attributes[match["name"]] = _Attribute(match.span(), match.span("name"), match.span("value"))
+            position = match.end()
+        return attributes
+
+    def _end_of_attributes(self, element: Element) -> int:
+        tag = self._tag(element)
+        end = END.search(tag[0])
+        assert end, "a start tag ends in >"
+        return tag.start() + end.start()
+
+    def _tag(self, element: Element) -> re.Match[bytes]:
+        """Returns the start tag of an element, if its file is in an encoding in which the tag can be edited."""
+        text = self._texts.get(element.file, b"")
+        tag = START_TAG.match(text, element.offset)
+        if tag is None or tag[0][1 : self._name_length(tag[0])] != element.tag.encode():
+            raise UneditableError(f"{element.file} cannot be edited: its encoding is unusual")
+        return tag
+
+    @staticmethod
+    def _name_length(tag: bytes) -> int:
+        name = NAME.match(tag)
+        return name.end() if name else 0
+
+    def _edit(self, element: Element, span: tuple[int, int], text: str) -> TextEdit:
+        encoding = DECLARED_ENCODING.match(self._texts[element.file])
+        if not text.isascii() and encoding and encoding[1].lower() not in UNICODE:
+            raise UneditableError(f"{element.file} is encoded in {encoding[1].decode()}; only ASCII is added to it")
+        return TextEdit(str(element.file), *span, text)
+
+
+def edited(text: bytes, edits: Iterable[TextEdit]) -> bytes:
+    """Returns the bytes of a file with edits, which do not overlap."""
+    parts: list[bytes] = []
+    position = 0
+    for edit in sorted(edits, key=lambda edit: (edit.start, edit.end)):
+        parts += [text[position : edit.start], edit.text.encode()]
+        position = edit.end
+    return b"".join([*parts, text[position:]])
+
+
+def disjoint(groups: Iterable[tuple[TextEdit, ...]]) -> Iterator[tuple[TextEdit, ...]]:
+    """Yields the groups of edits, each once, that overlap none of those before them."""
+    taken: dict[TextEdit, None] = {}
+    seen: set[tuple[TextEdit, ...]] = set()
+    for group in groups:
+        new = [edit for edit in group if edit not in taken]
+        if group in seen or any(edit.overlaps(other) for edit in new for other in taken):
+            continue
+        seen.add(group)
+        taken |= dict.fromkeys(new)
+        yield group
