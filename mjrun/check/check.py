@@ -9,11 +9,12 @@ from fnmatch import fnmatchcase
 from functools import cached_property
 from itertools import repeat
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from mjrun.check.baseline import Baseline, write_baseline
 from mjrun.check.changed_models import ChangedModels
 from mjrun.check.codes import codes, matching_codes
+from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
@@ -29,33 +30,18 @@ from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
 from mjrun.packages import computing_versions
 from mjrun.platform.cores import available_cores
+from mjrun.platform.mirrored_paths import with_original_paths
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.suffixes import CHECKED, XML, is_yaml
 from mjrun.version import __version__
+
+if TYPE_CHECKING:
+    from mjrun.check.fixing import Fixing
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 HEAD = 2**16  # bytes that must contain the start of the root of an XML file
 ROOTS = {"mujoco", "robot"}
 FRAGMENT = "mujocoinclude"  # the root of a file that other models include
-
-
-@dataclass(frozen=True)
-class ModelResult:
-    """The result for one model.
-
-    Attributes:
-      model: the path of the model, as given.
-      loads: true if it loads, and the process that checked it survived.
-      findings: the selected findings, in the order of their discovery.
-      suppressed: the number of findings that comments in the model suppress.
-      known: the number of findings that are in the baseline.
-    """
-
-    model: str
-    loads: bool
-    findings: tuple[Finding, ...]
-    suppressed: int = 0
-    known: int = 0
 
 
 @dataclass(frozen=True)
@@ -68,8 +54,10 @@ class CheckResult:
       skipped: the number of files that are not models by themselves, such as files that models include.
       gone: the number of findings in the baseline that are no longer there.
       unchanged: the number of models that were not checked, as they have not changed since a commit.
-      code: the exit code: 3 if a model does not load, unless that is known; 1 if a finding is at or above `fail_on`;
-        else 0.
+      fixed: the files that were fixed, or would be in a dry run; the findings are those after that.
+      written: true if they were written.
+      code: the exit code: 3 if a model does not load, unless that is known; 1 if a finding is at or above `fail_on`,
+        or a dry run would fix something; else 0.
       errors, warnings, notes: the number of findings of each severity.
     """
 
@@ -79,6 +67,8 @@ class CheckResult:
     code: int
     gone: int = 0
     unchanged: int = 0
+    fixed: tuple[FixedFile, ...] = ()
+    written: bool = False
     errors: int = field(default=0, init=False)
     warnings: int = field(default=0, init=False)
     notes: int = field(default=0, init=False)
@@ -122,6 +112,8 @@ class Check(PolicyOptions, CheckOptions):
         if self.update_baseline and self.changed_since is not None:
             reason = "a baseline contains the findings of all models"
             raise UsageError(f"{option('update_baseline')} excludes {option('changed_since')}: {reason}")
+        if self.dry_run and not self.fix:
+            raise UsageError(f"{option('dry_run')} requires {option('fix')}")
         if self.policy is not None and not isinstance(self.policy, str):
             raise UsageError(f"{option('policy')}: each task is checked in a separate process; give the policy as text")
 
@@ -157,10 +149,20 @@ class Check(PolicyOptions, CheckOptions):
         found = len(paths)
         if self.changed_since is not None:
             paths = ChangedModels(self.changed_since).of(paths)
-        results: list[ModelResult] = []
-        for result in self._check_all(paths, spelling):
-            results.append(result)
-            reporter.progress("models", len(results), len(paths))
+        workers, cache = CheckProcesses(), ResultCache(computing_versions()) if self.cache else None
+        try:
+            fixing = self._fixing(paths, workers, spelling)
+            results: list[ModelResult] = []
+            tasks = [self._task(path) for path in paths]
+            for checked in self._check_all(tasks, workers, cache, spelling):
+                results.append(checked.result)
+                reporter.progress("models", len(results), len(paths))
+            if fixing:
+                results = fixing.fixed(results, dry_run=self.dry_run)
+        finally:
+            workers.end()
+            if cache:
+                cache.trim()
 
         if self.baseline is not None and known is None:
             write_baseline(Path(self.baseline), (finding for result in results for finding in result.findings))
@@ -169,45 +171,65 @@ class Check(PolicyOptions, CheckOptions):
         if known is not None:
             results = [_without_known(result, known) for result in results]
             gone = known.gone([result.model for result in results], self.codes)
-        return CheckResult(tuple(results), skipped, self._exit_code(results), gone, found - len(paths))
+        files = tuple(fixing.files) if fixing else ()
+        code = self._exit_code(results) or int(self.dry_run and bool(files))
+        return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, not self.dry_run)
 
-    def _check_all(self, paths: Sequence[str], spelling: Spelling) -> Iterator[ModelResult]:
-        """Yields the results for `paths` in their order; several are checked at once."""
-        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(paths)))
-        versions = computing_versions()
-        cache = ResultCache(versions) if self.cache else None
-        workers = CheckProcesses()
+    def _fixing(self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling) -> "Fixing | None":
+        """Returns the fixes of models, which are checked by `workers`; None without any."""
+        if not self.fix:
+            return None
+        from mjrun.check.fixing import Fixing  # which imports MuJoCo
+
+        def check(copies: Sequence[Copy]) -> Sequence[Checked]:
+            tasks = [
+                replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
+                for copy in copies
+            ]
+            return [*self._check_all(tasks, workers, None, spelling)]
+
+        return Fixing(self.models, paths, check)
+
+    def _check_all(
+        self, tasks: Sequence[WorkerTask], workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
+    ) -> Iterator[Checked]:
+        """Yields the results of `tasks` in their order; several are executed at once."""
+        jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(tasks)))
         with ThreadPoolExecutor(jobs) as threads:
             try:
-                yield from threads.map(self._check, paths, repeat(workers), repeat(cache), repeat(spelling))
-            finally:
+                yield from threads.map(self._check, tasks, repeat(workers), repeat(cache), repeat(spelling))
+            except BaseException:
                 workers.end()
+                raise
+            finally:
                 threads.shutdown(cancel_futures=True)
-                if cache:
-                    cache.trim()
 
-    def _check(self, path: str, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling) -> ModelResult:
-        output = self._output(path, workers, cache)
-        findings = [Finding(**message["finding"]) for message in output.messages if "finding" in message]
+    def _check(
+        self, task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
+    ) -> Checked:
+        output = self._output(task, workers, cache)
+        findings = [Finding.read(message["finding"]) for message in output.messages if "finding" in message]
         loads = any(message.get("loaded") for message in output.messages)
         if not any(message.get("done") for message in output.messages):
-            findings.append(self._failure(Path(path), output))
+            findings.append(self._failure(Path(task.path), output))
             loads = False
         loads = loads and all(finding.code != OUT_OF_MEMORY.code for finding in findings)
 
         reported: list[Finding] = []
-        for finding in findings:
+        for finding in (_of_original(finding, task) for finding in findings):
             if finding.severity == "error" and not loads:  # always reported unchanged
                 reported.append(finding)
             elif finding.code in self.codes and not self._is_ignored(finding):
                 reported.append(replace(finding, severity=self._severity(finding)))
 
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
-        return ModelResult(path, loads, tuple(_spelled(finding, spelling) for finding in reported), suppressed)
+        result = ModelResult(task.model, loads, tuple(_spelled(finding, spelling) for finding in reported), suppressed)
+        changes = next((message["changes"] for message in output.messages if "changes" in message), None)
+        return Checked(result, changes)
 
-    def _output(self, path: str, workers: CheckProcesses, cache: ResultCache | None) -> WorkerOutput:
+    @staticmethod
+    def _output(task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None) -> WorkerOutput:
         """Returns the output of the check of one model, or an earlier one."""
-        task = self._task(path)
         if cache is None:
             return workers.run(task)
         key = cache.key(task)
@@ -230,6 +252,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def _task(self, path: str) -> WorkerTask:
         limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
+        limits = replace(limits, model=path, unsafe=self.unsafe_fixes)
         if not self.task_reader or not is_yaml(path):
             return limits
         policy = "" if self.policy is None else str(self.policy)
@@ -274,6 +297,20 @@ def _is_known_not_to_load(result: ModelResult) -> bool:
 
 def _spelled(finding: Finding, spelling: Spelling) -> Finding:
     return replace(finding, message=spelled(finding.message, spelling), remedy=spelled(finding.remedy, spelling))
+
+
+def _of_original(finding: Finding, task: WorkerTask) -> Finding:
+    """Returns a finding in a copy as one in the original."""
+    if not task.root:
+        return finding
+    here = Path(os.devnull) if Path(task.model).is_absolute() else Path.cwd()
+
+    def original(text: str) -> str:
+        return with_original_paths(text, Path(task.root), here)
+
+    fixes = [replace(fix, edits=tuple(replace(e, file=original(e.file)) for e in fix.edits)) for fix in finding.fixes]
+    texts = {name: original(getattr(finding, name)) for name in ("message", "file", "remedy")}
+    return replace(finding, **texts, fixes=tuple(fixes))
 
 
 def find_models(paths: Sequence[str | Path], *, skip_other: bool = False) -> tuple[list[str], int]:

@@ -124,8 +124,10 @@ class LintContext:
             named += self._longest_named([e for e in attached if self._may_make(e, name)])
             if named:
                 return named[0]
-        if kind == "joint":  # MuJoCo records no line for free joints
-            return self._joint_in_body(index)
+        if kind in OWNERS:  # MuJoCo records no line for free joints, nor for anything in included files
+            return self._in_body(kind, index)
+        if kind == "body":
+            return self._bodies_in_order[index - 1] if self._bodies_in_order else None
         complete = len(elements) == getattr(self.model, COUNTS[kind])
         return elements[index] if kind in IN_FILE_ORDER and complete else None
 
@@ -135,13 +137,22 @@ class LintContext:
         candidates = [e for e in elements if len(e.attributes.get("name", "")) == longest]
         return candidates if longest or len(candidates) == 1 else []
 
-    def _joint_in_body(self, joint: int) -> Element | None:
-        """Returns the element of a joint, based on its position among the joints of its body."""
-        body = int(self.model.jnt_bodyid[joint])
+    def _in_body(self, kind: str, index: int) -> Element | None:
+        """Returns the element of an object, based on its position among those of its body; or that of its body."""
+        owners = getattr(self.model, OWNERS[kind])
+        body = int(owners[index])
         home = self.element("body", body) if body else None
-        joints = [child for child in home.children if child.tag in TAGS["joint"]] if home else []
-        position = joint - int(self.model.body_jntadr[body])
-        return joints[position] if position < len(joints) else home
+        own = [e for e in _of_body(home) if _is_kind(e, kind)] if home else []
+        siblings = np.flatnonzero(owners == body)
+        return own[int(np.searchsorted(siblings, index))] if len(own) == len(siblings) else home
+
+    @cached_property
+    def _bodies_in_order(self) -> list[Element]:
+        """The elements of all bodies but the world; empty if MuJoCo generates some, or leaves some out."""
+        elements = self._elements("body")
+        written = [element.attributes.get("name", "") for element in elements]
+        compiled = [mujoco.mj_id2name(self.model, KINDS["body"], i) or "" for i in range(1, self.model.nbody)]
+        return elements if written == compiled else []
 
     def place(self, kind: str, index: int) -> Place:
         """Returns the place that declares an object, or that attaches the model declaring it, as far as known."""
@@ -208,6 +219,15 @@ class LintContext:
     def _files_with_lines(self) -> set[Path]:
         """The files whose lines MuJoCo records."""
         return {self.path, *(root.file for root in self.source.attached)}
+
+
+def _of_body(body: Element) -> Iterator[Element]:
+    """Yields the elements of a body without those of other bodies in it."""
+    for child in body.children:
+        if child.tag == "frame":
+            yield from _of_body(child)
+        elif child.tag != "body":
+            yield child
 
 
 def _is_kind(element: Element, kind: str) -> bool:

@@ -60,7 +60,8 @@ class Finding:
     def read(cls, values: dict[str, Any]) -> "Finding":
         """Returns the finding that `asdict` has turned into `values`."""
         fixes = [Fix(tuple(TextEdit(**e) for e in fix["edits"]), tuple(fix["fields"])) for fix in values["fixes"]]
-        return cls(**{**values, "fixes": tuple(fixes)})
+        others = {name: value for name, value in values.items() if name != "fixes"}
+        return cls(**others, fixes=tuple(fixes))
 
 
 class Place(NamedTuple):

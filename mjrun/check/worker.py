@@ -149,6 +149,12 @@ class ModelChecker(Checker):
         if context is None:
             return
         self.write(loaded=True)
+        context.unsafe = self.task.unsafe
+        if self.task.root:
+            from mjrun.check.fixing import changed_fields
+
+            self.write(stage="comparing it with the original")
+            self.write(changes=changed_fields(Path(self.task.original), context.model))
         limit_this_process(memory=self.task.memory * MIB + ARENAS * context.model.narena)
         self.comments = IgnoreComments(source.comments)
         self.write_findings(rule_table.ignored_xml(source))

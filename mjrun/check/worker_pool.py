@@ -45,6 +45,10 @@ class WorkerTask:
       reader: the function that reads tasks, `package.module:name`; empty if `path` is a model.
       policy: the policy for a task, in addition to random actions; empty for none.
       normalize, trust: the options for loading it.
+      model: the path of the model as given, if `path` is that of a copy.
+      root: the folder with the copy, which mirrors absolute paths; empty if it is the model itself.
+      original: the path of the model to compare a copy with.
+      unsafe: whether to propose fixes that need a look.
     """
 
     path: str
@@ -56,6 +60,10 @@ class WorkerTask:
     policy: str = ""
     normalize: str | None = None
     trust: bool = False
+    model: str = ""
+    root: str = ""
+    original: str = ""
+    unsafe: bool = False
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ def check_report(result: CheckResult) -> Report:
         forms={
             "sarif": lambda: sarif(result),
             "statistics": lambda: "\n".join(statistics(result)),
+            "diff": lambda: "".join(fixed.diff for fixed in result.fixed).rstrip("\n"),
         },
         cases=lambda: cases(result),
     )
@@ -41,6 +42,9 @@ def lines(result: CheckResult) -> Iterator[str]:
         yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
         if finding.remedy:
             yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
+    verb = "fixed" if result.written else "would fix"
+    for fixed in result.fixed:
+        yield f"{clean(fixed.file)}: {verb} {', '.join(f'{count} {code}' for code, count in fixed.fixes.items())}"
 
 
 def summary(result: CheckResult) -> str:
@@ -49,6 +53,11 @@ def summary(result: CheckResult) -> str:
     findings = ", ".join(count for count in counts if count) or "nothing found"
     unloaded = sum(not model.loads for model in result.models)
     parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {findings}"]
+    if fixed := sum(sum(file.fixes.values()) for file in result.fixed):
+        files = _counted(len(result.fixed), "file")
+        parts.append(f"{fixed} {'fixed' if result.written else 'would be fixed'} in {files}")
+    if fixable := sum(len(finding.fixes) for finding, _ in _all(result)):
+        parts.append(f"{fixable} can be fixed with --fix")
     if unloaded:
         parts.append(f"{unloaded} {'does' if unloaded == 1 else 'do'} not load")
     if suppressed := sum(model.suppressed for model in result.models):

@@ -149,6 +149,8 @@ def _named_paths(context: click.Context) -> _Paths:
     if context.params.get("update"):  # golden tables, wherever they are
         folders = [*paths.roots, *(str(Path(file).parent) for file in paths.files)]
         paths.written |= {folder: folder for folder in folders}
+    if context.params.get("fix"):  # of models, in their folders
+        paths.written |= {folder: folder for folder in paths.roots}
     if "summary" in context.params and (summary := os.environ.get(SUMMARY)) and Path(summary).exists():
         paths.written[_real(summary)] = summary
     return paths

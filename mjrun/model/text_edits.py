@@ -189,6 +189,11 @@ class ElementEditor:
         return TextEdit(str(element.file), *span, text)
 
 
+def number_word(value: float) -> str:
+    """Returns a number as a word that reads back as the same: `1` rather than `1.0`."""
+    return repr(float(value)).removesuffix(".0")
+
+
 def edited(text: bytes, edits: Iterable[TextEdit]) -> bytes:
     """Returns the bytes of a file with edits, which do not overlap."""
     parts: list[bytes] = []

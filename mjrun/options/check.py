@@ -60,6 +60,20 @@ class CheckOptions(Options):
         help="Check only models of which a file, an include or an asset is changed or new in git since the branch "
         "began at REF.",
     )
+    fix: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Fix what is certain, in the text of the models, and report what is left. A model must load after that, "
+        "and change only where it was at fault.",
+    )
+    unsafe_fixes: bool = option(
+        converter=Flag(),
+        default=False,
+        help="Include fixes that need a look, because they change how a model moves; with --fix.",
+    )
+    dry_run: bool = option(
+        converter=Flag(), default=False, help="Only count what --fix would change, and exit with code 1 if anything."
+    )
     skip_other: bool = option(
         converter=Flag(),
         default=False,
@@ -104,6 +118,12 @@ class CheckReportOptions(Options):
         default="",
         places=FrontEnd.COMMAND,
         help="Explain a rule and exit: what it finds, why it matters, what to do, and an example.",
+    )
+    diff: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print what --fix would change as a unified diff, and exit with code 1 if anything.",
     )
     statistics: bool = option(
         converter=Flag(),

@@ -1,5 +1,6 @@
 """The functions of `system` on Linux, macOS and other POSIX systems."""
 
+import errno
 import fcntl
 import math
 import mmap
@@ -134,6 +135,24 @@ def locked(path: Path, *, wait: bool = True) -> int | None:
         raise
     os.close(descriptor)
     return None
+
+
+def is_open_elsewhere(path: Path) -> bool:
+    """Returns whether another process has locked a file, or has it open, as far as the system reveals that."""
+    try:
+        descriptor = os.open(path, READ_FLAGS)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if hasattr(fcntl, "F_SETLEASE"):  # Linux grants it for a file that nobody else has open
+            fcntl.fcntl(descriptor, fcntl.F_SETSIG, signal.SIGURG)  # which is ignored, if somebody opens it now
+            fcntl.fcntl(descriptor, fcntl.F_SETLEASE, fcntl.F_WRLCK)
+    except OSError as error:
+        return error.errno in (errno.EAGAIN, errno.EACCES)
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def hard_link(existing: Path, new: Path) -> None:

@@ -107,6 +107,11 @@ def locked(path: Path, *, wait: bool = True) -> NoReturn:
     raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
 
+def is_open_elsewhere(path: Path) -> bool:
+    """Returns False: a file that is open cannot be replaced, which fails later."""
+    return False
+
+
 def hard_link(existing: Path, new: Path) -> None:
     """Gives a file a second name.
 

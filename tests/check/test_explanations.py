@@ -10,9 +10,10 @@ from mjrun.check.codes import TOPICS, explanation, topic
 from mjrun.check.rule_table import RULES
 from mjrun.errors import UnknownNameError
 from tests.check import tasks
+from tests.check.fixes import fixed
 from tests.check.models import MESH, checked, codes, lint, write
 
-SECTIONS = ["Why it matters", "What to do", "Example", "When to ignore it", "See also"]
+SECTIONS = ["Why it matters", "What to do", "Fix", "Example", "When to ignore it", "See also"]
 OPTIONAL = {"See also"}
 # Errors of MuJoCo while stepping, and bugs of single versions, are not reproducible by a small model.
 WITHOUT_EXAMPLE = {"MJ704", "MJ705"}
@@ -43,7 +44,9 @@ def test_an_explanation_has_every_section_in_order(code: str) -> None:
     beginning, *parts = re.split(r"^## ", explanation(code), flags=re.MULTILINE)
     texts = dict(part.split("\n", 1) for part in parts)
 
-    omitted = OPTIONAL | ({"Example"} if code in WITHOUT_EXAMPLE else set())
+    optional = OPTIONAL | (set() if RULES[code].fix else {"Fix"})
+    assert ("Fix" in texts) == bool(RULES[code].fix)
+    omitted = optional | ({"Example"} if code in WITHOUT_EXAMPLE else set())
     assert [name for name in SECTIONS if name in texts or name not in omitted] == list(texts)
     assert beginning.strip().endswith(".")
     assert all(text.strip() for text in texts.values())
@@ -59,6 +62,12 @@ def test_the_rule_finds_its_example_and_nothing_in_the_corrected_one(code: str) 
     before, after = examples
     assert code in found(code, *before)
     assert found(code, *after) == []
+
+
+@pytest.mark.parametrize("code", sorted(code for code, rule in RULES.items() if rule.fix))
+def test_the_fix_turns_the_example_into_the_corrected_one(code: str) -> None:
+    (_, before), (_, after) = FENCE.findall(explanation(code))
+    assert fixed(before, unsafe=RULES[code].fix == "unsafe") == after
 
 
 @pytest.mark.parametrize("code", RULES)

@@ -86,6 +86,8 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
         ("run model/doc.yaml -o out", ["model"], ["model/doc.yaml"], ["out"]),
         ("run model/doc.yaml ctrl_from=tables/ctrl.csv", ["model"], ["model/doc.yaml", "tables/ctrl.csv"], ["."]),
         ("check model", ["model"], [], []),
+        ("check model --fix", ["model"], [], ["model"]),
+        ("check model/m.xml --fix", ["model"], ["model/m.xml"], ["model"]),
         ("sweep model", ["model"], [], [".", "model"]),
         ("diff tables/ctrl.csv tables/ctrl.csv", [], ["tables/ctrl.csv"], []),
         ("diff model/m.xml model/m.xml", ["model"], ["model/m.xml"], []),
@@ -144,6 +146,19 @@ def test_descriptors_that_a_command_was_started_with_are_closed(place: Path) -> 
         )
     assert done.returncode == 0, done.stderr
     assert "inherited: []" in done.stderr
+
+
+def test_a_confined_fix_changes_files_beside_the_model_and_no_others(place: Path) -> None:
+    part = "<mujocoinclude><option mpr_iterations='5'/></mujocoinclude>"
+    (place / "part.xml").write_text(part)
+    (place / "model/link.xml").symlink_to("../part.xml")
+    (place / "model/m.xml").write_text(f'<mujoco><option mpr_tolerance="1"/>{MODEL.partition(">")[2]}')
+    done = mjrun("check", "model", "--fix", "--untrusted", "--steps", "0")
+    assert "ccd_tolerance" in (place / "model/m.xml").read_text(), done.stderr
+    (place / "model/m.xml").write_text('<mujoco><include file="link.xml"/></mujoco>')
+    done = mjrun("check", "model", "--fix", "--untrusted", "--steps", "0", "--json")
+    assert json.loads(done.stdout)["fixed"] == []
+    assert (place / "part.xml").read_text() == part
 
 
 @pytest.mark.usefixtures("place")

@@ -11,6 +11,7 @@ from mjrun.check.rule import SAFE, Fix, Violation, rule
 from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
 from mjrun.model.names import BALL, FREE, actuator_parts
+from mjrun.model.text_edits import number_word
 
 # The fields of a keyframe, and the values with which MuJoCo completes them.
 FIELDS = {"qpos": "qpos0", "qvel": "0", "act": "0", "ctrl": "0", "mpos": "pos", "mquat": "quat"}
@@ -109,7 +110,7 @@ def _normalized(context: LintContext, key: int, start: int) -> Fix | None:
     if element is None or len(_words(context, key, "qpos")) != context.model.nq:
         return None
     quaternion = context.model.key_qpos[key, start : start + 4]
-    words = {start + i: repr(float(number)) for i, number in enumerate(quaternion)}
+    words = {start + i: number_word(number) for i, number in enumerate(quaternion)}
     return Fix(context.editor.with_words(element, "qpos", words))
 
 

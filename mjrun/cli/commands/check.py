@@ -1,5 +1,7 @@
 """Find errors in models and likely causes of errors; for CI."""
 
+from typing import TYPE_CHECKING
+
 import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
@@ -9,6 +11,10 @@ from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
+if TYPE_CHECKING:
+    from mjrun.check.rule import Rule
+
+FIXED_BY = {"safe": "--fix", "unsafe": "--fix --unsafe-fixes"}
 MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL...")
 
 
@@ -30,14 +36,16 @@ def check(console: Console, command_line: CommandLine) -> None:
     mjrun check models/ --fail-on warning --ignore MJ201,MJ3
     mjrun check models/**/*.xml --sarif > check_report.sarif
     mjrun check task.yaml --policy policy.onnx
+    mjrun check robots/ --fix --unsafe-fixes --diff
     mjrun check --explain MJ503
 
     A task document is checked for names, sizes and its policy, and simulated under random actions. Each model is
-    checked in a separate process with limits on time and memory. Exits with 1 if a finding has at least the severity
-    of --fail-on, and with 3 if a model does not load.
+    checked in a separate process with limits on time and memory. --fix edits the text of the models where the fix is
+    certain. Exits with 1 if a finding is left that has at least the severity of --fail-on, or if --diff or --dry-run
+    would fix something, and with 3 if a model does not load.
     """
     console.guard_stdout()
-    form = command_line.form(*REPORT_FORMATS, "sarif", "statistics")
+    form = command_line.form(*REPORT_FORMATS, "sarif", "statistics", "diff")
     options = command_line.make(CheckReportOptions)
     if options.list_:
         _list_rules(console)
@@ -52,6 +60,8 @@ def check(console: Console, command_line: CommandLine) -> None:
     from mjrun.document.check import Check
 
     command_line = command_line.with_defaults(**configured(options.config))
+    if options.diff:
+        command_line = command_line.with_defaults(fix=True, dry_run=True)
     result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
     report = check_report(result)
     console.answer(report, form)
@@ -65,7 +75,7 @@ def _list_rules(console: Console) -> None:
 
     if console.as_json:
         rules = [
-            {"code": code, "severity": rule.severity, "title": rule.title, "topic": topic(code)}
+            {"code": code, "severity": rule.severity, "title": rule.title, "topic": topic(code), "fix": rule.fix}
             for code, rule in rule_table().items()
         ]
         console.document({"rules": rules})
@@ -74,8 +84,13 @@ def _list_rules(console: Console) -> None:
     sections: list[str] = []
     for name in TOPICS.values():
         rules = (rule for rule in rule_table().values() if topic(rule.code) == name)
-        sections.append("\n".join([f"{name}:", *(f"  {rule.code}  {rule.severity:7}  {rule.title}" for rule in rules)]))
+        sections.append("\n".join([f"{name}:", *(f"  {_line(rule)}" for rule in rules)]))
     console.result("\n\n".join(sections))
+
+
+def _line(rule: "Rule") -> str:
+    fixed = f" [{FIXED_BY[rule.fix]}]" if rule.fix else ""
+    return f"{rule.code}  {rule.severity:7}  {rule.title}{fixed}"
 
 
 def _explain(console: Console, code: str) -> None:
@@ -85,7 +100,8 @@ def _explain(console: Console, code: str) -> None:
     text = explanation(code)
     rule = rule_table()[code]
     if console.as_json:
-        document = {"code": code, "severity": rule.severity, "title": rule.title, "explanation": text}
+        document = {"code": code, "severity": rule.severity, "title": rule.title, "fix": rule.fix, "explanation": text}
         console.document(document)
     else:
-        console.result(f"# {code}: {rule.title}\n\nSeverity: {rule.severity}.\n\n{text.rstrip()}")
+        fixed = f" Fixed by {FIXED_BY[rule.fix]}." if rule.fix else ""
+        console.result(f"# {code}: {rule.title}\n\nSeverity: {rule.severity}.{fixed}\n\n{text.rstrip()}")

@@ -58,6 +58,11 @@ def models(mjrun_here: Command) -> Command:
         (["fine.xml", "--select", "MJ9"], 2),
         (["fine.xml", "--json", "--sarif"], 2),
         (["fine.xml", "--steps", "-1"], 2),
+        (["fine.xml", "--dry-run"], 2),
+        (["fine.xml", "--diff", "--sarif"], 2),
+        (["warned.xml", "--diff"], 1),
+        (["warned.xml", "--fix", "--dry-run"], 1),
+        (["warned.xml", "--fix", "--fail-on", "error"], 0),
         (["fine.xml", "--fail-on", "anything"], 2),
     ],
     ids=str,
@@ -131,7 +136,7 @@ def test_sarif_is_what_code_scanning_reads(models: Command) -> None:
             "logicalLocations": [{"fullyQualifiedName": "joint 'j'"}],
         }
     ]
-    assert done.stderr.decode().endswith("2 models: 1 error, 1 warning; 1 does not load\n")
+    assert done.stderr.decode().endswith("2 models: 1 error, 1 warning; 1 can be fixed with --fix; 1 does not load\n")
 
 
 def test_annotations_are_commands_that_github_reads(models: Command) -> None:
@@ -157,7 +162,7 @@ def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:
     lines = models("check", "--list").stdout.decode().splitlines()
     assert [line.split()[0] for line in lines if line.startswith("  ")] == list(RULES)
     assert [line.rstrip(":") for line in lines if line and not line.startswith(" ")] == list(TOPICS.values())
-    assert "  MJ302  warning  reversed range" in lines
+    assert "  MJ302  warning  reversed range [--fix]" in lines
     assert [rule["code"] for rule in json.loads(models("check", "--list", "--json").stdout)["rules"]] == list(RULES)
 
 

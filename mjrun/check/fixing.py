@@ -1,0 +1,349 @@
+"""Fixes of models: edits of their text that are tried on a mirror of their files before any file changes.
+
+Models that share a file are fixed together. The edits that their findings propose are made on copies, in rounds, until
+none is left; each model must then load, and differ from the original only in what the fixes are about. All files of
+these models are replaced together, or none.
+"""
+
+import difflib
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+
+from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
+from mjrun.check.rule import Fix, short_path
+from mjrun.check.rules.process_failures import NOT_FIXED
+from mjrun.confinement.confinement import is_within, is_writable
+from mjrun.dataclass import dataclass
+from mjrun.errors import FileError, ModelError, option
+from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
+from mjrun.formats.input_file import is_folder
+from mjrun.formats.temporary_output import scratch_folder
+from mjrun.model.sources import CompiledSource, source_of
+from mjrun.model.text_edits import TextEdit, disjoint, edited
+from mjrun.model.xml_source import read_xml
+from mjrun.platform import system
+from mjrun.platform.mirrored_paths import mirrored
+
+MAX_ROUNDS = 10
+ROUNDING = 1e-12  # absolute and relative, of numbers that a fix writes in another way
+RUN_AGAIN = "run the command again"
+
+
+@dataclass(eq=False)
+class _Group:
+    """Models that share files.
+
+    Attributes:
+      models: the paths of the models, as given.
+      places: the real path of each XML file, by its absolute path as models spell it.
+      texts: the bytes of each XML file, by its real path.
+    """
+
+    models: list[str]
+    places: dict[Path, str]
+    texts: dict[str, bytes]
+
+
+class _Attempt(NamedTuple):
+    """The outcome of fixes by some rules.
+
+    Attributes:
+      texts: the new bytes of each XML file, by its real path.
+      fixes: the fixes that were made, each with the code of its rule.
+      results: the results for the models with these texts.
+      problem: the reason why the fixes must not be made, with the model; empty without one.
+    """
+
+    texts: dict[str, bytes]
+    fixes: list[tuple[str, Fix]]
+    results: list[ModelResult]
+    problem: str = ""
+
+
+class Fixing:
+    """The fixes of models, whose text is read at once.
+
+    Args:
+      given: the files and folders that the user named.
+      models: the models to fix, as given.
+      check: checks copies of models, in their order.
+
+    Attributes:
+      files: the files that were fixed, or would be in a dry run.
+    """
+
+    def __init__(
+        self,
+        given: Sequence[str | Path],
+        models: Sequence[str],
+        check: Callable[[Sequence[Copy]], Sequence[Checked]],
+    ) -> None:
+        self._check = check
+        folders = [*filter(is_folder, map(Path, given)), *(Path(model).parent for model in models)]
+        self._trees = {os.path.realpath(folder) for folder in folders}
+        self._groups = _groups(models)
+        self.files: list[FixedFile] = []
+
+    def fixed(self, results: Sequence[ModelResult], *, dry_run: bool) -> list[ModelResult]:
+        """Fixes the models, unless this is a dry run, and returns the results after that."""
+        by_model = {result.model: result for result in results}
+        for group in self._groups:
+            own = [by_model[model] for model in group.models]
+            if any(finding.fixes for result in own for finding in result.findings):
+                by_model |= {result.model: result for result in self._fix(group, own, dry_run)}
+        return [by_model[result.model] for result in results]
+
+    def _fix(self, group: _Group, results: Sequence[ModelResult], dry_run: bool) -> list[ModelResult]:
+        """Fixes models that share files, and returns the results for them."""
+        outside = dict.fromkeys(file for file in _edited_files(results) if not self._is_inside(file))
+        reason = f"it is outside the folders of the models; give a folder that contains both, with {option('fix')}"
+        problems = [(_shown(group, file), reason) for file in outside]
+        attempt, refused = self._proved(group, results)
+        problems += [(group.models[0], problem) for problem in refused]
+
+        changed = [file for file, text in attempt.texts.items() if text != group.texts[file]]
+        obstacles = [] if dry_run else [(_shown(group, f), reason) for f in changed if (reason := _obstacle(f))]
+        if changed and not obstacles and not dry_run:
+            obstacles = list(_replace(group, attempt.texts))
+        if obstacles:
+            attempt, changed = _Attempt(group.texts, [], list(results)), []
+        self.files += [_fixed_file(group, attempt, file) for file in changed]
+        return _with_problems(attempt.results, [*problems, *obstacles])
+
+    def _proved(self, group: _Group, results: Sequence[ModelResult]) -> tuple[_Attempt, list[str]]:
+        """Returns the fixes that pass the proof, all or those of some rules, and the reasons against the others."""
+        best, accepted, problems = _Attempt(group.texts, [], list(results)), list[str](), list[str]()
+        whole = self._attempt(group, results, None)
+        if not whole.problem:
+            return whole, []
+        codes = dict.fromkeys(code for code, _ in whole.fixes)
+        for code in codes:
+            attempt = self._attempt(group, results, {*accepted, code}) if len(codes) > 1 else whole
+            if attempt.problem:
+                problems.append(f"{code} is not fixed: {attempt.problem}")
+            else:
+                accepted.append(code)
+                best = attempt
+        return best, problems
+
+    def _attempt(self, group: _Group, results: Sequence[ModelResult], codes: Collection[str] | None) -> _Attempt:
+        """Fixes violations of some rules, or of all, in copies, until none is left."""
+        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [Checked(result) for result in results]
+        with ExitStack() as stack:
+            mirror, original = stack.enter_context(_Mirror(group)), None
+            for _ in range(MAX_ROUNDS):
+                proposed = dict(self._proposed(checked, codes))
+                chosen = list(disjoint(proposed))
+                new = _with_edits(texts, chosen)
+                if new == texts:
+                    problem = _problem(results, checked, fixes)
+                    return _Attempt(texts, fixes, [each.result for each in checked], problem)
+                texts = new
+                fixes += [proposed[edits] for edits in chosen]
+                mirror.write(texts)
+                checked = self._check([*mirror.copies(original)])
+                if original is None and all(each.result.loads and each.changes is None for each in checked):
+                    original = stack.enter_context(_Mirror(group))  # the first version that loads
+                    original.write(texts)
+        return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
+
+    def _proposed(
+        self, checked: Sequence[Checked], codes: Collection[str] | None
+    ) -> Iterator[tuple[tuple[TextEdit, ...], tuple[str, Fix]]]:
+        """Yields the edits of each fix that may be made, with the code of its rule."""
+        for finding in (finding for each in checked for finding in each.result.findings):
+            for fix in finding.fixes if codes is None or finding.code in codes else ():
+                if all(self._is_inside(edit.file) for edit in fix.edits):
+                    yield _real_edits(fix), (finding.code, fix)
+
+    def _is_inside(self, file: str) -> bool:
+        """Returns whether a file is inside the folders that may be changed, after following links."""
+        return any(is_within(os.path.realpath(file), tree) for tree in self._trees)
+
+
+class _Mirror:
+    """A folder with copies of the XML files of models, and links to the other files that they read."""
+
+    def __init__(self, group: _Group) -> None:
+        self._group, self._stack = group, ExitStack()
+        self._root = self._stack.enter_context(scratch_folder())
+
+    def __enter__(self) -> "_Mirror":
+        files = [file.absolute() for model in self._group.models for file in source_of(model).files]
+        for file in dict.fromkeys([*self._group.places, *files]):
+            copy = mirrored(self._root, file)
+            os.makedirs(copy.parent, exist_ok=True)  # noqa: PTH103 – with every part of a path such as a/../b
+            if file not in self._group.places:
+                _link(file, copy)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def write(self, texts: Mapping[str, bytes]) -> None:
+        """Writes the XML files."""
+        for place, real in self._group.places.items():
+            mirrored(self._root, place).write_bytes(texts[real])
+
+    def copies(self, original: "_Mirror | None") -> Iterator[Copy]:
+        """Yields the copies of the models, to be compared with those in another mirror, or with the models."""
+        for model in self._group.models:
+            path = Path(model).absolute()
+            reference = mirrored(original._root, path) if original else Path(model)
+            yield Copy(model, mirrored(self._root, path), self._root, reference)
+
+
+def changed_fields(original: Path, model: mujoco.MjModel) -> list[tuple[str, str]] | None:
+    """Returns the fields in which a model differs from the original, each with its object; None without an original."""
+    from mjrun.diff.models import compare_models
+    from mjrun.diff.tolerances import Tolerance, Tolerances
+
+    tolerances = Tolerances(Tolerance(atol=ROUNDING, rtol=ROUNDING), {})
+    try:
+        differences = compare_models(source_of(original), CompiledSource(model), tolerances)
+    except ModelError:
+        return None
+    values = [(each.field, each.object) for each in (*differences.fields, *differences.arrays)]
+    return values + [(each.kind, each.name) for each in (*differences.only_a, *differences.only_b)]
+
+
+def _groups(models: Sequence[str]) -> list[_Group]:
+    """Returns the models in groups that share no file."""
+    groups: list[_Group] = []
+    for model in models:
+        texts = read_xml(Path(model)).texts
+        places = {path.absolute(): os.path.realpath(path) for path in texts}
+        own = _Group([model], places, {os.path.realpath(path): text for path, text in texts.items()})
+        for other in [group for group in groups if not group.texts.keys().isdisjoint(own.texts)]:
+            groups.remove(other)
+            own = _Group([*other.models, *own.models], other.places | own.places, other.texts | own.texts)
+        groups.append(own)
+    return groups
+
+
+def _link(file: Path, copy: Path) -> None:
+    try:
+        copy.symlink_to(file)
+    except FileExistsError:  # another spelling of the same path
+        return
+    except OSError:  # as in a confined process
+        shutil.copyfile(file, copy)
+
+
+def _edited_files(results: Sequence[ModelResult]) -> Iterator[str]:
+    for result in results:
+        for finding in result.findings:
+            yield from (os.path.realpath(edit.file) for fix in finding.fixes for edit in fix.edits)
+
+
+def _real_edits(fix: Fix) -> tuple[TextEdit, ...]:
+    return tuple(replace(edit, file=os.path.realpath(edit.file)) for edit in fix.edits)
+
+
+def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...]]) -> dict[str, bytes]:
+    edits = dict.fromkeys(edit for group in groups for edit in group)
+    return {file: edited(text, [edit for edit in edits if edit.file == file]) for file, text in texts.items()}
+
+
+def _problem(before: Sequence[ModelResult], after: Sequence[Checked], fixes: Sequence[tuple[str, Fix]]) -> str:
+    """Returns the reason why fixes must not be made; empty without one."""
+    allowed = [pattern for _, fix in fixes for pattern in fix.fields]
+    if not fixes:
+        return ""
+    if not any(each.result.loads for each in after):
+        return f"{after[0].result.model} would still not load"
+    for old, (new, changes) in zip(before, after, strict=True):
+        if old.loads and not new.loads:
+            return f"{new.model} would no longer load"
+        for name, owner in changes or ():
+            if not any(fnmatchcase(name, pattern) for pattern in allowed):
+                return f"it would also change {name} of {owner or 'the model'} in {new.model}"
+    return ""
+
+
+def _obstacle(file: str) -> str:
+    """Returns the reason why a file must not be replaced; empty without one."""
+    path = Path(file)
+    if not is_writable(file):
+        return f"{option('untrusted')} does not allow to write it"
+    if not (path.stat().st_mode & 0o222 and os.access(file, os.W_OK) and os.access(path.parent, os.W_OK)):
+        return "it is read-only"
+    editors = [name for name in (f".{path.name}.swp", f".#{path.name}") if os.path.lexists(path.with_name(name))]
+    if editors:
+        return f"it is open in an editor, which has left {editors[0]} beside it"
+    return "it is open in another program" if system.is_open_elsewhere(path) else ""
+
+
+def _replace(group: _Group, texts: Mapping[str, bytes]) -> Iterator[tuple[str, str]]:
+    """Replaces all files whose text is new, together; yields the file and the reason if that is not possible."""
+    changed = [Path(file) for file, text in group.texts.items() if _now(file) != text]
+    if changed:
+        yield _shown(group, str(changed[0])), f"it changed meanwhile; {RUN_AGAIN}"
+        return
+    try:
+        with ExitStack() as stack:
+            writers = [
+                stack.enter_context(_rewritten(Path(_shown(group, file)), text))
+                for file, text in texts.items()
+                if text != group.texts[file]
+            ]
+            publish_together(writers)
+    except FileError as error:
+        yield group.models[0], str(error)
+
+
+@contextmanager
+def _rewritten(path: Path, text: bytes) -> Generator[OutputWriter]:
+    with written_file(path, text) as output:
+        new, mode = Path(output.destination.path), path.stat().st_mode
+        if new.stat().st_mode != mode:
+            with output.writing():  # a confined process may not set it
+                new.chmod(mode & 0o7777)
+        yield output
+
+
+def _now(file: str) -> bytes | None:
+    try:
+        return Path(file).read_bytes()
+    except OSError:
+        return None
+
+
+def _shown(group: _Group, file: str) -> str:
+    """Returns the path of a file as the user would write it."""
+    place = next((place for place, real in group.places.items() if real == file), Path(file))
+    here = Path.cwd()
+    is_relative = place.is_relative_to(here) and not Path(group.models[0]).is_absolute()
+    return short_path(place.relative_to(here) if is_relative else place)
+
+
+def _fixed_file(group: _Group, attempt: _Attempt, file: str) -> FixedFile:
+    shown = _shown(group, file)
+    counts = Counter(code for code, fix in attempt.fixes if file in {edit.file for edit in _real_edits(fix)})
+    return FixedFile(shown, dict(sorted(counts.items())), _diff(shown, group.texts[file], attempt.texts[file]))
+
+
+def _diff(name: str, old: bytes, new: bytes) -> str:
+    before, after = ([f"{line}\n" for line in text.decode(errors="replace").split("\n")] for text in (old, new))
+    for lines in (before, after):
+        if lines[-1] == "\n":
+            lines.pop()
+        else:
+            lines[-1] += "\\ No newline at end of file\n"
+    return "".join(difflib.unified_diff(before, after, name, name))
+
+
+def _with_problems(results: Sequence[ModelResult], problems: Sequence[tuple[str, str]]) -> list[ModelResult]:
+    """Returns results with a finding for each problem, at the first model."""
+    findings = [NOT_FIXED.in_model(Path(file), reason) for file, reason in problems]
+    first, *others = results
+    return [replace(first, findings=(*first.findings, *findings)), *others]

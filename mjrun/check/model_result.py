@@ -1,0 +1,69 @@
+"""Results of the check of one model, and of its fixes."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from mjrun.check.rule import Finding
+from mjrun.dataclass import dataclass
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """The result for one model.
+
+    Attributes:
+      model: the path of the model, as given.
+      loads: true if it loads, and the process that checked it survived.
+      findings: the selected findings, in the order of their discovery.
+      suppressed: the number of findings that comments in the model suppress.
+      known: the number of findings that are in the baseline.
+    """
+
+    model: str
+    loads: bool
+    findings: tuple[Finding, ...]
+    suppressed: int = 0
+    known: int = 0
+
+
+@dataclass(frozen=True)
+class FixedFile:
+    """A file that was fixed, or would be.
+
+    Attributes:
+      file: the path of the file.
+      fixes: the number of faults that were fixed in it, by the code of their rule.
+      diff: the change as a unified diff.
+    """
+
+    file: str
+    fixes: Mapping[str, int]
+    diff: str
+
+
+class Checked(NamedTuple):
+    """A model that was checked.
+
+    Attributes:
+      changes: the fields of the compiled model that differ from those of the original, each with its object; None if
+        the original was not loaded, too.
+    """
+
+    result: ModelResult
+    changes: Sequence[tuple[str, str]] | None = None
+
+
+class Copy(NamedTuple):
+    """A copy of a model.
+
+    Attributes:
+      model: the path of the model, as given.
+      path: the path of the copy, below the folder `root`, which mirrors absolute paths.
+      original: the path of the model to compare it with.
+    """
+
+    model: str
+    path: Path
+    root: Path
+    original: Path

@@ -1,0 +1,75 @@
+"""Theorems about the fix of each rule: the text after it, and the compiled model."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.check.rules import deprecated, mjcf_schema
+from tests.check.fixes import fixed
+from tests.check.models import hinged, keyed, mjcf
+
+MOTOR = '<actuator><motor name="m" joint="j" {}/></actuator>'
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong", "right"),
+    [
+        (hinged('range="90  -90"'), "90  -90", "-90  90"),
+        (hinged('actuatorfrcrange="1 -1"'), "1 -1", "-1 1"),
+        (hinged(after=MOTOR.format("ctrlrange='2\n1'")), "2\n1", "1\n2"),
+        (hinged(after=MOTOR.format('forcerange="2 1"')), "2 1", "1 2"),
+        (hinged(after='<tendon><fixed range="2 1"><joint joint="j" coef="1"/></fixed></tendon>'), "2 1", "1 2"),
+    ],
+)
+def test_the_numbers_of_a_reversed_range_are_swapped(text: str, wrong: str, right: str) -> None:
+    assert fixed(text) == text.replace(wrong, right)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('<option mpr_iterations="7"/>', '<option ccd_iterations="7"/>'),
+        ('<option mpr_tolerance="1e-3"/>', '<option ccd_tolerance="1e-3"/>'),
+        ('<option apirate="3" timestep="0.001"/>', '<option timestep="0.001"/>'),
+        ('<option collision="all"/>', "<option/>"),
+        ('<option><flag passive="disable"/></option>', '<option><flag spring="disable" damper="disable"/></option>'),
+        ('<option><flag sensornoise="enable"/></option>', "<option><flag/></option>"),
+        ('<compiler convexhull="false"/>', "<compiler/>"),
+        ('<compiler exactmeshinertia="false"/>', "<compiler/>"),
+        (
+            '<compiler exactmeshinertia="true"/><asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0"/></asset>',
+            '<compiler/><asset><mesh name="m" vertex="0 0 0 0 0 1 0 1 0 1 0 0" inertia="exact"/></asset>',
+        ),
+        (
+            '<default><camera orthographic="true"/></default>',
+            '<default><camera projection="orthographic"/></default>',
+        ),
+    ],
+)
+def test_removed_attributes_are_written_as_mujoco_reads_them_now(before: str, after: str) -> None:
+    assert fixed(mjcf(before=before)) == mjcf(before=after)
+
+
+def test_every_rewritten_attribute_is_one_that_was_removed_and_its_replacement_exists() -> None:
+    nodes = {tag: [node for _, node in parents] for tag, parents in mjcf_schema.valid_parents().items()}
+    rewritten = [(*key, {new: ""}) for key, new in deprecated.RENAMED_ATTRIBUTES.items()]
+    rewritten += [(tag, name, new) for (tag, name, _), new in deprecated.REWRITTEN_VALUES.items()]
+    for tag, name, new in rewritten:
+        assert (tag, name) in deprecated.REMOVED_ATTRIBUTES
+        assert all(name not in node.attributes for node in nodes[tag])
+        assert all(any(other in node.attributes for node in nodes[tag]) for other in new)
+
+
+@pytest.mark.parametrize("quaternion", ["2 0 0 0", "0.7 0.7 0 0", "0 0 0 0"])
+def test_a_quaternion_of_a_keyframe_becomes_the_one_that_mujoco_uses(quaternion: str) -> None:
+    text = mjcf(
+        '<body name="b"><freejoint name="f"/><geom size=".1"/></body>',
+        f'<keyframe><key name="k" qpos="0 0 1\n  {quaternion}"/></keyframe>',
+    )
+    before, after = (mujoco.MjModel.from_xml_string(each) for each in (text, fixed(text)))
+    np.testing.assert_allclose(after.key_qpos, before.key_qpos, atol=1e-15)
+    assert 'qpos="0 0 1\n  ' in fixed(text)
+
+
+def test_a_keyframe_that_is_right_stays() -> None:
+    assert fixed(keyed('qpos="0.5"')) == keyed('qpos="0.5"')

@@ -1,0 +1,160 @@
+"""Theorems about fixes of models; those of single rules are in `rules/test_fixes.py`."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from mjrun.check.check import Check
+from mjrun.check.model_result import Checked, Copy
+from tests.check import fixes
+from tests.check.fixes import fix, fixing
+from tests.check.models import codes, hinged, mjcf, write
+
+SWAPPED = 'range="1 -1"'
+RIGHT = 'range="-1 1"'
+
+
+def reasons(*models: str, given: list[str] | None = None) -> list[str]:
+    """Why faults of models are not fixed."""
+    made = fixing(*models, given=given or models)
+    return [f.message for result in made.results for f in result.findings if f.code == "MJ007"]  # type: ignore[attr-defined]
+
+
+def test_only_the_words_at_fault_change_in_a_file_of_any_form() -> None:
+    text = f"\ufeff<?xml version='1.0'?>\r\n<!-- \u00e9 -->\r\n{hinged(SWAPPED)}\r\n<!-- {SWAPPED} -->"
+    Path("model.xml").write_bytes(text.encode())
+    assert fix("model.xml") == {"model.xml": {"MJ302": 1}}
+    assert Path("model.xml").read_bytes() == text.replace(SWAPPED, RIGHT, 1).encode()
+
+
+def test_a_comment_in_another_encoding_keeps_its_bytes() -> None:
+    text = f"<?xml version='1.0' encoding='iso-8859-1'?><!-- \u00e9 -->{hinged(SWAPPED)}".encode("iso-8859-1")
+    Path("model.xml").write_bytes(text)
+    fix("model.xml")
+    assert Path("model.xml").read_bytes() == text.replace(SWAPPED.encode(), RIGHT.encode())
+
+
+def test_a_value_is_fixed_where_it_comes_from() -> None:
+    part = write(
+        "part.xml", f'<mujocoinclude><default><default class="c"><joint {SWAPPED}/></default></default></mujocoinclude>'
+    )
+    model = write("model.xml", hinged('class="c"', before='<include file="part.xml"/>'))
+    assert fix(model) == {part: {"MJ302": 1}}
+    assert RIGHT in Path(part).read_text()
+    assert SWAPPED not in Path(model).read_text()
+
+
+def test_a_part_of_several_models_is_fixed_once_and_for_all_of_them() -> None:
+    part = write(
+        "part.xml",
+        f"<mujocoinclude><worldbody><body><joint {SWAPPED}/><geom size='1'/></body></worldbody></mujocoinclude>",
+    )
+    models = [write(f"{name}.xml", mjcf(before='<include file="part.xml"/>')) for name in "ab"]
+    assert fix(*models) == {part: {"MJ302": 1}}
+    assert fix(*models) == {}
+
+
+def test_a_dry_run_changes_no_file_and_shows_what_would_change() -> None:
+    model = write("model.xml", text := hinged(SWAPPED))
+    made = fixing(model, dry_run=True)
+    assert Path(model).read_text() == text
+    assert f'-<joint name="j" {SWAPPED}/>' in made.files[0].diff
+    patch = subprocess.run(["patch", "-p0"], input=made.files[0].diff, text=True, capture_output=True, check=False)
+    assert patch.returncode == 0
+    assert Path(model).read_text() == text.replace(SWAPPED, RIGHT)
+
+
+def test_the_mode_of_a_file_and_a_link_to_it_stay() -> None:
+    Path("parts").mkdir()
+    model = write("parts/real.xml", hinged(SWAPPED))
+    Path(model).chmod(0o640)
+    Path("link.xml").symlink_to(model)
+    fix("link.xml")
+    assert Path("link.xml").is_symlink()
+    assert RIGHT in Path(model).read_text()
+    assert Path(model).stat().st_mode & 0o777 == 0o640
+
+
+def test_a_link_out_of_the_folder_is_not_followed() -> None:
+    Path("robots").mkdir()
+    part = write(
+        "part.xml",
+        f"<mujocoinclude><worldbody><body><joint {SWAPPED}/><geom size='1'/></body></worldbody></mujocoinclude>",
+    )
+    Path("robots/part.xml").symlink_to("../part.xml")
+    model = write("robots/model.xml", mjcf(before='<include file="part.xml"/>'))
+    assert "outside the folders" in reasons(model)[0]
+    assert SWAPPED in Path(part).read_text()
+    assert reasons(model, given=["."]) == []
+    assert RIGHT in Path(part).read_text()
+
+
+def test_no_file_changes_if_one_is_read_only() -> None:
+    part = write("part.xml", "<mujocoinclude><option mpr_iterations='5'/></mujocoinclude>")
+    model = write("model.xml", hinged(SWAPPED, before='<include file="part.xml"/>'))
+    texts = [Path(name).read_text() for name in (part, model)]
+    Path(part).chmod(0o444)
+    assert reasons(model) == ["it is read-only"]
+    assert [Path(name).read_text() for name in (part, model)] == texts
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells which files are open")
+def test_a_file_that_another_process_has_open_is_left_alone() -> None:
+    model = write("model.xml", text := hinged(SWAPPED))
+    holder = "import sys; file = open(sys.argv[1]); print(flush=True); sys.stdin.read()"
+    with subprocess.Popen([sys.executable, "-c", holder, model], stdin=-1, stdout=-1) as process:
+        assert process.stdout
+        process.stdout.readline()
+        assert reasons(model) == ["it is open in another program"]
+        process.communicate()
+    assert Path(model).read_text() == text
+    assert reasons(model) == []
+
+
+def test_a_file_that_an_editor_has_open_is_left_alone() -> None:
+    model = write("model.xml", hinged(SWAPPED))
+    Path(".model.xml.swp").touch()
+    assert ".model.xml.swp" in reasons(model)[0]
+
+
+def test_a_file_that_changes_meanwhile_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = write("model.xml", text := hinged(SWAPPED))
+    check = fixes.lint
+
+    def changing(name: str, copy: Copy | None = None, **options: bool) -> Checked:
+        write(model, f"{text}<!-- new -->")
+        return check(name, copy, **options)
+
+    monkeypatch.setattr(fixes, "lint", changing)
+    assert reasons(model) == ["it changed meanwhile; run the command again"]
+    assert Path(model).read_text() == f"{text}<!-- new -->"
+
+
+def test_a_model_that_would_still_not_load_is_left_alone() -> None:
+    model = write("model.xml", text := mjcf(before='<option mpr_iterations="5"/><asset><mesh file="no.obj"/></asset>'))
+    assert reasons(model) == ["MJ105 is not fixed: model.xml would still not load"]
+    assert Path(model).read_text() == text
+
+
+def test_a_urdf_is_reported_and_not_fixed() -> None:
+    limit = '<limit lower="1" upper="-1" effort="1" velocity="1"/>'
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links = f'<link name="a"/><link name="b"><inertial><mass value="1"/>{inertia}</inertial></link>'
+    joint = f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}</joint>'
+    text = f'<robot name="r">{links}{joint}</robot>'
+    model = write("model.urdf", text)
+    assert fix(model) == {}
+    assert Path(model).read_text() == text
+
+
+def test_fixes_of_the_command_are_those_of_the_processes() -> None:
+    model = write("model.xml", hinged(SWAPPED, before='<option mpr_iterations="5"/>'))
+    result = Check([model], fix=True, steps=0).run()
+    assert (result.code, result.written) == (0, True)
+    assert result.fixed[0].fixes == {"MJ105": 1, "MJ302": 1}
+    assert codes(result.models[0]) == []
+    assert mujoco.MjModel.from_xml_path(model).jnt_limited[0]
+    assert [path.name for path in Path().iterdir()] == [model]
