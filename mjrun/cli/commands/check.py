@@ -6,6 +6,7 @@ import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console, flag
+from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.policy import PolicyOptions
@@ -62,6 +63,8 @@ def check(console: Console, command_line: CommandLine) -> None:
     command_line = command_line.with_defaults(**configured(options.config))
     if options.diff:
         command_line = command_line.with_defaults(fix=True, dry_run=True)
+    if command_line.value("fix"):
+        import_mujoco()
     result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
     report = check_report(result)
     console.answer(report, form)

@@ -79,7 +79,7 @@ def test_a_finding_is_a_line_as_compilers_write_it_and_its_remedy(models: Comman
     first, remedy, summary = done.stdout.decode().splitlines()
     assert first == f"warned.xml:4: warning MJ302: {TOLD}"
     assert remedy == f"    {REMEDY}"
-    assert summary == "2 models: 1 warning"
+    assert summary == "2 models: 1 warning; 1 can be fixed with --fix"
     assert done.stderr == b""
 
 
@@ -87,7 +87,8 @@ def test_a_finding_is_a_line_as_compilers_write_it_and_its_remedy(models: Comman
 def test_the_summary_counts_and_quiet_leaves_it_out(models: Command) -> None:
     (models.folder / "part.xml").write_text("<mujocoinclude/>")
     last = models("check", ".").stdout.decode().splitlines()[-1]
-    assert last == "4 models: 1 error, 1 warning, 1 note; 1 does not load; 1 file skipped that is not a model"
+    counts = "4 models: 1 error, 1 warning, 1 note; 1 can be fixed with --fix"
+    assert last == f"{counts}; 1 does not load; 1 file skipped that is not a model"
     assert models("check", "part.xml").stdout == b"no model: nothing found; 1 file skipped that is not a model\n"
     assert models("check", "-q", "fine.xml").stdout == b""
     assert models("check", "fine.xml").stdout == b"1 model: nothing found\n"
@@ -102,6 +103,8 @@ def test_the_document_holds_all_models_in_order(models: Command) -> None:
         ("broken.xml", False),
     ]
     assert (found["errors"], found["warnings"], found["notes"], found["skipped"], found["code"]) == (1, 1, 0, 0, 3)
+    fixes = found["models"][0]["findings"][0].pop("fixes")
+    assert [[edit["text"] for edit in fix["edits"]] for fix in fixes] == [["1", "2"]]
     assert found["models"][0]["findings"] == [
         {
             "code": "MJ302",
@@ -168,7 +171,7 @@ def test_the_list_names_every_code_and_needs_no_model(models: Command) -> None:
 
 def test_a_rule_is_explained_without_a_model(models: Command) -> None:
     text = models("check", "--explain", "mj302").stdout.decode()
-    assert text.startswith("# MJ302: reversed range\n\nSeverity: warning.\n\n")
+    assert text.startswith("# MJ302: reversed range\n\nSeverity: warning. Fixed by --fix.\n\n")
     assert text.endswith(explanation("MJ302"))
     assert json.loads(models("check", "--explain", "MJ302", "--json").stdout)["explanation"] == explanation("MJ302")
 
