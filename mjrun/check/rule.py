@@ -22,7 +22,7 @@ class Fix:
     """A fix of a fault by edits of the text of the model.
 
     Attributes:
-      edits: the edits, which are made together or not at all.
+      edits: the edits, which are made together or left out together.
       fields: the fields of the compiled model that it may change, with wildcards: `jnt_range`, `geom_*`.
     """
 
@@ -42,7 +42,7 @@ class Finding:
       line: the line in `file`, counted from 1, if known.
       object: the object with the fault, such as `joint 'knee'`; empty for the whole model.
       remedy: the remedy.
-      fixes: the fixes of the fault, several for a finding that stands for several objects.
+      fixes: the fixes of the fault, several for a finding about several objects.
 
     All texts except `code` and `severity` may contain unescaped names from the model.
     """
