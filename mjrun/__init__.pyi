@@ -193,6 +193,7 @@ class Check(_Check):
         fail_on: Literal["error", "warning", "note"] = ...,
         baseline: str | PathLike[str] | None = ...,
         update_baseline: bool = ...,
+        changed_since: str | None = ...,
         fix: bool = ...,
         unsafe_fixes: bool = ...,
         dry_run: bool = ...,

@@ -173,7 +173,8 @@ class Check(PolicyOptions, CheckOptions):
             gone = known.gone([result.model for result in results], self.codes)
         files = tuple(fixing.files) if fixing else ()
         code = self._exit_code(results) or int(self.dry_run and bool(files))
-        return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, not self.dry_run)
+        written = bool(files) and not self.dry_run
+        return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, written)
 
     def _fixing(self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling) -> "Fixing | None":
         """Returns the fixes of models, which are checked by `workers`; None without any."""
