@@ -36,10 +36,10 @@ class RedirectedFunction:
         if hasattr(function, "reset"):
             self.reset = RedirectedFunction(function.reset)  # type: ignore[attr-defined]
 
-    def __call__(self, *arguments: object) -> object:
+    def __call__(self, *arguments: object, **keywords: object) -> object:
         output, sys.stdout = sys.stdout, sys.stderr
         try:
-            return self.forwards_to(*arguments)
+            return self.forwards_to(*arguments, **keywords)
         finally:
             sys.stdout = output
 

@@ -3,7 +3,7 @@
 import copy
 import inspect
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -91,9 +91,11 @@ class PythonPolicy(Policy):
             ) from error
 
     def _guarded(self, function: Callable[..., object]) -> Callable[..., object]:
+        redirected = RedirectedFunction(function)
+
         def guarded(*arguments: object, **keywords: object) -> object:
             try:
-                return RedirectedFunction(partial(function, **keywords))(*arguments)
+                return redirected(*arguments, **keywords)
             except (Exception, SystemExit) as error:
                 raise ControllerError.of(f"{option('policy')} {quoted(self.name)}", error) from error
 

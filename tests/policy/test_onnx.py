@@ -34,7 +34,8 @@ def test_the_action_is_that_of_the_network(tmp_path: Path, kind: type[np.floatin
         model = onnx.load(path)
         model.graph.output[0].type.tensor_type.ClearField("shape")
         path.write_bytes(model.SerializeToString())
-    assert acted(path, [OBSERVATION]) == [(WEIGHTS @ OBSERVATION).tolist()]
+    rows = [factor * OBSERVATION for factor in (1, -2, 0.5)]
+    assert acted(path, rows) == [(WEIGHTS @ row).tolist() for row in rows]
 
 
 @pytest.mark.parametrize(
@@ -70,7 +71,33 @@ def test_several_inputs_are_parts_of_the_observation_in_their_order(tmp_path: Pa
     policy = OnnxPolicy(path, "a.onnx")
     assert policy.facts.observations is not None
     assert [(part.name, part.size) for part in policy.facts.observations] == [("proprio", 1), ("goal", 1)]
-    assert acted(path, [np.array([1.0, 2.0])]) == [[2.0, 1.0]]
+    assert acted(path, [np.array([1.0, 2.0]), np.array([3.0, 4.0])]) == [[2.0, 1.0], [4.0, 3.0]]
+
+
+def test_all_actions_of_an_episode_are_bit_for_bit_those_of_onnxruntime(tmp_path: Path) -> None:
+    generator = np.random.default_rng(0)
+    weights = generator.normal(size=(2, 4)).astype(np.float32)
+    path = linear(tmp_path / "a.onnx", weights, shape=[1, 4])
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    (feed,), (fetch,) = session.get_inputs(), session.get_outputs()
+    rows = generator.normal(size=(20, 4))
+    expected = [session.run([fetch.name], {feed.name: row.astype(np.float32)[None]})[0].ravel() for row in rows]
+    actor = OnnxPolicy(path, "a.onnx").episode(0, LEFT_RIGHT)
+    actions = [actor(row) for row in rows]
+    assert np.array_equal(actions, expected)
+
+
+def test_an_action_whose_shape_changes_within_an_episode_is_reported(tmp_path: Path) -> None:
+    nodes = [
+        helper.make_node("NonZero", ["obs"], ["places"]),
+        helper.make_node("Cast", ["places"], ["actions"], to=TensorProto.FLOAT),
+    ]
+    path = write(tmp_path / "a.onnx", nodes, [value("obs", [2])], [value("actions", ["n", "m"])])
+    actor = OnnxPolicy(path, "a.onnx").episode(0, LEFT_RIGHT)
+    for _ in range(2):
+        assert actor(np.array([1.0, 2.0])).tolist() == [0.0, 1.0]
+        with pytest.raises(UsageError, match="returned 1 number"):
+            actor(np.array([0.0, 3.0]))
 
 
 def test_of_several_outputs_the_action_is_the_one_of_that_name(tmp_path: Path) -> None:

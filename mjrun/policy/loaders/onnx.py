@@ -5,8 +5,9 @@ onnxruntime opens models with restrictions, and runs them on the CPU by one thre
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -130,6 +131,15 @@ class OnnxModel:
             reason = _reason(str(error))
             raise UsageError(f"{clean(str(self.path))} cannot be computed: {reason}", ("policy",)) from error
 
+    def bound(self, inputs: Mapping[str, np.ndarray], outputs: Mapping[str, np.ndarray]) -> Callable[[], object]:
+        """Returns a function that computes `outputs` from `inputs`, in these very arrays; they must outlive it."""
+        binding = self._session.io_binding()
+        for name, values in inputs.items():
+            binding.bind_input(name, "cpu", 0, values.dtype.type, values.shape, values.ctypes.data)
+        for name, values in outputs.items():
+            binding.bind_output(name, "cpu", 0, values.dtype.type, values.shape, values.ctypes.data)
+        return partial(self._session.run_with_iobinding, binding)
+
     def float_type(self, tensor: Tensor) -> type[np.floating]:
         """Returns the floating-point type of `tensor`.
 
@@ -205,23 +215,14 @@ class OnnxPolicy(Policy):
         super().__init__(name, self._facts())
         ends_of_parts = [int(end) for end in np.cumsum([tensor.size or 0 for tensor in self.inputs])]
         # The place of each input in the observation; a single input may have any size, which the network checks.
-        self._places = [
+        self.places = [
             (tensor.name, slice(end - size, end) if size else slice(None), self.model.float_type(tensor), shape)
             for tensor, end in zip(self.inputs, ends_of_parts, strict=True)
             for size, shape in [(tensor.size or 0, (*tensor.one[:-1], -1))]
         ]
 
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        model = self.model
-        states = {start.name: np.zeros(start.one, model.float_type(start)) for start, _ in self.states}
-        outputs = [self.action.name, *(end.name for _, end in self.states)]
-
-        def act(observation: np.ndarray) -> np.ndarray:
-            action, *ends = model.run({**self.parts(observation), **states}, outputs)
-            states.update(zip([*states], ends, strict=True))
-            return action.astype(np.float64).reshape(-1)
-
-        return act
+        return _Inference(self)
 
     def parts(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         """Splits `observation` into the inputs of the network.
@@ -233,7 +234,7 @@ class OnnxPolicy(Policy):
         if size is not None and size != len(observation):
             what = f"{option('policy')} {clean(self.name)} observes {counted(size, 'number')}"
             raise UsageError(f"{what}, and the task has {len(observation)}: {names_of(self.inputs)}")
-        return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self._places}
+        return {name: observation[at].astype(kind).reshape(shape) for name, at, kind, shape in self.places}
 
     def _action_of(self, outputs: Sequence[Tensor]) -> Tensor:
         """Returns the output that is the action."""
@@ -279,6 +280,48 @@ class OnnxPolicy(Policy):
 
     def _refusal(self, message: str) -> UsageError:
         return UsageError(f"{clean(str(self.model.path))} cannot be played: {message}", ("policy",))
+
+
+class _Inference:
+    """A network in one episode, as an actor.
+
+    Its first call shows the shapes of the outputs; later ones read and write arrays of these shapes, in half the time.
+    """
+
+    def __init__(self, policy: OnnxPolicy) -> None:
+        self._model, self._parts = policy.model, policy.parts
+        self._places = [place for _, place, _, _ in policy.places]
+        self._inputs = {start.name: np.zeros(start.one, policy.model.float_type(start)) for start, _ in policy.states}
+        self._states = [*self._inputs.values()]
+        self._names = [policy.action.name, *(end.name for _, end in policy.states)]
+        self._outputs: list[np.ndarray] = []
+        self._compute: Callable[[], object] | None = None
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        if not (self._compute and self._computes_in_place(self._compute, observation)):
+            self._allocate(observation)
+        action, *ends = self._outputs
+        for state, end in zip(self._states, ends, strict=True):
+            state[...] = end
+        return action.astype(np.float64).reshape(-1)
+
+    def _allocate(self, observation: np.ndarray) -> None:
+        """Computes the outputs in new arrays."""
+        parts = self._parts(observation)
+        self._inputs |= parts
+        self._outputs = self._model.run(self._inputs, self._names)
+        self._targets = [part.reshape(-1) for part in parts.values()]
+        self._compute = self._model.bound(self._inputs, dict(zip(self._names, self._outputs, strict=True)))
+
+    def _computes_in_place(self, compute: Callable[[], object], observation: np.ndarray) -> bool:
+        """Computes the outputs in the arrays of the previous call; returns False if this fails."""
+        for target, place in zip(self._targets, self._places, strict=True):
+            target[:] = observation[place]
+        try:
+            compute()
+        except Exception:  # an output of another shape, or an error that is reported by a call without these arrays
+            return False
+        return True
 
 
 def state_pairs(inputs: Sequence[Tensor], outputs: Sequence[Tensor]) -> list[tuple[Tensor, Tensor]]:
