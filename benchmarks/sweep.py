@@ -143,6 +143,7 @@ def main() -> None:
     if not given.baseline.exists():
         raise SystemExit(f"there is no {given.baseline}: --baseline names the loop in C")
 
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # without bytecode, compiling would be most of the start-up
     with tempfile.TemporaryDirectory() as folder:
         for model in given.models:
             for steps in given.steps:

@@ -12,17 +12,19 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO, Literal, NoReturn
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError
 from mjrun.interruption import uninterrupted
 from mjrun.platform import system
-from mjrun.shared_status import note_child, note_end_of_child
+from mjrun.shared_status import note_child, note_end_of_child, write_on
 
 STDOUT_LIMIT = 2**24  # bytes of captured output that are kept, from its beginning
 STDERR_LIMIT = 2**16  # bytes of captured messages that are kept, from their end: the last line gives the reason
@@ -100,6 +102,9 @@ class ChildProcess:
       stdout, stderr: their destinations, possibly descriptors. Captured output is read continuously, so that the child
         never waits for it.
       stdout_limit: bytes of captured output to keep.
+      fork: function to call with the new numbers of `descriptors` instead of the program, in a copy of this process
+        without its other descriptors, signal handlers and status; it must not return. See `may_fork`. Its output is
+        read from the first `wait` or `capture`, since reading takes a thread, which no later copy could have.
 
     Raises:
       FileError: the program is not executable.
@@ -117,9 +122,11 @@ class ChildProcess:
         stdout: Stream = "discard",
         stderr: Stream = "inherit",
         stdout_limit: float = STDOUT_LIMIT,
+        fork: Callable[..., NoReturn] | None = None,
     ) -> None:
         self._cause: Cause | None = None
         variables = {**os.environ, **(environment or {})}
+        variables = {name: value for name, value in variables.items() if value is not None}
         with ExitStack() as stack, uninterrupted():  # so that no process is started and lost
             copies: list[int] = []
             for descriptor in descriptors:
@@ -133,7 +140,8 @@ class ChildProcess:
                     stdin=subprocess.PIPE if fed else subprocess.DEVNULL,
                     stdout=_target(stdout),
                     stderr=_target(stderr),
-                    env={name: value for name, value in variables.items() if value is not None},
+                    env=variables,
+                    preexec_fn=partial(_continue_in_fork, fork, variables, copies) if fork else None,
                     **system.process_options([*copies, *inherited]),
                 )
             except PermissionError as error:
@@ -145,6 +153,8 @@ class ChildProcess:
             system.make_nonblocking(self._popen.stdin.fileno())
         self._stdout = _Capture(self._popen.stdout, stdout_limit, keep="beginning")
         self._stderr = _Capture(self._popen.stderr, STDERR_LIMIT, keep="end")
+        if fork is None:
+            self.capture()
 
     @property
     def pid(self) -> int:
@@ -170,6 +180,11 @@ class ChildProcess:
     def last_words(self) -> str:
         """The last line of `stderr`, where programs report why they end; possibly empty."""
         return self.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+
+    def capture(self) -> None:
+        """Reads captured output from now on; needed only after a `fork`."""
+        self._stdout.start()
+        self._stderr.start()
 
     def feed(self, content: memoryview, idle: float = math.inf, is_held_up: Callable[[], bool] = lambda: False) -> None:
         """Writes to the standard input of a process that is `fed`.
@@ -277,6 +292,35 @@ class ChildProcess:
                 capture.wait(grace)
 
 
+def may_fork() -> bool:
+    """Returns whether a copy of this process can continue by itself: it has no thread, not even of a library."""
+    try:
+        return system.CAN_FORK and len([*Path("/proc/self/task").iterdir()]) == 1
+    except OSError:  # not on Linux, where system libraries may not survive it
+        return False
+
+
+def _continue_in_fork(
+    function: Callable[..., NoReturn], variables: Mapping[str, str], descriptors: Sequence[int]
+) -> NoReturn:
+    """Calls a function in a process that was just forked, with nothing of its parent but modules."""
+    try:
+        write_on(None)
+        for number in system.SIGNALS:
+            signal.signal(number, signal.SIG_DFL)
+        for descriptor in [int(path.name) for path in Path("/proc/self/fd").iterdir()]:
+            if descriptor > 2 and descriptor not in descriptors:
+                with suppress(OSError):  # of the folder that was listed
+                    os.close(descriptor)
+        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(number, mode) for number, mode in enumerate("rww"))
+        os.environ.clear()
+        os.environ.update(variables)
+        function(*map(str, descriptors))
+    except BaseException:
+        traceback.print_exc()
+    os._exit(1)
+
+
 def limit_this_process(
     *,
     memory: float | None = None,
@@ -303,12 +347,17 @@ class _Capture:
     def __init__(self, pipe: IO[bytes] | None, limit: float, keep: Literal["beginning", "end"]) -> None:
         self.content = bytearray()
         self._limit, self._keep = limit, keep
-        self._thread = threading.Thread(target=self._read, args=(pipe,), daemon=True) if pipe else None
-        if self._thread:
+        self._pipe, self._thread = pipe, None
+
+    def start(self) -> None:
+        """Starts the thread, unless it is running or has ended."""
+        if self._pipe and self._thread is None:
+            self._thread = threading.Thread(target=self._read, args=(self._pipe,), daemon=True)
             self._thread.start()
 
     def wait(self, seconds: float) -> bool:
         """Returns whether the pipe closes within `seconds`."""
+        self.start()
         if self._thread is None:
             return True
         self._thread.join(seconds)

@@ -1,7 +1,8 @@
 """Worker processes: each has a server, an object whose methods answer the requests of its parent one after the other.
 
-Workers are new interpreters that never import `__main__`, so that any script or notebook can start them. A worker ends
-when its parent hangs up or dies, however busy it is.
+Workers are new interpreters that never import `__main__`, so that any script or notebook can start them; or copies of
+a process that has imported their modules but none of the user's. A worker ends when its parent hangs up or dies,
+however busy it is.
 """
 
 import contextlib
@@ -15,11 +16,12 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from importlib import import_module
 from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, Listener, Pipe
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, NoReturn, cast
 
 from mjrun.child_process import ChildProcess, ExitStatus, Stream, limit_this_process, python_call
 from mjrun.dataclass import dataclass
@@ -119,6 +121,7 @@ class Worker:
       environment: variables to change.
       descriptors: descriptors to pass to the process, which get new numbers.
       stderr: where its standard error goes, and its standard output with it.
+      is_fork: whether it is a copy of this process, which starts at once; see `child_process.may_fork`.
 
     Attributes:
       connection: the connection to the process.
@@ -137,6 +140,7 @@ class Worker:
         environment: Mapping[str, str] = ENVIRONMENT,
         descriptors: Sequence[int] = (),
         stderr: Stream = "capture",
+        is_fork: bool = False,
     ) -> None:
         self.pending = deque[Request]()
         if not system.PASSES_DESCRIPTORS:
@@ -150,6 +154,7 @@ class Worker:
                 environment=environment,
                 descriptors=[theirs.fileno(), *descriptors],
                 stderr=stderr,
+                fork=partial(serve, server) if is_fork else None,
             )
             stack.pop_all()
 
@@ -239,20 +244,20 @@ def _accepted(listener: Listener, key: bytes, process: ChildProcess) -> Connecti
         has_accepted.set()
 
 
-def serve(server: str, connection: str, *descriptors: str) -> None:
+def serve(server: str, connection: str, *descriptors: str) -> NoReturn:
     """Runs a worker: answers what the other end of the descriptor `connection` requests, until it hangs up."""
     parent = Connection(int(connection))
     _serve(server, parent, parent.fileno(), [*map(int, descriptors)])
 
 
-def serve_by_address(server: str) -> None:
+def serve_by_address(server: str) -> NoReturn:
     """Runs a worker that connects to the address on its standard input, which stays open while its parent lives."""
     address, key = json.loads(sys.stdin.readline())
     address = address if isinstance(address, str) else (address[0], address[1])  # JSON has no tuples
     _serve(server, Client(address, authkey=bytes.fromhex(key)), sys.stdin.fileno(), ())
 
 
-def _serve(server: str, parent: Connection, lifeline: int, descriptors: Sequence[int]) -> None:
+def _serve(server: str, parent: Connection, lifeline: int, descriptors: Sequence[int]) -> NoReturn:
     """Answers requests of the parent until it hangs up, which closes the other end of `lifeline` too."""
     with contextlib.suppress(OSError):  # without a stderr, what drivers and plugins print on stdout is lost
         os.dup2(2, 1)

@@ -4,6 +4,7 @@ import gc
 import os
 import pickle
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from mjrun.errors import DrawError, InvalidActionError, MjrunError, NoRendererEr
 from mjrun.worker import PicklableException, Request, Worker, WorkerEndedError
 from tests.processes import PATIENCE, wait_until
 
+ROOT = Path(__file__).parents[1]
 ERRORS = [
     MjrunError("something"),
     DrawError("OpenGL refused"),
@@ -200,3 +202,60 @@ def test_anything_else_is_a_bug_with_its_place(kind: type[MjrunError]) -> None:
 
 def test_what_a_bug_says_cannot_write_to_a_terminal() -> None:
     assert "\x1b" not in str(PicklableException.of(raised(ValueError("\x1b[31mred"))).error("a bug"))
+
+
+FORKS = """
+import os, signal, sys, threading
+from tests.test_worker import ForkServer
+from mjrun.child_process import may_fork
+from mjrun.worker import Worker, WorkerEndedError
+
+signal.signal(signal.SIGTERM, lambda *_: None)
+print("unwritten", end="")
+inherited = os.open("/dev/null", os.O_RDONLY)
+ForkServer.imported = "by the parent"
+assert may_fork()
+first, second = (Worker("tests.test_worker:ForkServer", environment={"MJRUN_NEW": "2"}, is_fork=True) for _ in range(2))
+assert may_fork()  # still: nothing reads their output yet
+for worker in (first, second):
+    assert worker.ask("facts", inherited) == ("by the parent", os.getpid(), "2", False, True)
+os.kill(second.process.pid, signal.SIGTERM)  # which this process ignores
+try:
+    second.ask("facts", inherited)
+except WorkerEndedError as error:
+    assert error.ending.signal == "SIGTERM"
+try:
+    first.ask("stumble")
+except WorkerEndedError as error:
+    assert str(error) == "ended with code 3: last words", error
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+assert not may_fork()
+"""
+
+
+class ForkServer:
+    """The requests that copies of a process answer."""
+
+    imported = "anew"
+
+    def facts(self, descriptor: int) -> tuple[str, int, str | None, bool, bool]:
+        """Returns facts about this process, of which each would differ in a new interpreter or in an unchanged copy."""
+        try:
+            os.fstat(descriptor)
+            is_open = True
+        except OSError:
+            is_open = False
+        is_default = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        return self.imported, os.getppid(), os.environ.get("MJRUN_NEW"), is_open, is_default
+
+    def stumble(self) -> None:
+        sys.stderr.write("last words")
+        sys.stderr.flush()
+        os._exit(3)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are copies on Linux only")
+def test_copies_of_a_process_share_its_modules_and_nothing_else() -> None:
+    done = subprocess.run([sys.executable, "-c", FORKS], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "unwritten"

@@ -3,7 +3,7 @@
 import gc
 import os
 import sys
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from fractions import Fraction
@@ -32,19 +32,23 @@ if TYPE_CHECKING:
     from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")
+NO_BACKEND = {"MUJOCO_GL": "disable"}
 CONTROLLER = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
 
 
-def import_mujoco() -> None:
+def import_mujoco(environment: Mapping[str, str] = NO_BACKEND) -> None:
     """Imports MuJoCo without an OpenGL backend, which it would choose by MUJOCO_GL, or fail at an unknown name.
+
+    Args:
+      environment: variables that hold during the import.
 
     Raises:
       WrongVersionError: MuJoCo or NumPy has a version that mjrun does not support.
     """
     if "mujoco" in sys.modules:
         return  # garbage that exists by now would be frozen too
-    backend = os.environ.get("MUJOCO_GL")
-    os.environ["MUJOCO_GL"] = "disable"
+    before = {name: os.environ.get(name) for name in environment}
+    os.environ.update(environment)
     gc.disable()  # modules are not garbage, and scanning them is slower than importing some of them
     import_module("mujoco")
     from mjrun.packages import require_computing
@@ -52,10 +56,11 @@ def import_mujoco() -> None:
     gc.freeze()
     gc.enable()
 
-    if backend is None:
-        del os.environ["MUJOCO_GL"]
-    else:
-        os.environ["MUJOCO_GL"] = backend
+    for name, value in before.items():
+        if value is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = value
     require_computing()
 
 

@@ -10,11 +10,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from mjrun.child_process import may_fork
 from mjrun.worker import Worker
 
 if TYPE_CHECKING:
     from mjrun.python_code import Sealed
     from mjrun.study.spec import PointResult, StudyPoint, StudySpec, WorkerVersions
+
+SIMULATION = "mjrun.study.simulate"  # which imports mujoco
+FORKS = 8  # most copies of this process: more take longer than a study of few points
 
 _waiting = deque[tuple[Path, Worker]]()  # workers without a study, and the folder of their relative paths
 
@@ -23,7 +27,7 @@ class PointServer:
     """A server that simulates points of one study."""
 
     def __init__(self) -> None:
-        import_module("mjrun.study.simulate")  # while the parent prepares the study
+        import_module(SIMULATION)  # while the parent prepares the study
 
     def open(self, sealed: "Sealed", root: Path) -> None:
         """Opens the study, whose files are in the folder `root`."""
@@ -42,20 +46,33 @@ class PointServer:
         yield WorkerVersions.here(self._spec.models(point.values for point in points))
 
 
-def start_early() -> None:
-    """Starts a worker for the next `new_worker` to return; it imports what simulations need in the meantime."""
-    _waiting.append((Path.cwd(), _started()))
+def start_early(count: int) -> None:
+    """Starts workers for the next calls of `new_worker`.
+
+    Copies of this process, which has to import what they need in any case, take milliseconds each. Where it must not
+    be copied, a single new interpreter imports it meanwhile.
+    """
+    if may_fork():
+        import_module(SIMULATION)
+        import_module("mujoco.introspect.structs")  # which metrics need
+    if may_fork():
+        _waiting.extend((Path.cwd(), _started(is_fork=True)) for _ in range(min(count, FORKS)))
+    else:
+        _waiting.append((Path.cwd(), _started()))
 
 
 def new_worker() -> Worker:
     """Returns a worker without a study."""
-    while _waiting:
-        folder, worker = _waiting.popleft()
+    while True:
+        try:
+            folder, worker = _waiting.popleft()
+        except IndexError:
+            return _started()
         if folder == Path.cwd() and worker.process.running:
+            worker.process.capture()
             return worker
         worker.close()
-    return _started()
 
 
-def _started() -> Worker:
-    return Worker("mjrun.study.point_server:PointServer")
+def _started(*, is_fork: bool = False) -> Worker:
+    return Worker("mjrun.study.point_server:PointServer", is_fork=is_fork)

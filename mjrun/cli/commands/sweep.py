@@ -30,6 +30,7 @@ from mjrun.options.sweep import (
     StudyOptions,
     VariationOptions,
 )
+from mjrun.platform.cores import available_cores
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
@@ -107,14 +108,19 @@ def sweep(console: Console, command_line: CommandLine) -> None:
 
 
 def _start_early(command_line: CommandLine) -> None:
-    """Starts a simulating process in advance, in parallel with the preparations, if one will be needed."""
+    """Starts simulating processes in advance, if some will be needed."""
     other_task = any(command_line.explicit(StudyCommandOptions).get(name) for name in STOPPING)
     folder = Path(str(command_line.value("output") or "") or f"{stem(command_line)}_study")
     is_new = not exists(folder / PARTS) and not exists(Path(command_line.argument("model")) / PARTS)
-    if not other_task and is_new and command_line.make(ExecutionOptions).engine == "local":
+    execution = command_line.make(ExecutionOptions)
+    if not other_task and is_new and execution.engine == "local":
+        from mjrun.child_process import may_fork
         from mjrun.study.point_server import start_early
+        from mjrun.worker import ENVIRONMENT
 
-        start_early()
+        if may_fork():
+            import_mujoco(ENVIRONMENT)
+        start_early(execution.jobs if isinstance(execution.jobs, int) else available_cores())
 
 
 def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located]":
