@@ -100,17 +100,20 @@ def _initializer(cls: type) -> Callable[..., None]:
 
     def __init__(self: Any, /, *arguments: object, **values: object) -> None:  # noqa: N807
         positional, defaults, factories = _parameters(cls)
-        by_position = dict(zip(positional, arguments, strict=False))
-        state = {**defaults, **values, **by_position}
-        is_accepted = len(arguments) <= len(positional) and len(state) == len(defaults)
-        if not is_accepted or not by_position.keys().isdisjoint(values):
-            raise _mistake(cls, arguments, values)
+        if not arguments and values.keys() == defaults.keys():  # as in `replace`
+            state = values
+        else:
+            by_position = dict(zip(positional, arguments, strict=False))
+            state = {**defaults, **values, **by_position}
+            is_accepted = len(arguments) <= len(positional) and len(state) == len(defaults)
+            if not is_accepted or not by_position.keys().isdisjoint(values):
+                raise _mistake(cls, arguments, values)
 
-        for name, factory in factories.items():
-            if state[name] is UNSET:
-                if factory is _required:
-                    raise _mistake(cls, arguments, values)
-                state[name] = factory()
+            for name, factory in factories.items():
+                if state[name] is UNSET:
+                    if factory is _required:
+                        raise _mistake(cls, arguments, values)
+                    state[name] = factory()
         self.__dict__.update(state)
         if is_checked:
             self.__post_init__()

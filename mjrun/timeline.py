@@ -13,6 +13,7 @@ from typing import Any
 
 from mjrun.dataclass import dataclass
 
+LENGTHS = 64  # remembered lengths of runs
 EXACT = 2**53  # below it every integer is a float
 _VAST = re.compile(r"[eE][+-]?\d{4}")
 
@@ -63,11 +64,13 @@ class Timeline:
     steps: int
 
     @classmethod
+    @lru_cache(LENGTHS)
     def lasting(cls, timestep: Fraction, duration: Fraction) -> "Timeline":
         """Returns the run of `duration` [s]: `round(duration / timestep)` steps."""
         return cls(timestep, duration, nearest(duration / timestep))
 
     @classmethod
+    @lru_cache(LENGTHS)
     def of_steps(cls, timestep: Fraction, steps: int) -> "Timeline":
         """Returns the run of exactly `steps` steps."""
         return cls(timestep, steps * timestep, steps)

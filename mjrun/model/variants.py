@@ -11,6 +11,7 @@ import copy
 from collections import OrderedDict
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
+from operator import is_
 
 import mujoco
 import numpy as np
@@ -73,6 +74,7 @@ class ModelVariants:
         self._compilations = OrderedDict[Source, SharedCompilation]()
         self._compiled_once = dict[Source, Source]()  # the last source that was compiled, by that without overrides
         self._copied_over = dict[Source, Source]()  # likewise the last one whose copied fields vary
+        self._last: _CopiedPaths | None = None
 
     def load(self, source: Source) -> ModelVariant:
         """Returns the model of `source`; it must not be changed, because others may share it.
@@ -81,6 +83,9 @@ class ModelVariants:
           ModelError: it cannot be found or read, or MuJoCo refuses it.
           UsageError: an override refers to nothing, or its value does not fit.
         """
+        last = self._last
+        if last and last.fits(source) and (variant := last.variant(source)):
+            return variant
         if source not in self._compilations and (variant := self._copied(source) or self._recompiled(source)):
             return variant
         compilation = self._compilation(source)
@@ -101,7 +106,11 @@ class ModelVariants:
         shared, bare = replace(source, overrides=rest), replace(source, overrides=())
         is_worth_it = not rest or shared in self._compilations or self._copied_over.get(bare) == shared
         self._copied_over[bare] = shared
-        return self._compilation(shared).with_values(to_copy) if is_worth_it else None
+        if not is_worth_it:
+            return None
+        compilation = self._compilation(shared)
+        self._last = None if rest else _CopiedPaths(source, compilation)
+        return compilation.with_values(to_copy)
 
     def _recompiled(self, source: Source) -> ModelVariant | None:
         """Returns a model that is recompiled with numbers that vary; None if it must be compiled from the source."""
@@ -144,6 +153,30 @@ class ModelVariants:
             model = copy.copy(model) if spec is None else model  # it may belong to the user
             self._prepare(model)
         return SharedCompilation(spec, model)
+
+
+class _CopiedPaths:
+    """Sources that differ only in the values of overrides of copied fields, which is faster to see than to search.
+
+    Args:
+      source: one of these sources.
+      compilation: the compilation of the source without overrides.
+    """
+
+    def __init__(self, source: Source, compilation: "SharedCompilation") -> None:
+        self._compilation = compilation
+        self._paths = [override.path for override in source.overrides]
+        self._others = [value for name, value in vars(source).items() if name != "overrides"]
+
+    def fits(self, source: Source) -> bool:
+        """Returns whether `source` is one of these sources, with the very same values of all other attributes."""
+        others = [value for name, value in vars(source).items() if name != "overrides"]
+        is_same = len(others) == len(self._others) and all(map(is_, others, self._others))
+        return is_same and [override.path for override in source.overrides] == self._paths
+
+    def variant(self, source: Source) -> ModelVariant | None:
+        """Returns the model of `source`; None if it must be compiled."""
+        return self._compilation.with_values(source.overrides) if all(map(may_be_copied, source.overrides)) else None
 
 
 @dataclass

@@ -68,6 +68,8 @@ class ProbeSampler:
     Attributes:
       model: the model to simulate: a copy with energy enabled if energy is measured and disabled in the original.
       columns, contact_columns: columns of the trace, `time` first, and of the contact table.
+      names: names of the columns of the trace.
+      reads_fields_only: whether recorded fields determine all rows, without an MjData.
     """
 
     def __init__(
@@ -80,6 +82,8 @@ class ProbeSampler:
     ) -> None:
         self.probes = select(model, names, episode)
         self.columns = [TIME, *(column for probe in self.probes for column in probe.columns)]
+        self.names = [column.name for column in self.columns]
+        self.reads_fields_only = all(isinstance(probe, FieldProbe) for probe in self.probes)
         self.contact_columns = contact_columns(model) if with_contacts else []
         self._timeline = timeline
         of_fields = [probe for probe in self.probes if isinstance(probe, FieldProbe)]

@@ -47,12 +47,7 @@ class InitialState:
 
     def reset(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Puts `data` into this state, whatever it contained; raises the errors of `data`."""
-        if self.key is None:
-            mujoco.mj_resetData(model, data)
-        else:
-            with concerning("key"):
-                mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
-        own = {name: vector.copy() for name, vector in _vectors(data).items()}
+        self._reset_to_source(model, data)
         for name, values in self.qpos.items():
             with concerning("qpos", name):
                 _set(data.qpos, _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name), values, "qpos", name)
@@ -66,7 +61,18 @@ class InitialState:
             raise BadValueError(option("seed"), self.seed, "a whole number of at least 0")
         if self.perturb:
             data.qvel += self.perturb * np.random.default_rng(self.seed).standard_normal(model.nv)
-        _check(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
+        if not all((abs(vector) <= mujoco.mjMAXVAL).all() for vector in _vectors(data).values()):
+            own = mujoco.MjData(model)
+            self._reset_to_source(model, own)
+            raise _fault(data, own, "the model's own pose" if self.key is None else f"keyframe {quoted(self.key)}")
+
+    def _reset_to_source(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """Puts `data` into the keyframe, or into the model's own pose."""
+        if self.key is None:
+            mujoco.mj_resetData(model, data)
+        else:
+            with concerning("key"):
+                mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns a warning for each control that MuJoCo will clamp."""
@@ -138,23 +144,19 @@ def _vectors(data: mujoco.MjData) -> dict[str, np.ndarray]:
     return {"qpos": data.qpos, "qvel": data.qvel, "act": data.act, "ctrl": data.ctrl}
 
 
-def _check(data: mujoco.MjData, own: Mapping[str, np.ndarray], source: str) -> None:
-    """Checks the numbers of an initial state.
+def _fault(data: mujoco.MjData, own: mujoco.MjData, source: str) -> ModelError | UsageError:
+    """Returns the error of the first number of an initial state that is not finite or too large.
 
     Args:
-      own: the numbers of `source`, the keyframe or the model's own pose.
-
-    Raises:
-      ModelError: a number of `source` is not finite or too large.
-      UsageError: another number is.
+      own: the state of `source`, the keyframe or the model's own pose.
     """
-    for name, vector in _vectors(data).items():
-        bad = np.flatnonzero(~(abs(vector) <= mujoco.mjMAXVAL))
-        if not bad.size:
-            continue
-        index, value = bad[0], vector[bad[0]]
-        limit = f"below {mujoco.mjMAXVAL:g}, MuJoCo's limit of a stable simulation"
-        must = f"is {value:g}; it must be {limit if np.isfinite(value) else 'finite'}"
-        if np.array_equal(value, own[name][index], equal_nan=True):
-            raise ModelError(f"{source}: {name}[{index}] {must}")
-        raise UsageError(f"the initial {name}[{index}] {must}")
+    name, vector = next(
+        (name, vector) for name, vector in _vectors(data).items() if not (abs(vector) <= mujoco.mjMAXVAL).all()
+    )
+    index = np.flatnonzero(~(abs(vector) <= mujoco.mjMAXVAL))[0]
+    value = vector[index]
+    limit = f"below {mujoco.mjMAXVAL:g}, MuJoCo's limit of a stable simulation"
+    must = f"is {value:g}; it must be {limit if np.isfinite(value) else 'finite'}"
+    if np.array_equal(value, _vectors(own)[name][index], equal_nan=True):
+        return ModelError(f"{source}: {name}[{index}] {must}")
+    return UsageError(f"the initial {name}[{index}] {must}")

@@ -200,21 +200,22 @@ class QuantileAccumulator:
 
 
 class ShareAccumulator:
-    """The share of rows on which a condition holds: the added rows among all counted rows."""
+    """The share of rows on which a condition holds."""
 
     place = ""
 
     def __init__(self) -> None:
-        self._holds = self.rows = 0
+        self._holds = self._rows = 0
 
-    def add(self, values: np.ndarray, chunk: RowChunk) -> None:
-        """Adds the rows of the next chunk on which it holds."""
-        self._holds += len(values)
+    def add(self, holds: int, rows: int) -> None:
+        """Adds the next rows, and the number of those on which it holds."""
+        self._holds += holds
+        self._rows += rows
 
     @property
     def value(self) -> float:
         """The share of all rows so far; NaN before the first."""
-        return self._holds / self.rows if self.rows else math.nan
+        return self._holds / self._rows if self._rows else math.nan
 
 
 Accumulator = SingleRowAccumulator | SumAccumulator | QuantileAccumulator | ShareAccumulator
@@ -312,22 +313,24 @@ class Aggregates:
 
     def __init__(self, calls: Sequence[AggregateCall]) -> None:
         self._accumulators = {call: accumulator(call.name, call.fraction) for call in calls}
-        self.known: KnownValues = {}
+        self.known: KnownValues = dict.fromkeys(calls, math.nan)
         self.rows = {call: 0 for call in calls if call.condition is not None}
 
     def add(self, chunk: RowChunk) -> None:
         """Adds the next rows."""
         for call, accumulated in self._accumulators.items():
-            rows = chunk
+            holds, count = None, chunk.count
             if call.condition is not None:
                 holds = _on_each_row(evaluate_truth(call.condition, chunk.columns, self.known), chunk.count)
-                rows = chunk.only(holds)
-                self.rows[call] += rows.count
+                count = int(np.count_nonzero(holds))
+                self.rows[call] += count
             if isinstance(accumulated, ShareAccumulator):
-                accumulated.rows += chunk.count
-            if rows.count:
+                accumulated.add(count, chunk.count)
+            elif count:
+                rows = chunk if holds is None else chunk.only(holds)
                 accumulated.add(evaluate_rows(call.operand, rows, self.known), rows)
-            self.known[call] = accumulated.value if call.kind == START else math.nan
+            if call.kind == START:
+                self.known[call] = accumulated.value
 
     def values(self) -> KnownValues:
         """Returns the values over all rows."""

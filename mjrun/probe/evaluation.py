@@ -5,12 +5,14 @@ have vectors that are parts of it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 
 from mjrun.probe import expression as tree
+
+REMEMBERED = 1024  # expressions
 
 
 class ColumnLayout:
@@ -86,8 +88,9 @@ def evaluate_truth(truth: tree.BooleanExpression, columns: Columns, known: Known
     return truth_evaluation(truth)(columns, known)
 
 
+@lru_cache(REMEMBERED)
 def evaluation(value: tree.NumericExpression) -> Evaluation:
-    """Returns `evaluate` of one expression, for repeated calls."""
+    """Returns `evaluate` of one expression."""
     match value:
         case tree.NumberLiteral(value=number):
             return lambda columns, known: number
@@ -107,8 +110,9 @@ def evaluation(value: tree.NumericExpression) -> Evaluation:
     raise TypeError(value)
 
 
+@lru_cache(REMEMBERED)
 def truth_evaluation(truth: tree.BooleanExpression) -> Evaluation:
-    """Returns `evaluate_truth` of one condition, for repeated calls."""
+    """Returns `evaluate_truth` of one condition."""
     match truth:
         case tree.Comparison(operator=operator, sides=sides):
             compare = tree.COMPARE[operator]

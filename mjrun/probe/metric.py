@@ -10,10 +10,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from mjrun.probe.aggregate import Aggregates, ChunkBuffer, RowChunk
-from mjrun.probe.evaluation import evaluate
-from mjrun.probe.expression import Expression
+from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
+from mjrun.probe.expression import OF_CONDITIONS, AggregateCall, Expression, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
+
+EXTREMES = {"min": math.inf, "max": -math.inf}  # and the values that do not change them
+JOINT = (*EXTREMES, "first", "last", *OF_CONDITIONS)
 
 
 class Metric(Expression):
@@ -50,6 +53,103 @@ class MetricEvaluation:
             for chunk in chunks:
                 for aggregates in self._aggregates:
                     aggregates.add(chunk)
+
+
+class MetricBatch:
+    """One pass of metrics over n tables at once, row by row; every value is that of its table alone.
+
+    Args:
+      table: names of the columns of each table.
+      count: number of tables.
+    """
+
+    def __init__(self, metrics: Sequence[Metric], table: Sequence[str], count: int) -> None:
+        self._table = table
+        self._metrics = [(metric, _is_joint(metric)) for metric in metrics]
+        joint = [metric for metric, is_joint in self._metrics if is_joint]
+        self._joint = {call: _JointAggregate(call, count) for metric in joint for call in metric.aggregates}
+        others = [metric for metric, is_joint in self._metrics if not is_joint]
+        self._alone = [MetricEvaluation(others, table) for _ in range(count)] if others else []
+
+    def feed(self, tables: np.ndarray, counts: np.ndarray) -> None:
+        """Adds the next rows `(n, rows, columns)`.
+
+        Args:
+          counts: number of valid rows of each table, `(n,)`; one with fewer than others has no values.
+        """
+        for evaluation, table, count in zip(self._alone, tables, counts, strict=False):
+            evaluation.feed(table[:count])
+        shape = tables.shape[:2]
+        columns = dict(zip(self._table, np.ascontiguousarray(tables.reshape(-1, tables.shape[2]).T), strict=True))
+        with np.errstate(all="ignore"):
+            for call, aggregate in self._joint.items():
+                values = np.broadcast_to(evaluate(call.operand, columns, {}), math.prod(shape)).reshape(shape)
+                holds = np.True_ if call.condition is None else evaluate_truth(call.condition, columns, {})
+                aggregate.add(values, np.broadcast_to(holds, math.prod(shape)).reshape(shape))
+
+    def values(self, index: int) -> tuple[float, ...]:
+        """Returns the metrics of the table `index`, after the last rows."""
+        known: KnownValues = {call: aggregate.value(index) for call, aggregate in self._joint.items()}
+        alone = iter(self._alone[index].values() if self._alone else ())
+        with np.errstate(all="ignore"):
+            return tuple(
+                float(evaluate(metric.root, {}, known)) if is_joint else next(alone)
+                for metric, is_joint in self._metrics
+            )
+
+
+class _JointAggregate:
+    """An aggregate of n tables that selects or counts rows."""
+
+    def __init__(self, call: AggregateCall, count: int) -> None:
+        self._name, self._rows = call.name, 0
+        self._holds = np.zeros(count, int)  # rows on which the condition holds
+        self._values = np.empty(count)
+
+    def add(self, values: np.ndarray, holds: np.ndarray) -> None:
+        """Adds the operand's values on the next rows `(n, rows)`, and whether the condition holds there."""
+        is_first, new_holds = self._holds == 0, np.count_nonzero(holds, axis=1)
+        self._rows += values.shape[1]
+        self._holds += new_holds
+        if self._name in OF_CONDITIONS:
+            return
+        if self._name in EXTREMES:
+            values = np.where(holds, values, EXTREMES[self._name])
+        new, old = values[np.arange(len(values)), self._rows_of(values, holds)], self._values
+        match self._name:
+            case "min":
+                is_new = (old == old) & ~(new >= old)  # the first NaN wins for good
+            case "max":
+                is_new = (old == old) & ~(new <= old)
+            case name:
+                is_new = np.bool_(name == "last")
+        self._values = np.where((new_holds > 0) & (is_first | is_new), new, old)
+
+    def value(self, index: int) -> float:
+        """Returns the value of the table `index`."""
+        holds = int(self._holds[index])
+        if self._name in OF_CONDITIONS:
+            return holds / self._rows if self._name == "share" else float(holds)
+        return float(self._values[index]) if holds else math.nan
+
+    def _rows_of(self, values: np.ndarray, holds: np.ndarray) -> np.ndarray:
+        """Returns the selected row of each table `(n,)`."""
+        match self._name:
+            case "min":
+                return values.argmin(axis=1)
+            case "max":
+                return values.argmax(axis=1)
+            case "first":
+                return holds.argmax(axis=1)
+        return holds.shape[1] - 1 - holds[:, ::-1].argmax(axis=1)
+
+
+def _is_joint(metric: Metric) -> bool:
+    """Returns whether a metric is computed over all tables together: its aggregates select or count rows."""
+    return all(
+        call.name in JOINT and not any(isinstance(node, AggregateCall) for node in walk(call) if node is not call)
+        for call in metric.aggregates
+    )
 
 
 def parse_metric(text: str, columns: Sequence[str] | Vocabulary, label: str) -> Metric:

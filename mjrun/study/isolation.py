@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import cast
 
 from mjrun.errors import MjrunError
 from mjrun.simulation.input_snapshot import InputSnapshot
@@ -120,9 +121,9 @@ class IsolatedSimulator:
             reply = self._worker.receive(START if is_new else time_limit * max(left, 1))
             if reply.failure:
                 raise reply.failure.error("the simulation process failed")
-            if isinstance(reply.value, PointResult):
-                left -= 1
-                yield reply.value
+            if isinstance(reply.value, list):
+                left -= len(cast("list[PointResult]", reply.value))
+                yield from reply.value
             elif isinstance(reply.value, WorkerVersions) and reply.value not in self.worker_versions:
                 self.worker_versions += (reply.value,)
 

@@ -38,8 +38,8 @@ class PointServer:
         self._spec = replace(spec, base=replace(spec.base, snapshot=snapshot))
         self._simulator = PointSimulator(self._spec)
 
-    def simulate(self, points: "Sequence[StudyPoint]") -> "Iterator[PointResult | WorkerVersions]":
-        """Yields the result of each point in any order, and finally the versions that they were simulated with."""
+    def simulate(self, points: "Sequence[StudyPoint]") -> "Iterator[Sequence[PointResult] | WorkerVersions]":
+        """Yields the results of points in any order, and finally the versions that they were simulated with."""
         from mjrun.study.spec import WorkerVersions
 
         yield from self._simulator.run(points)

@@ -26,7 +26,7 @@ from mjrun.physics.warp_device import WarpDevice, WarpFields
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns
 from mjrun.probe.fields import FieldProbe
-from mjrun.probe.metric import Metric, MetricEvaluation
+from mjrun.probe.metric import Metric, MetricBatch, MetricEvaluation
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, Status, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
@@ -62,8 +62,8 @@ class PointSimulator:
             self._most, self._most_bytes = WORLDS, WORLD_BYTES
             self._world_fields = WarpFields(device)
 
-    def run(self, points: Sequence[StudyPoint]) -> Iterator[PointResult]:
-        """Yields the result of each point when it is known, in any order."""
+    def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
+        """Yields the results of points as soon as they are known, in any order."""
         batches = dict[object, list[_ReadyPoint]]()
         sizes = dict[int, int]()  # memory of their models, by id
         with collected_warnings(), without_timers():
@@ -73,20 +73,20 @@ class PointSimulator:
                     ready = self._ready(point)
                     ready.wall = time.perf_counter() - start
                 except Exception as error:
-                    yield self._failed(point, error, 0, time.perf_counter() - start)
+                    yield [self._failed(point, error, 0, time.perf_counter() - start)]
                     continue
                 if ready.kind is None:
-                    yield self._alone(ready)
+                    yield [self._alone(ready)]
                     self._variants.reuse(ready.variant)
                     continue
                 batches.setdefault(ready.kind, []).append(ready)
                 sizes |= _model_sizes([ready])
                 if sum(map(len, batches.values())) == self._most or sum(sizes.values()) > self._most_bytes:
                     largest = max(batches, key=lambda kind: len(batches[kind]))
-                    yield from self._side_by_side(batches.pop(largest))
+                    yield [*self._side_by_side(batches.pop(largest))]
                     sizes = _model_sizes([ready for batch in batches.values() for ready in batch])
             for batch in batches.values():
-                yield from self._side_by_side(batch)
+                yield [*self._side_by_side(batch)]
 
     def _ready(self, point: StudyPoint) -> "_ReadyPoint":
         simulation = self._spec.simulation(point.values)
@@ -134,17 +134,18 @@ class PointSimulator:
         try:
             stepper = ready.simulation.stepper(ready.variant.model)
             rows = ready.timeline.rows(every=self._spec.every)
+            metrics = MetricEvaluation(ready.compiled.metrics, ready.sampler.names)
             if isinstance(stepper, PhysicsStepper):
                 for part in ready.sampler.blocks(stepper, rows):
-                    ready.metrics.feed(part().values)
+                    metrics.feed(part().values)
             else:
-                buffer = RowBuffer(ready.sampler, rows, lambda block: ready.metrics.feed(block.values))
+                buffer = RowBuffer(ready.sampler, rows, lambda block: metrics.feed(block.values))
                 observe(stepper, [Tap(rows, ready.sampler.read, buffer.add)], rows[-1])
                 buffer.flush()
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)
-        return ready.result(time.perf_counter() - start)
+        return ready.result(metrics.values(), time.perf_counter() - start)
 
     def _side_by_side(self, batch: Sequence["_ReadyPoint"]) -> Iterator[PointResult]:
         begin = time.perf_counter()
@@ -162,8 +163,9 @@ class PointSimulator:
         if not started:
             return
 
+        metrics = MetricBatch(batch[0].compiled.metrics, batch[0].sampler.names, len(started))
         try:
-            failures = self._roll_out(started, np.array(starts))
+            failures = self._roll_out(started, np.array(starts), metrics)
         except Exception as error:  # of all points, such as a model that the engine refuses
             yield from (self._failed(ready.point, error, 0, ready.wall) for ready in started)
             return
@@ -173,11 +175,13 @@ class PointSimulator:
             if failure := failures.get(index):
                 yield self._failed(ready.point, failure, failure.step, ready.wall + wall)
             else:
-                yield ready.result(wall)
+                yield ready.result(metrics.values(index), wall)
         for ready in batch:
             self._variants.reuse(ready.variant)
 
-    def _roll_out(self, points: Sequence["_ReadyPoint"], starts: np.ndarray) -> dict[int, SimulationError]:
+    def _roll_out(
+        self, points: Sequence["_ReadyPoint"], starts: np.ndarray, metrics: MetricBatch
+    ) -> dict[int, SimulationError]:
         """Measures the rows of every simulation; returns the errors of those that failed, by index."""
         first = points[0]
         models = [ready.variant.model for ready in points]
@@ -186,14 +190,12 @@ class PointSimulator:
         for block in joined(self._engine.rollout(models, starts, None, steps, first.sampler.fields, every), ENOUGH):
             failures |= block.failures
             wanted = len(block.steps) - (block.steps[-1] % every != 0)  # the last step may not be an N-th one
-            shared = first.sampler.tables(block, wanted)
+            tables = first.sampler.tables(block, wanted)
             for index, ready in enumerate(points):
-                count = min(int(block.counts[index]), wanted)
-                if count > 0:
-                    rows = shared[index]
-                    if ready.sampler is not first.sampler:
-                        (rows,) = ready.sampler.tables(block, wanted, slice(index, index + 1))
-                    ready.metrics.feed(rows[:count])
+                if ready.sampler is not first.sampler:
+                    tables[index] = ready.sampler.tables(block, wanted, slice(index, index + 1))[0]
+            if wanted:
+                metrics.feed(tables, np.minimum(block.counts, wanted))
         return failures
 
     def _failed(self, point: StudyPoint, error: Exception, steps: int, wall: float) -> PointResult:
@@ -227,15 +229,15 @@ class _CompiledModel:
         self._model = model
         self._timeline: Timeline | None = None
         self._sampler: ProbeSampler | None = None
+        self._reads_model = False
 
     def sampler(self, variant: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
         """Returns the sampler of the columns of all metrics; variants share it if it does not read their numbers."""
-        if self._timeline != timeline:
+        if self._sampler is None or self._timeline != timeline:
             self._timeline, self._sampler = timeline, self._new_sampler(self._model, timeline)
-        sampler = self._sampler
-        assert sampler
-        reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in sampler.probes)
-        return self._new_sampler(variant, timeline) if reads_model else sampler
+            probes = self._sampler.probes
+            self._reads_model = any(isinstance(probe, FieldProbe) and probe.reads_model for probe in probes)
+        return self._new_sampler(variant, timeline) if self._reads_model else self._sampler
 
     def _new_sampler(self, model: mujoco.MjModel, timeline: Timeline) -> ProbeSampler:
         return ProbeSampler(model, metric_columns(self.metrics), timeline, self._episode)
@@ -245,6 +247,8 @@ class _ReadyPoint:
     """A point that is ready to be simulated.
 
     Attributes:
+      compiled: its compilation.
+      timeline, sampler: its steps, and the columns of its metrics.
       kind: key of points that can run side by side; None for a point that can only run alone.
       wall: wall time until it was ready, including its compilation [s].
     """
@@ -254,16 +258,16 @@ class _ReadyPoint:
     ) -> None:
         self.point, self.simulation, self.variant = point, simulation, variant
         self.timeline = simulation.timeline(variant.model)
+        self.compiled = compiled
         self.sampler = compiled.sampler(variant.model, self.timeline)
-        self.metrics = MetricEvaluation(compiled.metrics, [column.name for column in self.sampler.columns])
         self.kind: tuple[object, ...] | None = None
         if self._can_share():
             self.kind = (compiled.structure, self.timeline.steps)
         self.wall = 0.0
 
-    def result(self, wall: float) -> PointResult:
+    def result(self, metrics: tuple[float, ...], wall: float) -> PointResult:
         """Returns the result of a simulation that has reached its end, `wall` seconds after it was ready."""
-        return PointResult(self.point.index, "ok", self.metrics.values(), self.timeline.steps, wall=self.wall + wall)
+        return PointResult(self.point.index, "ok", metrics, self.timeline.steps, wall=self.wall + wall)
 
     def _can_share(self) -> bool:
         simulation = self.simulation
@@ -271,7 +275,7 @@ class _ReadyPoint:
         if any(each is not None for each in alone) or simulation.push or simulation.ctrl_noise:
             return False
         model = self.sampler.model
-        return not model.opt.enableflags & SLEEP and all(isinstance(p, FieldProbe) for p in self.sampler.probes)
+        return not model.opt.enableflags & SLEEP and self.sampler.reads_fields_only
 
 
 def _model_sizes(points: Sequence[_ReadyPoint]) -> dict[int, int]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mjrun.errors import UnknownNameError, UsageError
-from mjrun.probe.metric import MetricEvaluation, parse_metric
+from mjrun.probe.metric import MetricBatch, MetricEvaluation, parse_metric
 
 RNG = np.random.default_rng(4)
 X, Y = RNG.normal(size=1500), RNG.normal(size=1500)
@@ -39,6 +39,30 @@ def test_the_value_is_that_of_numpy(text: str, expected: float) -> None:
 def test_the_value_does_not_depend_on_the_blocks() -> None:
     text = "std(x) + quantile(y, .3) + mean(x, y > 0)"
     assert value(text) == value(text, (1, 511, 700, 288))
+
+
+SIDE_BY_SIDE = (
+    *("min(x)", "max(x)", "first(x)", "last(x)", "share(x > 0)", "count(x > 0)", "count(y > 100)"),
+    *("min(x, y > 1)", "max(x, y > 1)", "first(x, y > 1)", "last(x, y > 1)", "first(x, y > 100)", "max(x, y > 100)"),
+    *("max(abs(x - y)) - min(y)^2", "mean(x)", "max(x - first(x))"),
+)
+
+
+@pytest.mark.parametrize("sizes", [(1300,), (1, 511, 700, 88), (600, 700)])
+def test_tables_side_by_side_have_the_values_of_each_alone(sizes: tuple[int, ...]) -> None:
+    tables = np.random.default_rng(5).normal(size=(5, 1300, 2))
+    tables[1, 5, 0] = tables[3, 700, 0] = math.nan
+    tables[2, :, 0], tables[4, 3, 0], tables[4, :, 1] = math.inf, -math.inf, 5
+    metrics = [parse_metric(text, ["x", "y"], "metric") for text in SIDE_BY_SIDE]
+    batch = MetricBatch(metrics, ["x", "y"], 5)
+    alone = [MetricEvaluation(metrics, ["x", "y"]) for _ in tables]
+    start = 0
+    for size in sizes:
+        batch.feed(tables[:, start : start + size], np.full(5, size))
+        for evaluation, table in zip(alone, tables, strict=True):
+            evaluation.feed(table[start : start + size])
+        start += size
+    np.testing.assert_array_equal([batch.values(i) for i in range(5)], [each.values() for each in alone])
 
 
 def test_without_rows_there_is_no_value() -> None:

@@ -322,7 +322,9 @@ def test_a_study_varies_seeds_and_the_model_under_a_policy(task: Path, tmp_path:
     spec.base.load()  # which leaves nothing behind that cannot be sent to another process
     spec = pickle.loads(pickle.dumps(spec))
     points = [("1", "500"), ("2", "500"), ("2", "2000")]
-    results = {r.index: r for r in PointSimulator(spec).run([StudyPoint(i, p) for i, p in enumerate(points)])}
+    results = {
+        r.index: r for part in PointSimulator(spec).run([StudyPoint(i, p) for i, p in enumerate(points)]) for r in part
+    }
     for index, (seed, density) in enumerate(points):
         simulation = Simulation(read_task(task), policy=policy, seed=int(seed), set={"geom/lower.density": density})
         alone = Trace(simulation, str(tmp_path / "t.csv"), probe=["reward", "return"]).run()

@@ -17,7 +17,7 @@ from mjrun.study import point_server
 from mjrun.study.isolation import IsolatedSimulator, end_process, run_chunk
 from mjrun.study.point_server import PointServer, new_worker, start_early
 from mjrun.study.simulate import PointSimulator
-from mjrun.study.spec import PointChunk, PointResult, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
+from mjrun.study.spec import PointChunk, ShippedStudy, StudyPoint, StudySpec, WorkerVersions
 
 METRICS = (("low", "min(qpos/ball/z)"),)
 
@@ -48,7 +48,7 @@ def points(spec: StudySpec, *names: str) -> tuple[StudyPoint, ...]:
 
 def test_the_results_are_those_of_this_process_in_the_order_of_the_points(spec: StudySpec) -> None:
     wanted = points(spec, "ball", "ball", "none", "ball")
-    here = {result.index: result for result in PointSimulator(spec).run(wanted)}
+    here = {result.index: result for part in PointSimulator(spec).run(wanted) for result in part}
     study = shipped(spec, wanted)
     for _ in range(2):  # the second time in the same process
         there = run_chunk(PointChunk(study, wanted)).results
@@ -96,8 +96,9 @@ def test_each_point_has_a_result_and_each_chunk_its_versions(ball: Simulation) -
     server = PointServer()
     server.open(study.spec, study.snapshot.root)
     for chunk in ([StudyPoint(4, ("1",)), StudyPoint(2, ("2",))], [], [StudyPoint(9, ("3",))]):
-        *results, worker_versions = server.simulate(chunk)
-        assert {each.index for each in results if isinstance(each, PointResult)} == {point.index for point in chunk}
+        *parts, worker_versions = server.simulate(chunk)
+        results = [result for part in parts if isinstance(part, list) for result in part]
+        assert {result.index for result in results} == {point.index for point in chunk}
         assert worker_versions == WorkerVersions.here([])
 
 

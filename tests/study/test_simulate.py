@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 
 import mujoco
@@ -37,8 +38,8 @@ def spec_of(tmp_path: Path, names: tuple[str, ...], every: int = 1, **options: o
 
 
 def simulated(spec: StudySpec, points: list[tuple[str, ...]]) -> list[PointResult]:
-    results = PointSimulator(spec).run([StudyPoint(index, values) for index, values in enumerate(points)])
-    return sorted(results, key=lambda result: result.index)
+    parts = PointSimulator(spec).run([StudyPoint(index, values) for index, values in enumerate(points)])
+    return sorted(chain.from_iterable(parts), key=lambda result: result.index)
 
 
 def bare(z: float = 0.3, size: float = 0.1, every: int = 1, steps: int = 300) -> tuple[float, float, float]:
