@@ -295,8 +295,8 @@ class ChildProcess:
 def may_fork() -> bool:
     """Returns whether a copy of this process can continue by itself: it has no thread, not even of a library."""
     try:
-        return system.CAN_FORK and len([*Path("/proc/self/task").iterdir()]) == 1
-    except OSError:  # not on Linux, where system libraries may not survive it
+        return system.CAN_FORK_LATE and len([*Path("/proc/self/task").iterdir()]) == 1
+    except OSError:  # not on Linux, or confined
         return False
 
 
