@@ -16,7 +16,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import ControllerError, UsageError, clean, listing, option
 from mjrun.model import state
 from mjrun.model.names import control_names
-from mjrun.physics.controller_access import used_fields
+from mjrun.physics.controller_access import access_of
 from mjrun.physics.timed_rows import TimedRows
 from mjrun.timeline import nearest, seconds
 
@@ -59,7 +59,6 @@ class PeriodicController:
 
     Attributes:
       name: the name of the controller, for messages.
-      fields: the attributes of `data` that it uses; None if it may use others.
 
     Raises:
       ControllerError: it does not take (model, data).
@@ -79,9 +78,14 @@ class PeriodicController:
             )
         if not _takes(controller, 2):
             raise ControllerError(f"the controller {self.name} must take (model, data)")
-        self.fields = used_fields(controller)
-        if self._reset is not None and used_fields(self._reset) is None and _takes(self._reset, 2):
-            self.fields = None  # it may remember the data that its reset is called with
+        self._access = access_of(controller)
+        if self._reset is not None and access_of(self._reset) is None and _takes(self._reset, 2):
+            self._access = None  # it may remember the data that its reset is called with
+
+    @property
+    def fields(self) -> frozenset[str] | None:
+        """The fields of `data` that it uses; None if it may use others."""
+        return self._access.fields if self._access and self._access.holds else None
 
     def next_change(self, step: int) -> int:
         """Returns the first step after `step` at which the controller is called."""
@@ -99,7 +103,7 @@ class PeriodicController:
             arguments = (model, data) if _takes(self._reset, 2) else ()
             self._call(lambda: "reset", self._reset, *arguments)
 
-    def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int, guarded: Sequence[str] = state.MOTION) -> None:
+    def act(self, model: mujoco.MjModel, data: mujoco.MjData, step: int, guarded: Sequence[str]) -> None:
         """Calls the controller, which sets the inputs in `data`.
 
         Args:

@@ -1,7 +1,6 @@
 """Steppers: physics moved to an exact step, with the first bad step found when a simulation fails."""
 
 import copy
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -135,6 +134,7 @@ class PhysicsStepper:
         # The state on arrival at a step, without its new inputs; and another, which is written meanwhile.
         self._saved_state, self._next_state = np.empty((2, state.size(self.model)))
         self._saved_step = -1
+        self._inputs = np.empty(state.size(self.model, state.INPUTS))
         self._moving = state.moving(self.model)
         # A state does not include bodies that sleep, nor what contacts of flexes carry from step to step.
         self._needs_copy = bool(self.model.opt.enableflags & SLEEP) or self.model.nflex > 0
@@ -146,9 +146,7 @@ class PhysicsStepper:
         self._sources = [source for source in (self.control.controller, self.control.inputs, pushes) if source]
         if self.control.controller:
             self.control.controller.reset(self.model, self._copied_instant())
-            self._guarded = self._fields_in_place(self.control.controller)
-            fields = self.control.controller.fields
-            self._may_move_poses = fields is None or not fields.isdisjoint(state.POSITION_INPUTS)
+            self._permit(self.control.controller.fields)
         self._arrive()
         self._start = self.state()
         self._initial: mujoco.MjData | None = None
@@ -267,30 +265,37 @@ class PhysicsStepper:
         assert self._pushes
         self._data.xfrc_applied[:] = self._unpushed + self._pushes.on_bodies(self._data, self.step)
 
-    def _fields_in_place(self, controller: PeriodicController) -> Sequence[str] | None:
-        """Returns the fields to guard while the controller works on the data of the step; None if it needs a copy."""
-        fields = controller.fields
-        if self._integrate is None or fields is None or not need_only_motion(self.model, fields):
-            return None
-        arrays = (name for name in fields if isinstance(getattr(self._data, name), np.ndarray))
-        return [name for name in arrays if name not in state.INPUT_FIELDS]
+    def _permit(self, fields: frozenset[str] | None) -> None:
+        """Prepares calls of a controller that uses these fields; None if it may use others.
+
+        It works on the data of the step if that is enough, and otherwise on a copy.
+        """
+        self._in_place = bool(self._integrate and fields is not None and need_only_motion(self.model, fields))
+        used = (*state.MOTION, *state.POSITION_INPUTS) if fields is None else fields
+        values = {name: getattr(self._data, name, None) for name in used}
+        arrays = [name for name, value in values.items() if isinstance(value, np.ndarray) and value.size]
+        self._guarded = [name for name in arrays if name not in state.INPUT_FIELDS]
+        self._may_move_poses = any(name in state.POSITION_INPUTS for name in arrays)
 
     def _call_controller(self, controller: PeriodicController) -> None:
         """Calls the controller, which sets the inputs. It reads and writes `xfrc_applied` without the pushes."""
+        if self._in_place and controller.fields is None:  # a function that it calls has been replaced
+            self._permit(None)
         varies = self.control.varies  # otherwise, only a controller changes controls
         if varies:
             self._data.ctrl[:] = self.control.constant
         warnings = self._data.warning.number.copy() if self._may_move_poses else None
         if self._integrate:
             self._derive_motion()
-        data = self._data if self._guarded is not None else self._copied_instant()
+        data = self._data if self._in_place else self._copied_instant()
         poses = _poses(data) if self._may_move_poses else b""
         if self._pushes:
             data.xfrc_applied[:] = self._unpushed
 
-        controller.act(self.model, data, self.step, state.MOTION if self._guarded is None else self._guarded)
+        controller.act(self.model, data, self.step, self._guarded)
         if data is not self._data:
-            state.restore(self.model, self._data, state.save(self.model, data, state.INPUTS), state.INPUTS)
+            mujoco.mj_getState(self.model, data, self._inputs, state.INPUTS)
+            mujoco.mj_setState(self.model, self._data, self._inputs, state.INPUTS)
         if self._integrate is None:
             self._computed = STATE
         elif warnings is not None and poses != _poses(self._data):

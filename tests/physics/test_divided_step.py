@@ -77,13 +77,50 @@ def overwrites_what_is_derived(model, data):
     data.ctrl[1] = data.xpos[1, 0]
 
 
+def helper(model, data):
+    return [0.0, 0.0]
+
+
+def passes_its_data(model, data):
+    return helper(model, data)
+
+
 def idle(model, data):
     pass
 
 
+def passes_on(model, data):
+    overwrites_what_is_derived(model, data)
+    moves_the_hand(model, data)
+    return servo(model, data)
+
+
+def reads_by_name(model, data):
+    jacobian, velocity, product = np.zeros((3, model.nv)), np.zeros(6), np.zeros(model.nv)
+    mujoco.mj_jacSite(model, data, jacobian, None, 0)
+    mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, 2, velocity, 0)
+    mujoco.mj_mulM(model, data, product, data.qvel)
+    data.actuator(1).ctrl = data.site("tip").xpos[2] - data.joint("arm").qvel
+    data.ctrl[0] = jacobian[0, 6] + velocity[1] + product[6]
+
+
+class Phases:
+    """A controller with methods that get the data."""
+
+    def __call__(self, model, data):
+        return self.rest(data) if data.time < 0.05 else self.work(model, data)
+
+    def rest(self, data):
+        return [data.qpos[7], data.cvel[2, 0]]
+
+    def work(self, model, data):
+        moves_the_hand(model, data)
+        return self.rest(data)
+
+
 CONTROLLERS = (
     *(servo, measures, moves_the_hand, moves_the_hand_and_measures, tries_another_pose, overwrites_what_is_derived),
-    idle,
+    *(idle, passes_on, reads_by_name, Phases()),
 )
 
 
@@ -156,6 +193,40 @@ def test_looking_at_some_instants_does_not_change_the_motion(
     for each in (watched, alone):
         each.advance(STEPS)
     assert watched.state().tobytes() == alone.state().tobytes()
+
+
+class Locates:
+    """A controller that notes where the data is."""
+
+    def __init__(self) -> None:
+        self.places: set[int] = set()
+
+    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.note(data)
+        overwrites_what_is_derived(model, data)
+
+    def note(self, data: mujoco.MjData) -> None:
+        self.places.add(data.qpos.ctypes.data)
+
+
+def test_functions_that_get_the_data_work_on_the_data_of_the_step() -> None:
+    controller = Locates()
+    run = stepper(scene(), controller)
+    run.advance(3)
+    assert controller.places == {run.instant().qpos.ctypes.data}
+
+
+def test_a_function_that_is_replaced_meanwhile_may_read_everything(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = scene()
+    expected = instants(model, lambda model, data: measures(model, data) if data.time else helper(model, data))
+    found: dict[str, list[bytes]] = {field: [] for field in FIELDS}
+    run = stepper(model, passes_its_data)  # which calls it at step 0
+    monkeypatch.setitem(globals(), "helper", measures)
+    for step in range(1, STEPS):
+        run.advance(step)
+        for field in FIELDS:
+            found[field].append(np.asarray(getattr(run.instant(), field)).tobytes())
+    assert found == {field: rows[1:STEPS] for field, rows in expected.items()}
 
 
 def scene(**options: str) -> mujoco.MjModel:
