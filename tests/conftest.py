@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 from unittest import mock
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # for mujoco.Renderer, the oracle of drawing
@@ -25,6 +25,7 @@ from hypothesis import HealthCheck, settings
 
 import mjrun.cli.main as cli
 from mjrun.errors import NoRendererError
+from mjrun.physics import warp_device
 from mjrun.platform import cores, system
 from mjrun.rendering import backend as backend_module
 from mjrun.rendering.backend import Backend, BackendDetection, VulkanDetection
@@ -117,6 +118,20 @@ def exploding(tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def backends_are_tried_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backend_module, "BackendTrialProcess", RememberedTrial)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warp_compiles_without_optimization() -> Iterator[None]:
+    """Halves the time in which Warp compiles the kernels, from which tests ask for a few steps only."""
+    imported = warp_device._imported
+
+    def unoptimized() -> tuple[Any, Any]:
+        warp, library = imported()
+        warp.config.optimization_level = 0
+        return warp, library
+
+    with mock.patch.object(warp_device, "_imported", unoptimized):
+        yield
 
 
 @pytest.fixture(scope="session")

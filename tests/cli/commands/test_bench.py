@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.physics import test_warp_engine
+
 if TYPE_CHECKING:
     from tests.conftest import Command
 
@@ -242,11 +244,13 @@ def test_an_engine_that_is_not_installed_is_named_with_its_extra(mjrun_here: Com
     assert b"pip install 'mjrun[warp]'" in done.stderr
 
 
-def test_many_worlds_are_timed_and_standard_output_is_the_document_alone(mjrun_here: Command, swing: Path) -> None:
+def test_many_worlds_are_timed_and_standard_output_is_the_document_alone(mjrun_here: Command) -> None:
     pytest.importorskip("mujoco_warp")
+    model = mjrun_here.folder / "model.xml"
+    model.write_text(test_warp_engine.MODEL.format(integrator="Euler"))  # whose kernels are compiled anyway
     few = ("--device", "cpu", "--worlds", "2", "--steps", "2", "--repeats", "1", "--budget", ".1")
     # Warp leaves a temporary folder to the interpreter, and tells on stderr where there is no driver.
-    done = mjrun_here("bench", swing, "--engine", "warp", *few, "--json", env={"PYTHONWARNINGS": ""})
+    done = mjrun_here("bench", model, "--engine", "warp", *few, "--json", env={"PYTHONWARNINGS": ""})
     assert done.returncode == 0
     assert b"Traceback" not in done.stderr
     found = json.loads(done.stdout)
