@@ -293,7 +293,7 @@ def test_a_run_within_another_program_leaves_signals_to_be_heard() -> None:
 
 @pytest.mark.slow
 def test_a_reader_that_goes_away_ends_the_film_quietly(mjrun: Command, swing: Path) -> None:
-    with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "1000", "--jobs", "1", *SMALL) as child:
+    with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "100", "--jobs", "1", *SMALL) as child:
         assert child.stdout
         assert child.stderr
         assert child.stdout.read(100)

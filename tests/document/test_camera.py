@@ -379,7 +379,7 @@ trees = st.recursive(
 
 
 @given(st.lists(trees, max_size=4))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_no_shots_do_anything_but_be_read_or_be_told_what_is_wrong_with_them(shots: list[str]) -> None:
     Path("c.yaml").write_text("shots:\n" + "".join(f"  - {shot}\n" for shot in shots))
     try:

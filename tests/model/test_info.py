@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 from mjrun.document.json_schema import report_schema
-from mjrun.errors import BrokenModelError, MjrunWarning, ModelNotFoundError, UnknownNameError
+from mjrun.errors import MjrunWarning, ModelNotFoundError, UnknownNameError
 from mjrun.model.description.model_description import SECTIONS
 from mjrun.model.info import Info, InfoResult
 from mjrun.model.override import Override
@@ -146,37 +146,3 @@ def test_sensors_and_joints_have_the_units_of_their_columns(path: Path) -> None:
             assert column.unit == found.joints[column.id].unit
         if group == "sensor" and column.unit:
             assert column.unit == found.sensors[column.id].unit
-
-
-class Listener:
-    """A reporter that keeps what it is told."""
-
-    def __init__(self) -> None:
-        self.warned: list[str] = []
-
-    def note(self, text: str) -> None: ...
-
-    def ask(self, text: str) -> None: ...
-
-    def warn(self, text: str) -> None:
-        self.warned.append(text)
-
-    def progress(self, what: str, done: int, total: int) -> None: ...
-
-
-def test_every_real_model_is_described_or_refused(shared_models: Path) -> None:
-    described = 0
-    for path in sorted([*shared_models.rglob("*.xml"), *SCENES]):
-        listener = Listener()
-        try:
-            result = Info(path).run(listener)
-        except BrokenModelError:
-            assert "malformed" in path.parts
-            continue
-        assert len(listener.warned) == len(result.warnings)
-        assert strict(result.document())["summary"]["file"] == str(path)
-        description = result.description
-        assert description.summary.mass == mujoco.mj_getTotalmass(description.model)
-        assert all(asset.bytes for asset in description.assets if asset.path)
-        described += 1
-    assert described > 30

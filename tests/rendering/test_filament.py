@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from unittest import mock
 
 import mujoco
 import numpy as np
@@ -88,21 +89,41 @@ def pose(camera: str, model: mujoco.MjModel, state: np.ndarray) -> Pose:
     return CameraMotion(parse_camera(camera, model), model, SIZE).pose(state)
 
 
+class ReusedProcess:
+    """A process of Filament in which one renderer after another opens a model, since it takes long to start."""
+
+    def __init__(self) -> None:
+        self._worker = filament._started()
+        self.send, self.receive, self.end = self._worker.send, self._worker.receive, self._worker.close
+
+    def close(self) -> None:
+        """Keeps the process for the next renderer."""
+
+
 class Draw:
-    """Draws a model after some steps. The last renderers stay open, since a process of Filament takes long to start."""
+    """Draws a model after some steps. The first renderer without options stays open, and the last other one."""
 
     def __init__(self, renderer: type, backend: Backend) -> None:
         self._make = lambda model, visual: renderer(model, SIZE, backend, visual, Segmentation(model))
         self._open: dict[tuple[mujoco.MjModel, str], ClassicRenderer | FilamentRenderer] = {}
+        self._plain: tuple[mujoco.MjModel, str] | None = None
+        self._process = ReusedProcess() if renderer is FilamentRenderer else None
+
+    def _opened(self, key: tuple[mujoco.MjModel, str], visual: Visual) -> ClassicRenderer | FilamentRenderer:
+        if self._plain is None and visual == Visual():
+            self._plain = key
+            return self._make(key[0], visual)
+        for other in self._open.keys() - {self._plain}:
+            self._open.pop(other).close()
+        with mock.patch.object(filament, "_started", return_value=self._process):
+            return self._make(key[0], visual)
 
     def __call__(
         self, model: mujoco.MjModel, views: tuple[str, ...] = ("rgb",), camera: str = "side", steps: int = 5, **visual
     ) -> RenderedView:
         key = (model, repr(visual))
         if key not in self._open:
-            if len(self._open) > 2:
-                self._open.pop([*self._open][1]).close()  # not the first, which draws without any options
-            self._open[key] = self._make(model, Visual(**visual))
+            self._open[key] = self._opened(key, Visual(**visual))
         renderer, state = self._open[key], save(model, after(model, steps))
         if isinstance(renderer, ClassicRenderer):
             renderer.make_current()
@@ -115,6 +136,8 @@ class Draw:
             if isinstance(renderer, ClassicRenderer):
                 renderer.make_current()
             renderer.close()
+        if self._process:
+            self._process.end()
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,9 @@ from mjrun.cli.commands.schema import schema_of
 from mjrun.cli.info_sections import SECTIONS as SHOWN
 from mjrun.cli.info_sections import LineSection
 from mjrun.cli.page_layout import PageLayout
-from mjrun.errors import clean
+from mjrun.errors import BrokenModelError, clean
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
-from mjrun.model.mujoco_globals import collected_warnings
+from mjrun.model.info import Info
 from tests.document.schema_oracle import fits
 
 if TYPE_CHECKING:
@@ -197,25 +197,59 @@ def test_a_model_that_mujoco_refuses_is_sent_to_check_which_says_more(
     assert b"says where" not in mjrun_here(command, HUMANOID, "--set", "geom/floor.material=none").stderr
 
 
-def test_every_real_model_has_a_page(shared_models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def page_of(found: ModelDescription) -> str:
+    """All sections, in the columns that fit into the terminal."""
+    page = PageLayout()
+    for name, section in SHOWN.items():
+        if isinstance(section, LineSection):
+            page.lines(name, section.lines(found))
+        else:
+            rows = found.section(name)
+            page.table(name, section.columns(rows, found.model), len(rows))
+    return page.text()
+
+
+class Listener:
+    """A reporter that keeps warnings."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def note(self, text: str) -> None: ...
+
+    def ask(self, text: str) -> None: ...
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def progress(self, what: str, done: int, total: int) -> None: ...
+
+
+def test_every_real_model_has_a_document_and_a_page_or_is_refused(
+    shared_models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    for path in sorted(shared_models.rglob("*.xml")):
-        with collected_warnings():
-            try:
-                found = ModelDescription(mujoco.MjModel.from_xml_path(str(path)), path)
-            except ValueError:
-                continue  # which the next test looks at
-            page = PageLayout()
-            for name, section in SHOWN.items():
-                if isinstance(section, LineSection):
-                    page.lines(name, section.lines(found))
-                else:
-                    rows = found.section(name)
-                    page.table(name, section.columns(rows, found.model), len(rows))
-        text = page.text()
+    described = 0
+    for path in sorted([*shared_models.rglob("*.xml"), *SCENES]):
+        listener = Listener()
+        try:
+            result = Info(path).run(listener)
+        except BrokenModelError:
+            assert "malformed" in path.parts
+            continue
+        assert len(listener.warnings) == len(result.warnings)
+        document = json.loads(json.dumps(result.document(), allow_nan=False))
+        assert document["summary"]["file"] == str(path)
+        description = result.description
+        assert description.summary.mass == mujoco.mj_getTotalmass(description.model)
+        assert all(asset.bytes for asset in description.assets if asset.path)
+        described += 1
+
+        text = page_of(description)
         without_path = (line for line in text.splitlines() if str(path) not in line)  # a path is never broken
         assert all(cell_len(line) <= 80 for line in without_path)
         assert text.count("\n\n") == len(SECTIONS) - 1
+    assert described > 30
 
 
 @pytest.mark.parametrize("pattern", ["malformed/*.xml", "humanoid/22_humanoids.xml", "plugin/*/*.xml"])
