@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import groupby
 from pathlib import Path
+from threading import Lock
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from mjrun.model.table_column import Column
 from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import LAZY, FieldProbe, InstantProbe, Probe, extents, recorded_probe
 from mjrun.probe.select import ALIASES, PAIRS, select
+from mjrun.task.data_batch import DataBatch
 
 NONE, POSITION, VELOCITY, ACCELERATION = range(4)  # MuJoCo's stages of computation, `mjtStage`
 # Derived fields that are complete before the last stage; all others need the last.
@@ -166,41 +168,81 @@ class MeasurementPlan:
         return STAGES.get(field, ACCELERATION)
 
 
+class _DataColumns:
+    """Columns that are read from an MjData.
+
+    Attributes:
+      measured: probes, and the places of their columns.
+    """
+
+    def __init__(self) -> None:
+        self.measured: list[tuple[slice, InstantProbe]] = []
+        self._computations: list[Callable[[mujoco.MjModel, mujoco.MjData], None]] = []
+        self._computed: list[tuple[slice, str, slice | np.ndarray]] = []
+        self._lock = Lock()  # probes may share memory
+
+    @property
+    def places(self) -> list[slice]:
+        """The places of all columns."""
+        return [place for place, *_ in (*self.measured, *self._computed)]
+
+    def compute(self, place: slice, piece: _FieldPiece) -> None:
+        """Adds numbers of a field that a step leaves out."""
+        if LAZY[piece.field] not in self._computations:
+            self._computations.append(LAZY[piece.field])
+        self._computed.append((place, piece.field, as_slice(piece.places)))
+
+    def read(self, model: mujoco.MjModel, data: mujoco.MjData, row: np.ndarray) -> None:
+        """Writes the columns into a row; changes fields that a step computes from the state."""
+        if self.measured:
+            with self._lock:
+                for place, probe in self.measured:
+                    row[place] = probe.measure(model, data)
+        for computation in self._computations:
+            computation(model, data)
+        for place, field, places in self._computed:
+            row[place] = getattr(data, field).reshape(-1)[places]
+
+
 class BatchColumns:
     """Columns of the worlds of a batch, as of its last call.
+
+    A `DataBatch` examines the MjData of each world as soon as it is stepped.
 
     Attributes:
       count: the number of columns.
     """
 
-    def __init__(self, batch: Batch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]) -> None:
+    def __init__(
+        self, batch: Batch | DataBatch, plan: MeasurementPlan, model_of: Callable[[int], mujoco.MjModel]
+    ) -> None:
         self._batch, self._model_of = batch, model_of
         self.count = plan.count
         self._state_fields = state.fields(state.sizes(batch.model))
         self._first: dict[str, np.ndarray] = {}  # fields at the start of each episode, for probes that read them
         self._copied: list[tuple[slice, np.ndarray]] = []  # views `(n, …)` of adjacent numbers of a field
         self._reads: list[tuple[slice, Read]] = []
-        self._measured: list[tuple[slice, InstantProbe]] = []
-        self._scratch = mujoco.MjData(batch.model)
-        self._computations: list[Callable[[mujoco.MjModel, mujoco.MjData], None]] = []
-        self._computed: list[tuple[slice, np.ndarray, slice | np.ndarray]] = []  # of fields of the scratch MjData
+        examined = _DataColumns()
         start = 0
         for piece in plan.pieces:
             place = slice(start, start := start + piece.count)
             match piece:
-                case _FieldPiece(field=field, is_left_out=True):
-                    if LAZY[field] not in self._computations:
-                        self._computations.append(LAZY[field])
-                    values = getattr(self._scratch, field).reshape(-1)
-                    self._computed.append((place, values, as_slice(piece.places)))
+                case _FieldPiece(is_left_out=True):
+                    examined.compute(place, piece)
                 case _FieldPiece():
                     self._gather(place, piece)
                 case _ProbePiece(probe=FieldProbe() as probe):
                     compute = self._compute_by_model(piece) if probe.reads_model else self._compute(probe)
                     self._reads.append((place, compute))
                 case _ProbePiece(probe=InstantProbe() as probe):
-                    self._measured.append((place, probe))
-        self._needs_data = bool(self._computed or self._measured)
+                    examined.measured.append((place, probe))
+        self._examined = None
+        if isinstance(batch, DataBatch):
+            values = np.zeros((batch.nsim, plan.count))
+            batch.examine = lambda world, model, data: examined.read(model, data, values[world])
+            self._copied += [(place, values[:, place]) for place in examined.places]
+        elif examined.places:
+            self._examined, self._scratch = examined, mujoco.MjData(batch.model)
 
     @property
     def memory(self) -> list[np.ndarray]:
@@ -218,7 +260,7 @@ class BatchColumns:
             out[:, place] = values[rows]
         for place, read in self._reads:
             read(rows, out[:, place])
-        if self._needs_data:
+        if self._examined:
             self._examine(np.arange(self._batch.nsim)[rows], out)
 
     def reader(self, out: np.ndarray) -> Callable[[], None]:
@@ -231,22 +273,18 @@ class BatchColumns:
                 target[...] = values
             for read, target in reads:
                 read(ALL, target)
-            if self._needs_data:
+            if self._examined:
                 self._examine(np.zeros(1, int), out[None])
 
         return read_all
 
     def _examine(self, worlds: np.ndarray, out: np.ndarray) -> None:
         """Writes the columns that need an MjData into `out` `(k, columns)`."""
+        assert self._examined
+        assert isinstance(self._batch, Batch)
         for row, world in zip(out, worlds.tolist(), strict=True):
-            model, data = self._model_of(world), self._scratch
-            self._batch.get_data(world, data)
-            for place, probe in self._measured:
-                row[place] = probe.measure(model, data)
-            for computation in self._computations:
-                computation(model, data)
-            for place, values, places in self._computed:
-                row[place] = values[places]
+            self._batch.get_data(world, self._scratch)
+            self._examined.read(self._model_of(world), self._scratch, row)
 
     def _gather(self, place: slice, piece: _FieldPiece) -> None:
         """Prepares reading numbers of a field into the columns `place`."""
@@ -282,6 +320,8 @@ class BatchColumns:
     def _compute_by_model(self, piece: _ProbePiece) -> Read:
         """Computes a probe that reads numbers of the model, which may differ from world to world."""
         readers: dict[int, tuple[mujoco.MjModel, Read]] = {}
+        for field in piece.fields:
+            self._batch.bind(field)  # a field that is bound later has no values before the next call
 
         def compute(rows: Rows, out: np.ndarray) -> None:
             for row, world in enumerate(np.arange(self._batch.nsim)[rows].tolist()):

@@ -22,6 +22,7 @@ from mjrun.model.variants import ModelVariants
 from mjrun.options.task import CURRENT, LAGGED
 from mjrun.physics.c_engine import AUTORESET, ENERGY, RK4, SLEEP
 from mjrun.physics.stepper import BAD
+from mjrun.platform.cores import available_cores
 from mjrun.probe.task_expression import TaskColumns
 from mjrun.task.action_map import ActionMap, TargetTorques
 from mjrun.task.batch_columns import (
@@ -36,6 +37,7 @@ from mjrun.task.batch_columns import (
     can_sense,
 )
 from mjrun.task.command_signals import CommandSignals
+from mjrun.task.data_batch import DataBatch
 from mjrun.task.episode import Ending, Endings
 from mjrun.task.episode_start import EpisodeModels, EpisodeStarts
 from mjrun.task.expressions import ACTION, COMMAND, NOTHING, RUNNING, Inputs, TaskExpressions
@@ -158,7 +160,7 @@ class TaskWorlds:
     def world_bytes(self) -> int:
         """The approximate memory of a world [bytes]: its own model, if any, and its MjData in a persistent batch."""
         model = 0 if self._models.is_one else 2 * mujoco.mj_sizeModel(self._first)  # as compiled, and as varied
-        data = mujoco.MjData(self._first).nbuffer if self._is_persistent else 0
+        data = mujoco.MjData(self._first).nbuffer if self._has_datas else 0
         return model + data
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -312,7 +314,7 @@ class TaskWorlds:
         self._torques = TargetTorques(self.actions, model, count)
         self._all = np.arange(count)
 
-    def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch:
+    def _open(self, model: mujoco.MjModel, plan: MeasurementPlan, threads: int) -> Batch | DataBatch:
         """Creates the worlds, on models that compute all measured quantities."""
 
         def prepare(model: mujoco.MjModel) -> None:
@@ -326,8 +328,12 @@ class TaskWorlds:
         first = self._models.variant(0)
         self._first = first.model
         self._each = [first] * self.count
-        self._is_persistent = plan.needs_data or bool(model.opt.enableflags & SLEEP)
-        return Batch(self._first, self.count, threads if self.count > 1 else 1, self._is_persistent)
+        # Which bodies sleep is known to an MjData alone; so may be what models and plugins have in addition.
+        sleeps = bool(model.opt.enableflags & SLEEP)
+        self._has_datas = sleeps or (plan.needs_data and (model.nplugin > 0 or not self._models.is_one))
+        if plan.needs_data and not sleeps:
+            return DataBatch(self._first, self.count, threads or available_cores(), self._has_datas)
+        return Batch(self._first, self.count, threads if self.count > 1 else 1, self._has_datas)
 
     def _load(self, seed: int, world: int) -> None:
         """Puts the initial state of an episode into a world, and draws its model, commands and noise."""

@@ -11,6 +11,7 @@ from mjrun.probe.episode_columns import EpisodeProbe
 from mjrun.probe.fields import FieldProbe
 from mjrun.probe.select import select, selected_columns
 from mjrun.task.batch_columns import ALL, SENSED, BatchColumns, MeasurementPlan, SourceWithSensors, can_sense
+from mjrun.task.data_batch import DataBatch
 
 SOURCE = parse_source("scene:dominos")
 MODEL = SOURCE.load()
@@ -38,7 +39,7 @@ def expected(data: mujoco.MjData, columns: list[str]) -> np.ndarray:
 def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
     body = mujoco.mj_id2name(MODEL, mujoco.mjtObj.mjOBJ_BODY, 1)
     columns = [*names("qvel", "xpos", "energy", "com"), *names(f"cfrc_ext/{body}", "contact"), names("qpos")[2]]
-    columns += [*names("speed", "qpos")[-2::-1], *names("cvel")]
+    columns += [*names("speed", "qpos")[-2::-1], *names("cvel", "momentum")]
     plan = MeasurementPlan(MODEL, columns, can_sense)
     assert plan.needs_energy
     assert plan.sensed == (("cfrc_ext",) if can_sense else ())
@@ -49,9 +50,9 @@ def test_columns_are_those_of_one_mjdata_in_any_order(can_sense: bool) -> None:
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     plain = SOURCE.load()
     plain.opt.enableflags = model.opt.enableflags
-    batch = Batch(model, 3, 2, plan.needs_data)
+    batch = DataBatch(model, 3, 2, persistent=False) if plan.needs_data else Batch(model, 3, 2)
     measurement = BatchColumns(batch, plan, lambda world: model)
-    batch.qvel = np.random.default_rng(0).normal(size=(3, MODEL.nv))
+    batch.bind("qvel")[:] = np.random.default_rng(0).normal(size=(3, MODEL.nv))
     batch.forward()
     measurement.begin(ALL)
     batch.step(nstep=40)
