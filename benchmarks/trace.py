@@ -3,11 +3,12 @@
 Every step is a row with all default columns, energy and exact CSV; `mjrun trace` is timed as a whole process, and its
 start-up, measured with a few rows, is subtracted. The loop is a script with the arguments MODEL NSTEP [KEYFRAME] that
 prints one line of JSON with `us_per_step`, specified by --baseline. Ratios below 1 are better.
-More expensive outputs and inputs are timed, too, in CPU time: the contact table, columns of contacts, a table of
-controls, noise, and a controller called at every step, beside the loop that a user would write for it: `mj_step1`,
-controller, `mj_step2`, with qpos and qvel appended to lists. An episode of the standing humanoid is compared with the
-same loop around the same policy, a network in ONNX and a function in Python, on the same observations; the loop has
-neither rewards nor terminations. A long run of the last model shows that memory stays constant.
+More expensive outputs and inputs are timed, too, in CPU time: the contact table, columns that are read instant by
+instant, a table of controls, noise, and a controller called at every step, beside the loop that a user would write for
+it: `mj_step1`, controller, `mj_step2`, with qpos and qvel appended to lists. Of the other two controllers one passes
+its data on to a function, and one keeps it, so that it must get a copy. An episode of the standing humanoid is compared
+with the same loop around the same policy, a network in ONNX and a function in Python, on the same observations; the
+loop has neither rewards nor terminations. A long run of the last model shows that memory stays constant.
 
     python benchmarks/trace.py
     python benchmarks/trace.py --long 5000000 --models scenes/pendulum.xml
@@ -42,6 +43,25 @@ import numpy as np
 
 def act(model, data):
     data.ctrl[:] = 0.1 * np.sin(data.time)
+"""
+PASSING = """
+import numpy as np
+
+def sine(data, ctrl):
+    ctrl[:] = 0.1 * np.sin(data.time)
+
+def act(model, data):
+    sine(data, data.ctrl)
+"""
+KEEPING = """
+import numpy as np
+
+class Keeper:
+    def __call__(self, model, data):
+        self.data = data
+        data.ctrl[:] = 0.1 * np.sin(data.time)
+
+act = Keeper()
 """
 LOOP = """
 import sys
@@ -141,8 +161,10 @@ def compare(script: Path, model: Path, steps: int, repeats: int) -> None:
 
 def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
     """Prints the CPU time per row of more expensive traces, of a plain one and of a loop in Python in the same run."""
-    code = folder / "sine.py"
-    code.write_text(CONTROLLER)
+    controllers = {"controller": CONTROLLER, "passing": PASSING, "keeping": KEEPING}
+    for name, text in controllers.items():
+        (folder / f"{name}.py").write_text(text)
+    code = folder / "controller.py"
     table = folder / "controls.npz"
     trace(model, steps, "--probe", "ctrl", "-o", str(table))
     cases: dict[str, Callable[[int], Run]] = {
@@ -150,13 +172,14 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
         for name, options in {
             "plain": [],
             "contacts": ["--contacts", str(folder / "contacts.csv")],
-            "contact_force": ["--probe", "contact_force"],
+            **{name: ["--probe", name] for name in ("contact_force", f"contact/world/{first_body(model)}")},
+            **{name: ["--probe", name] for name in ("cacc", "subtree_linvel", "qfrc_inverse", "warning")},
             "noise": ["--ctrl-noise", "1e-9"],
             "table": ["--ctrl-from", str(table)],
-            "controller": ["--controller", f"{code}:act"],
+            **{name: ["--controller", f"{folder / name}.py:act"] for name in controllers},
             "every 10th": ["--controller", f"{code}:act", "--control-dt", str(10 * timestep(model))],
         }.items()
-        if actuated(model) or name in ("plain", "contacts", "contact_force")
+        if actuated(model) or not {"--controller", "--ctrl-from", "--ctrl-noise"} & {*options}
     }
     if actuated(model):
         loop = folder / "loop.py"
@@ -171,9 +194,9 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
     medians = {name: statistics.median(each) for name, each in costs.items()}
     texts = [f"{name} {cost:.1f} us ({cost / medians['plain']:.2f} x)" for name, cost in medians.items()]
     print(f"{model.stem:12} {'   '.join(texts)}")
-    if actuated(model):
-        ratio = statistics.median(one / other for one, other in zip(costs["controller"], costs["loop"], strict=True))
-        print(f"{'':12} controller / loop in Python: {ratio:.2f}")
+    for name in controllers if actuated(model) else ():
+        ratio = statistics.median(one / other for one, other in zip(costs[name], costs["loop"], strict=True))
+        print(f"{'':12} {name} / loop in Python: {ratio:.2f}")
 
 
 def policies(steps: int, repeats: int, folder: Path) -> None:
@@ -202,6 +225,10 @@ def trace_with(model: Path, options: Sequence[str], steps: int) -> Run:
 
 def timestep(model: Path) -> float:
     return mujoco.MjModel.from_xml_path(str(model)).opt.timestep
+
+
+def first_body(model: Path) -> str:
+    return mujoco.MjModel.from_xml_path(str(model)).body(1).name
 
 
 def actuated(model: Path) -> bool:

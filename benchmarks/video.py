@@ -1,9 +1,10 @@
 """Wall time and peak memory of `mjrun video`, compared with the loop of the MuJoCo tutorial.
 
 Both make the same video of the same model, alternately and as whole processes; ratios are mjrun / tutorial, so that
-below 1 is better. mjrun draws with one process, with its default number, and as a draft. The tutorial loop is a script
-with the arguments MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME], specified by --baseline. The floor is the
-drawing itself: one process per core draws its share of the frames with mujoco.Renderer, without encoding or storing.
+below 1 is better. mjrun draws with one process, with its default number, as a draft, and with values in text over the
+frames. The tutorial loop is a script with the arguments MODEL OUT DURATION FPS WIDTH HEIGHT [CAMERA] [KEYFRAME],
+specified by --baseline. The floor is the drawing itself: one process per core draws its share of the frames with
+mujoco.Renderer, without encoding or storing.
 
     python benchmarks/video.py
     python benchmarks/video.py --model scenes/humanoid.xml --key jump --duration 2 --repeats 5
@@ -145,6 +146,7 @@ def main() -> None:
         "mjrun, 1 process": ("--jobs", "1"),
         "mjrun": (),
         "mjrun draft": ("--quality", "draft"),
+        "mjrun text": ("--text", "{time:.2f} s  {energy/total}  {contact_force/normal/z}"),
     }
     costs: dict[str, list[Cost]] = {"tutorial": [], "floor": [], **{name: [] for name in ways}}
     cores = available_cores()
@@ -161,6 +163,7 @@ def main() -> None:
     for name in ("floor", *ways):
         show_ratios(name, costs[name], costs["tutorial"], "tutorial")
     show_ratios("mjrun", costs["mjrun"], costs["floor"], "floor")
+    show_ratios("mjrun text", costs["mjrun text"], costs["mjrun"], "mjrun")
 
 
 if __name__ == "__main__":

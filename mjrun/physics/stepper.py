@@ -129,7 +129,7 @@ class PhysicsStepper:
         self.step = 0
         self._integrate = integrator_of(self.model)
         self._collides_again = int(self.model.opt.integrator) == RK4  # within a step, beyond its instant
-        self._data = mujoco.MjData(self.model)
+        self._use(mujoco.MjData(self.model))
         self._computed = STATE
         # The state on arrival at a step, without its new inputs; and another, which is written meanwhile.
         self._saved_state, self._next_state = np.empty((2, state.size(self.model)))
@@ -167,7 +167,8 @@ class PhysicsStepper:
                 self.step += count
                 self._arrive()
                 continue
-            self._data, self._saved = self._saved, mujoco.MjData(self.model)
+            self._use(self._saved)
+            self._saved = mujoco.MjData(self.model)
             for _ in range(count):
                 self._take_one()  # until the step that fails
 
@@ -218,6 +219,10 @@ class PhysicsStepper:
     def _copy(self) -> mujoco.MjData:
         return mujoco.MjData(self.model)
 
+    def _use(self, data: mujoco.MjData) -> None:
+        """Continues in another MjData; the view of its warnings stays valid."""
+        self._data, self._shortages = data, data.warning.number[SHORTAGES]
+
     def _copied_instant(self) -> mujoco.MjData:
         """Returns a copy of the instant, which the reader may change."""
         if self._computed != INSTANT:
@@ -232,7 +237,7 @@ class PhysicsStepper:
         if computed == STATE:
             self._save()
         mujoco.mj_forwardSkip(self.model, self._data, computed, False)
-        if computed == STATE and lacks_memory(self._data):
+        if computed == STATE and any(self._shortages.tolist()):
             raise self._shortage()
         self._computed = INSTANT
 
@@ -243,7 +248,7 @@ class PhysicsStepper:
             mujoco.mj_step1(self.model, self._data)
         except mujoco.FatalError as error:
             raise self._failure(str(error)) from None
-        if lacks_memory(self._data):
+        if any(self._shortages.tolist()):
             raise self._shortage()
         self._computed = MOTION
 
@@ -352,7 +357,7 @@ class PhysicsStepper:
                 return False
         integrate(model, data)
         mujoco.mj_getState(model, data, self._next_state, state.STATE)
-        if self._collides_again and lacks_memory(data):
+        if self._collides_again and any(self._shortages.tolist()):
             return False
         if not (is_bounded(self._next_state[self._moving]) or self._is_stable()):
             return False
@@ -363,7 +368,7 @@ class PhysicsStepper:
     def _is_stable(self) -> bool:
         """Returns whether the steps up to the present state are stable."""
         data = self._data  # MuJoCo checks positions and velocities only at the start of the next step
-        has_warned = lacks_memory(data) or any(data.warning[kind].number for kind in BAD)
+        has_warned = any(self._shortages.tolist()) or any(data.warning[kind].number for kind in BAD)
         return not has_warned and is_bounded(data.qpos) and is_bounded(data.qvel)
 
     def _save(self) -> None:
@@ -378,9 +383,10 @@ class PhysicsStepper:
         """Returns to the saved state, under the present inputs; returns the data of the failed step."""
         failed, inputs = self._data, state.save(self.model, self._data, state.INPUTS)
         if self._needs_copy:
-            self._data, self._saved = self._saved, mujoco.MjData(self.model)
+            self._use(self._saved)
+            self._saved = mujoco.MjData(self.model)
         else:
-            self._data = mujoco.MjData(self.model)  # that of an interrupted step is unusable
+            self._use(mujoco.MjData(self.model))  # that of an interrupted step is unusable
             state.restore(self.model, self._data, self._saved_state)
         state.restore(self.model, self._data, inputs, state.INPUTS)
         self._computed = STATE
@@ -398,7 +404,7 @@ class PhysicsStepper:
 
     def _instability(self) -> SimulationError:
         """Returns to the last good state, and describes what is wrong after it."""
-        if lacks_memory(self._data):
+        if any(self._shortages.tolist()):
             return self._shortage()
         failed = self._go_back()
         return UnstableError(self.step, self._data.time, *self._culprit(failed), self.model.opt.timestep)
