@@ -278,6 +278,34 @@ def test_values_are_told_in_mujocos_words() -> None:
     assert (result["jnt_limited"].a, result["jnt_limited"].b) == ((True,), (False,))
 
 
+# The name of each component, by its field and index, as the header of MuJoCo documents them.
+COMPONENTS = {
+    ("body_pos", 1): "y",
+    ("body_quat", 0): "qw",
+    ("body_quat", 1): "qx",
+    ("body_quat", 2): "qy",
+    ("body_quat", 3): "qz",
+    ("site_quat", 3): "qz",
+    ("geom_rgba", 3): "a",
+    ("light_diffuse", 2): "b",
+    ("jnt_axis", 0): "x",
+    ("jnt_range", 0): "lower",
+    ("actuator_ctrlrange", 1): "upper",
+    ("geom_friction", 1): "spin",
+    ("cam_resolution", 1): "height",
+    ("light_dir", 0): "x",
+}
+
+
+@pytest.mark.parametrize(("field", "index"), COMPONENTS)
+def test_a_component_has_the_name_that_mujoco_documents(field: str, index: int) -> None:
+    a, b = spec().compile(), spec().compile()
+    values = getattr(b, field)
+    values[-1][index] += 0.25 if values.dtype.kind == "f" else 1
+    (difference,) = (each for each in compared(a, b).fields if each.field == field)
+    assert difference.components == (COMPONENTS[field, index],)
+
+
 def test_texts_numbers_and_tuples_of_the_user(rich: mujoco.MjModel) -> None:
     text = RICH.replace("7 8 9", "7 5 9").replace("hello", "good bye").replace('objname="a" prm', 'objname="b" prm')
     result = compared(rich, mujoco.MjModel.from_xml_string(text))

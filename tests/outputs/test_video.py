@@ -20,6 +20,7 @@ from mjrun.outputs import output
 from mjrun.outputs.image import Image
 from mjrun.outputs.video import Video
 from mjrun.simulation.simulation import Simulation
+from tests.reporters import RecordingReporter
 
 pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 
@@ -148,27 +149,16 @@ def test_without_a_renderer_nothing_is_left(swing: Path, tmp_path: Path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["swing.xml"]
 
 
-def test_drawing_in_software_is_said_once_with_its_cost(
+def test_software_rendering_is_reported_once_with_its_cost(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(video_rendering, "LONG", 0.0)
-    heard: list[str] = []
-
-    class Listener:
-        def note(self, text: str) -> None:
-            heard.append(text)
-
-        warn = ask = note
-
-        def progress(self, what: str, done: int, total: int) -> None:
-            done_of.append((done, total))
-
-    done_of: list[tuple[int, int]] = []
-    job_ = Video(Simulation(swing, duration="0.2"), str(tmp_path / "f.mp4"), size=(63, 48), fps=20)
-    result = job_.run(Listener())
-    assert done_of == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    assert sum("software rendering" in text and "ms per frame" in text for text in heard) == result.software
-    assert "h264 needs even sides: the video is padded from 63x48 to 64x48" in heard
+    reporter = RecordingReporter()
+    job = Video(Simulation(swing, duration="0.2"), str(tmp_path / "f.mp4"), size=(63, 48), fps=20)
+    result = job.run(reporter)
+    assert reporter.steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert sum("software rendering" in text and "ms per frame" in text for text in reporter.texts) == result.software
+    assert "h264 needs even sides: the video is padded from 63x48 to 64x48" in reporter.texts
     assert result.size == (64, 48)
 
 

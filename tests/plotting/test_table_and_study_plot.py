@@ -20,6 +20,7 @@ from mjrun.plotting.table_statistics import TableSummary
 from mjrun.simulation.simulation import Simulation
 from mjrun.study.study import Study
 from tests.plotting.test_html_page import external_references
+from tests.reporters import RecordingReporter
 
 COLUMNS = [Column("time", "s"), Column("qpos/knee", "rad"), Column("qpos/hip", "rad"), Column("energy/total", "J")]
 TIME = np.arange(500) / 100
@@ -114,27 +115,14 @@ def test_a_table_that_does_not_exist_and_no_table_at_all_are_told(tmp_path: Path
         TablePlot([], tmp_path / "t.png").run()
 
 
-def test_notes_are_told_and_reported(tmp_path: Path) -> None:
-    heard: list[str] = []
-
-    class Reporter:
-        def note(self, text: str) -> None:
-            heard.append(text)
-
-        ask = note
-
-        def warn(self, text: str) -> None:
-            raise AssertionError(text)
-
-        def progress(self, what: str, done: int, total: int) -> None:
-            raise AssertionError(what)
-
+def test_notes_are_in_the_result_and_reported(tmp_path: Path) -> None:
+    reporter = RecordingReporter()
     path = tmp_path / "a.csv"
     path.write_text("u,v\n1,-1\n2,2\n3,nan\n")
-    result = TablePlot(path, tmp_path / "a.png", log="y").run(Reporter())
-    assert heard == result.notes
-    assert "row" in heard[0]
-    assert "v: 1 value at or below zero is" in heard[1]
+    result = TablePlot(path, tmp_path / "a.png", log="y").run(reporter)
+    assert reporter == RecordingReporter(result.notes)
+    assert "row" in result.notes[0]
+    assert "v: 1 value at or below zero is" in result.notes[1]
 
 
 def test_a_page_holds_the_plot_the_columns_assertions_and_what_is_included(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import BLOCK
 from mjrun.study.results import MOST_REASONS, FailureReporter, point_failures, study_table
 from mjrun.study.spec import PointResult, Status
+from tests.reporters import RecordingReporter
 
 DESIGN = Design(("opt.timestep", "integrator"), [("1e-3", "rk4"), ("0.1", "euler"), ("2", "rk4")])
 RESULTS = [
@@ -45,46 +46,31 @@ def test_the_table_holds_points_metrics_and_how_each_ended(tmp_path: Path) -> No
 POINTS = Design(("seed", "geom/a.size"), [(str(i), f"0.{i}") for i in range(30)])
 
 
-class Notes:
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.lines.append(text)
-
-    ask = note
-
-    def warn(self, text: str) -> None:
-        raise AssertionError
-
-    def progress(self, what: str, done: int, total: int) -> None:
-        raise AssertionError
-
-
 def result(index: int, status: Status, message: str = "") -> PointResult:
     return PointResult(index, status, (math.nan,), 0, 1, message)
 
 
-def test_the_first_of_each_reason_is_told() -> None:
-    notes = Notes()
+def test_the_first_failure_of_each_reason_is_reported() -> None:
+    notes = RecordingReporter()
     failures = FailureReporter(POINTS, notes)
     failures.add([result(0, "ok"), result(4, "unstable", "unstable at step 3"), result(1, "failed", "no\nsuch")])
     failures.add([result(2, "unstable", "unstable at step 9"), result(3, "failed", "no\nother"), result(5, "crashed")])
-    assert notes.lines == [
+    assert notes.texts == [
         "point 4 (seed=4, geom/a.size=0.4): unstable at step 3",
         "point 1 (seed=1, geom/a.size=0.1): no",
         "point 5 (seed=5, geom/a.size=0.5): ",
     ]
+    assert (notes.warnings, notes.steps) == ([], [])
 
 
-def test_many_reasons_are_cut() -> None:
-    notes = Notes()
+def test_reports_of_many_reasons_are_cut() -> None:
+    notes = RecordingReporter()
     failures = FailureReporter(POINTS, notes, range(100, 130))
     for index in range(30):
         failures.add([result(index, "failed", f"reason {index}")])
-    assert len(notes.lines) == MOST_REASONS + 1
-    assert notes.lines[0] == "point 100 (seed=0, geom/a.size=0.0): reason 0"
-    assert notes.lines[-1] == "points fail for more reasons; the table contains all of them"
+    assert len(notes.texts) == MOST_REASONS + 1
+    assert notes.texts[0] == "point 100 (seed=0, geom/a.size=0.0): reason 0"
+    assert notes.texts[-1] == "points fail for more reasons; the table contains all of them"
 
 
 def test_failures_are_counted_by_reason_the_most_frequent_first() -> None:

@@ -15,6 +15,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Action, Observation, Task
 from mjrun.viewer.live_simulation import RECORDED, REPLAY, LiveSimulation, SessionRecording
 from mjrun.viewer.window import Edit, Pull
+from tests.reporters import RecordingReporter
 
 ARM = """<mujoco><option timestep=".002"/><worldbody>
 <body name="arm"><joint name="hip" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/>
@@ -25,21 +26,6 @@ ARM = """<mujoco><option timestep=".002"/><worldbody>
 <keyframe><key name="up" qpos="1 0"/><key qpos="-1 .5"/></keyframe></mujoco>"""
 
 
-class Notes:
-    """Hears what is said."""
-
-    def __init__(self) -> None:
-        self.texts: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.texts.append(text)
-
-    warn = ask = note
-
-    def progress(self, what: str, done: int, total: int) -> None:
-        pass
-
-
 @pytest.fixture
 def arm() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(ARM)
@@ -47,7 +33,7 @@ def arm() -> mujoco.MjModel:
 
 def live_of(model: mujoco.MjModel, recording: SessionRecording | None = None, **settings: object) -> LiveSimulation:
     simulation = Simulation(model, **settings)  # type: ignore[arg-type]
-    return LiveSimulation(simulation, simulation.load(), Notes(), recording)
+    return LiveSimulation(simulation, simulation.load(), RecordingReporter(), recording)
 
 
 def take(live: LiveSimulation, steps: int) -> None:
@@ -168,7 +154,7 @@ def test_what_is_recorded_is_physics_and_replays_bit_for_bit(arm: mujoco.MjModel
 
 
 def test_positions_cannot_be_set_where_a_recording_holds_physics(arm: mujoco.MjModel, tmp_path: Path) -> None:
-    notes = Notes()
+    notes = RecordingReporter()
     with SessionRecording(str(tmp_path / "run.npz"), state.size(arm), {}) as recording:
         simulation = Simulation(arm)
         live = LiveSimulation(simulation, simulation.load(), notes, recording)
@@ -205,7 +191,7 @@ def test_an_unstable_simulation_stays_at_its_last_good_step(exploding: Path) -> 
 
 
 def test_a_replay_steps_and_resets_and_cannot_be_changed(arm: mujoco.MjModel, tmp_path: Path) -> None:
-    path, notes = tmp_path / "run.npz", Notes()
+    path, notes = tmp_path / "run.npz", RecordingReporter()
     Recording(Simulation(arm, steps=20), str(path)).run()
     simulation = Simulation(arm, replay=str(path))
     live = LiveSimulation(simulation, simulation.load(), notes)
@@ -247,7 +233,7 @@ def against(observation: np.ndarray) -> np.ndarray:
 
 def test_a_policy_drives_and_the_episode_ends_and_begins_again(arm: mujoco.MjModel) -> None:
     simulation = Simulation(task_of(arm), policy=against)
-    live = LiveSimulation(simulation, simulation.load(), Notes())
+    live = LiveSimulation(simulation, simulation.load(), RecordingReporter())
     stepper = simulation.stepper(arm)
     for step in range(1, 51):
         live.take_step()
@@ -264,14 +250,14 @@ def test_a_policy_drives_and_the_episode_ends_and_begins_again(arm: mujoco.MjMod
 
 def test_a_policy_goes_on_for_as_long_as_is_said(arm: mujoco.MjModel) -> None:
     simulation = Simulation(task_of(arm), policy=against, duration=0.15)
-    live = LiveSimulation(simulation, simulation.load(), Notes())
+    live = LiveSimulation(simulation, simulation.load(), RecordingReporter())
     take(live, 100)
     assert (live.step, live.is_over) == (75, True)
 
 
 def test_the_mouse_pulls_against_a_policy(arm: mujoco.MjModel) -> None:
     simulation = Simulation(task_of(arm), policy=against)
-    live = LiveSimulation(simulation, simulation.load(), Notes())
+    live = LiveSimulation(simulation, simulation.load(), RecordingReporter())
     data, pull = mujoco.MjData(arm), forces(arm, "hand", 0, 0, 3, 0, 0, 0)
     for step in range(30):
         if step % 5 == 0:

@@ -16,6 +16,7 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.viewer import window as windows
 from mjrun.viewer.viewer import WATCHED, Pace, Viewer
 from mjrun.viewer.window import Action, Pull, Refuse, Reset, SetPaused, SetSpeed, Status, TakeStep
+from tests.reporters import RecordingReporter
 
 
 class ScriptedWindow:
@@ -137,22 +138,9 @@ def test_where_it_was_said_how_long_an_instability_ends_it(window: Opened, explo
 
 def test_what_a_view_does_not_do_is_said_once(window: Opened, swing: Path) -> None:
     window([Refuse("not this"), Refuse("not this")], [Refuse("not this")], [Refuse("nor that")], None)
-    heard: list[str] = []
-
-    class Reporter:
-        def note(self, text: str) -> None:
-            heard.append(text)
-
-        ask = note
-
-        def warn(self, text: str) -> None:
-            heard.append(text)
-
-        def progress(self, what: str, done: int, total: int) -> None:
-            pass
-
-    Viewer(Simulation(str(swing)), paused=True).run(Reporter())
-    assert heard == ["not this", "nor that"]
+    reporter = RecordingReporter()
+    Viewer(Simulation(str(swing)), paused=True).run(reporter)
+    assert reporter.texts == ["not this", "nor that"]
 
 
 def test_whatever_ends_it_the_recording_is_kept_and_the_window_closed(

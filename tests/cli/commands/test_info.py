@@ -20,6 +20,7 @@ from mjrun.errors import BrokenModelError, clean
 from mjrun.model.description.model_description import SECTIONS, ModelDescription
 from mjrun.model.info import Info
 from tests.document.schema_oracle import fits
+from tests.reporters import RecordingReporter
 
 if TYPE_CHECKING:
     from tests.conftest import Command
@@ -209,35 +210,19 @@ def page_of(found: ModelDescription) -> str:
     return page.text()
 
 
-class Listener:
-    """A reporter that keeps warnings."""
-
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-
-    def note(self, text: str) -> None: ...
-
-    def ask(self, text: str) -> None: ...
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, what: str, done: int, total: int) -> None: ...
-
-
 def test_every_real_model_has_a_document_and_a_page_or_is_refused(
     shared_models: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     described = 0
     for path in sorted([*shared_models.rglob("*.xml"), *SCENES]):
-        listener = Listener()
+        reporter = RecordingReporter()
         try:
-            result = Info(path).run(listener)
+            result = Info(path).run(reporter)
         except BrokenModelError:
             assert "malformed" in path.parts
             continue
-        assert len(listener.warnings) == len(result.warnings)
+        assert len(reporter.warnings) == len(result.warnings)
         document = json.loads(json.dumps(result.document(), allow_nan=False))
         assert document["summary"]["file"] == str(path)
         description = result.description
