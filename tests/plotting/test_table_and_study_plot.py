@@ -120,7 +120,7 @@ def test_notes_are_in_the_result_and_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("u,v\n1,-1\n2,2\n3,nan\n")
     result = TablePlot(path, tmp_path / "a.png", log="y").run(reporter)
-    assert reporter == RecordingReporter(result.notes)
+    assert reporter == RecordingReporter([*result.notes])
     assert "row" in result.notes[0]
     assert "v: 1 value at or below zero is" in result.notes[1]
 
