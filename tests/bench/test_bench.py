@@ -135,7 +135,7 @@ def test_a_base_is_refused_before_anything_is_timed(path: Path, monkeypatch: pyt
         bench(path, compare="none.json").run(clock=FakeClock())
 
 
-def test_what_differs_may_be_compared_by_force_and_is_told(path: Path) -> None:
+def test_what_differs_may_be_compared_by_force_and_is_reported(path: Path) -> None:
     base = str(path.with_name("base.json"))
     bench(path, save=base).run(clock=FakeClock())
     result = bench(path, compare=base, noise_std=0.5, force=True).run(clock=FakeClock()).comparison

@@ -125,7 +125,7 @@ def test_an_unstable_run_names_its_step_and_joint() -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_batch_says_that_mujocos_warnings_stopped_it_and_a_loop_goes_on() -> None:
+def test_a_batch_says_that_mujocos_warnings_stopped_it_and_a_loop_continues() -> None:
     model = mujoco.MjModel.from_xml_string(CROWDED)
     run = RolloutInputs.of(model, mujoco.MjData(model))
     assert profile(run, 20).warned

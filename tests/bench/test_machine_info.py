@@ -15,7 +15,7 @@ from mjrun.bench.results import MachineInfo, machine_info
         (3.0, "powersave", ["load average 3.00 on 4 cores", "governor is powersave"]),
     ],
 )
-def test_what_spoils_figures_is_told(load: float | None, governor: str | None, expected: Sequence[str]) -> None:
+def test_what_spoils_figures_is_reported(load: float | None, governor: str | None, expected: Sequence[str]) -> None:
     causes = MachineInfo("Linux", "a CPU", 4, 4, governor, load).disturbances
     assert len(causes) == len(expected)
     for cause, part in zip(causes, expected, strict=True):

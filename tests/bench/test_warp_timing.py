@@ -271,7 +271,7 @@ def test_a_profile_counts_what_a_bare_loop_counts(pushed: tuple[RolloutInputs, W
     assert list(worlds.overflows()) == []
 
 
-def test_what_does_not_fit_is_told_with_what_was_needed(warp: WarpOptions) -> None:
+def test_what_does_not_fit_is_reported_with_what_was_needed(warp: WarpOptions) -> None:
     narrow = WarpOptions("cpu", WORLDS, njmax=2).open(run_of())
     narrow.profile(FALLEN)
     (message,) = narrow.overflows()

@@ -209,7 +209,7 @@ def test_projecting_undoes_unprojecting(backend: Backend, orthographic: bool) ->
     assert back == pytest.approx(np.stack([u.ravel(), v.ravel(), depth.ravel()], axis=1))
 
 
-def test_a_camera_without_a_field_of_view_is_told() -> None:
+def test_a_camera_without_a_field_of_view_is_reported() -> None:
     spec = mujoco.MjSpec.from_string("<mujoco><worldbody><camera fovy='0'/></worldbody></mujoco>")
     model = spec.compile()
     data = mujoco.MjData(model)

@@ -391,7 +391,7 @@ def test_a_wrong_script_is_refused_with_what_is_right(make: Callable[[], list[Sh
     assert message in str(caught.value)
 
 
-def test_a_camera_that_sees_nothing_is_told_unless_the_shot_opens_it() -> None:
+def test_a_camera_that_sees_nothing_is_reported_unless_the_shot_opens_it() -> None:
     text = '<mujoco><visual><global fovy="{}"/></visual><worldbody><geom size="1"/></worldbody></mujoco>'
     for fovy in ("nan", "-1"):
         model = mujoco.MjModel.from_xml_string(text.format(fovy))

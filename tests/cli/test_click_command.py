@@ -94,7 +94,7 @@ def test_every_kind_of_option_arrives_as_its_value() -> None:
         (("--secret",), "No such option '--secret'"),
     ],
 )
-def test_a_bad_value_is_told_as_click_does(arguments: tuple[str, ...], message: str) -> None:
+def test_a_bad_value_is_reported_as_click_does(arguments: tuple[str, ...], message: str) -> None:
     with pytest.raises(click.UsageError) as error:
         baked("apple", *arguments)
     assert error.value.format_message().startswith(message)
@@ -122,7 +122,7 @@ def test_help_shows_sections_defaults_and_what_stands_for_values() -> None:
 @pytest.mark.parametrize(
     ("flags", "verbosity", "debug"), [(["-q"], -1, False), (["-v"], 1, False), (["--debug"], 0, True), ([], 0, False)]
 )
-def test_the_console_is_told_how_much_to_say(flags: list[str], verbosity: int, debug: bool) -> None:
+def test_the_console_is_reported_how_much_to_say(flags: list[str], verbosity: int, debug: bool) -> None:
     _, console = baked("apple", *flags)
     assert (console.verbosity, console.debug) == (verbosity, debug)
 

@@ -71,7 +71,7 @@ def test_the_exit_code_of_the_child_is_that_of_the_command(tmp_path: Path, code:
         ("simulating", "SIGXCPU", 128 + signal.SIGXCPU, "ended by SIGXCPU while simulating robot.xml"),
     ],
 )
-def test_a_death_is_told_with_what_died_and_what_to_do(
+def test_a_death_is_reported_with_what_died_and_what_to_do(
     tmp_path: Path, activity: str, number: str, code: int, said: str
 ) -> None:
     ended, message = outcome(start(f"with doing({activity!r}, 'robot.xml'): die(signal.{number})", tmp_path))
@@ -109,7 +109,7 @@ def test_json_reports_a_death_unless_it_was_printed_before(tmp_path: Path, work:
         ("", "SIGXCPU", 4, ": it computed for longer than its limit allows"),
     ],
 )
-def test_a_limit_of_a_confined_process_is_told_with_its_option_and_nothing_is_left(
+def test_a_limit_of_a_confined_process_is_reported_with_its_option_and_nothing_is_left(
     tmp_path: Path, activity: str, number: str, code: int, said: str
 ) -> None:
     own = tmp_path / "own"

@@ -51,7 +51,7 @@ def test_annotations_point_at_a_file_that_exists(tmp_path: Path) -> None:
         assert line.startswith(f"::error file={file},title=" if file else "::error title=")
 
 
-def test_models_are_told_field_by_field() -> None:
+def test_models_are_reported_field_by_field() -> None:
     fields = [FieldDifference("geom_group", f"g{i}", (), (0,), (1,)) for i in range(12)]
     model = ModelComparison("a.xml", "b.xml", fields, [], [], [], [], [])
     differ = DiffResult("model", "a.xml", "b.xml", False, ["…"], model=model)

@@ -228,7 +228,7 @@ def test_a_simulation_that_needs_more_memory_than_there_is_is_no_bug(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)], ids=str
 )
 @pytest.mark.slow
-def test_a_signal_leaves_the_old_film_and_nothing_else(
+def test_a_signal_leaves_the_old_video_and_nothing_else(
     mjrun: Command, swing: Path, number: signal.Signals, code: int
 ) -> None:
     (mjrun.folder / "swing.mp4").write_text("old")
@@ -292,7 +292,7 @@ def test_a_run_within_another_program_leaves_signals_to_be_heard() -> None:
 
 
 @pytest.mark.slow
-def test_a_reader_that_goes_away_ends_the_film_quietly(mjrun: Command, swing: Path) -> None:
+def test_a_reader_that_goes_away_ends_the_video_quietly(mjrun: Command, swing: Path) -> None:
     with mjrun.start("video", swing, "-o", "-", "-q", "--duration", "100", "--jobs", "1", *SMALL) as child:
         assert child.stdout
         assert child.stderr

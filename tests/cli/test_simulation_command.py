@@ -53,7 +53,7 @@ def test_cameras_that_are_no_scripts_stay() -> None:
         (ImageOptions, {"time": 1, "step": 2, "output": "a.png"}),
     ],
 )
-def test_exclusions_are_told_with_flags(cls: type[Options], params: dict[str, Any]) -> None:
+def test_exclusions_are_reported_with_flags(cls: type[Options], params: dict[str, Any]) -> None:
     values = {} if cls is SimulationOptions else {"simulation": None}
     with pytest.raises(UsageError) as error:
         CommandLine(params).make(cls, **values)

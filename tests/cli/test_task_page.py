@@ -63,7 +63,7 @@ def test_long_vectors_are_cut_unless_they_are_asked_for(mjrun_here: Command, tmp
     assert "all/qvel/right_ankle_roll" in whole or "right_ankle_roll" in whole
 
 
-def test_mistakes_are_told_at_their_lines(mjrun_here: Command, tmp_path: Path) -> None:
+def test_mistakes_are_reported_at_their_lines(mjrun_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "t.yaml"
     path.write_text((SCENES / "car_drive.yaml").read_text().replace("car.xml", "scene:car").replace("turn]", "tern]"))
     done = mjrun_here("info", path)

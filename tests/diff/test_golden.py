@@ -71,7 +71,7 @@ def test_a_golden_table_without_time_is_compared_row_by_row(tmp_path: Path) -> N
     assert compared(golden, rows(4)).aligned == "row"
 
 
-def test_what_cannot_be_compared_is_told_before_any_row_comes(tmp_path: Path) -> None:
+def test_what_cannot_be_compared_is_reported_before_any_row_comes(tmp_path: Path) -> None:
     other = write(tmp_path / "other.csv", [np.zeros((1, 2))], columns("time", "q"))
     with pytest.raises(UsageError, match=r"except time in common\n.*: time, q\nmeasured: "):
         GoldenComparison(str(other), NAMES, EXACT)
@@ -82,7 +82,7 @@ def test_what_cannot_be_compared_is_told_before_any_row_comes(tmp_path: Path) ->
         GoldenComparison(str(golden), NAMES, Tolerances(Tolerance(), {"qpos/*": (1.0,)}))
 
 
-def test_a_fault_in_the_golden_table_is_told_and_rows_may_go_on_coming(tmp_path: Path) -> None:
+def test_a_fault_in_the_golden_table_is_reported_and_rows_may_continue_coming(tmp_path: Path) -> None:
     golden = tmp_path / "golden.csv"
     golden.write_text("time,x,y\n0,1,2\n0.1,2\n")
     comparison = GoldenComparison(str(golden), NAMES, EXACT)

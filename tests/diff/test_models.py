@@ -88,7 +88,7 @@ def only(result: ModelComparison) -> list[tuple[str, str]]:
 
 @settings(max_examples=40, deadline=None)
 @given(edits=st.sets(st.sampled_from(sorted(EDITS)), max_size=4))
-def test_exactly_the_edited_fields_are_told_whatever_is_inserted(edits: set[tuple[str, str]]) -> None:
+def test_exactly_the_edited_fields_are_reported_whatever_is_inserted(edits: set[tuple[str, str]]) -> None:
     plain, edited, beside = spec(), spec(), spec(CRATE)
     for edit in edits:
         EDITS[edit](edited)
@@ -147,7 +147,7 @@ def test_one_model_in_three_kinds_of_file_is_the_same(tmp_path: Path) -> None:
     ).equal
 
 
-def test_what_the_compiler_computes_is_told_where_nothing_else_differs() -> None:
+def test_what_the_compiler_computes_is_reported_where_nothing_else_differs() -> None:
     a, b = spec().compile(), spec().compile()
     b.dof_invweight0[0] *= 2
     result = compared(a, b)
@@ -166,7 +166,7 @@ def test_a_renamed_object_is_the_same_object() -> None:
     assert not only(result)
 
 
-def test_another_order_is_told() -> None:
+def test_another_order_is_reported() -> None:
     body = '<body name="{}"><geom size="1"/></body>'
     texts = [f"<mujoco><worldbody>{body.format(a)}{body.format(b)}</worldbody></mujoco>" for a, b in ("ab", "ba")]
     result = compared(*(mujoco.MjSpec.from_string(text).compile() for text in texts))
@@ -242,7 +242,7 @@ def rich() -> mujoco.MjModel:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_any_number_of_any_field_that_changes_is_told(rich: mujoco.MjModel, seed: int) -> None:
+def test_any_number_of_any_field_that_changes_is_reported(rich: mujoco.MjModel, seed: int) -> None:
     generator, other = np.random.default_rng(seed), mujoco.MjModel.from_xml_string(RICH)
     assert compared(rich, other).equal
     changed = set()
@@ -263,7 +263,7 @@ def changeable(field: ModelField, values: np.ndarray) -> bool:
     return field.boolean or (np.issubdtype(values.dtype, np.floating) and field.name != "wrap_prm")
 
 
-def test_values_are_told_in_mujocos_words() -> None:
+def test_values_are_reported_in_mujocos_words() -> None:
     a, b = spec().compile(), spec()
     b.geom("chest").friction = [0.5, 0.005, 0.1]
     b.joint("knee").type = mujoco.mjtJoint.mjJNT_SLIDE
@@ -316,7 +316,7 @@ def test_texts_numbers_and_tuples_of_the_user(rich: mujoco.MjModel) -> None:
     ]
 
 
-def test_assets_are_told_by_their_hash_and_largest_difference(rich: mujoco.MjModel) -> None:
+def test_assets_are_reported_by_their_hash_and_largest_difference(rich: mujoco.MjModel) -> None:
     other = mujoco.MjModel.from_xml_string(RICH.replace("9 10 11", "9 5 11"))
     (array,) = compared(rich, other).arrays
     assert isinstance(array, ArrayDifference)

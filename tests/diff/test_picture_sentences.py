@@ -17,7 +17,7 @@ VIDEO = PictureDifference("colours", (64, 48), (64, 48), 10, 10, 6, 6, 6, 2, 0.1
 EXACT = PictureDiffOptions()
 
 
-def test_frames_that_differ_are_told() -> None:
+def test_frames_that_differ_are_reported() -> None:
     assert picture_sentences(VIDEO, "a", "b", EXACT) == [
         "2 of 6 frames differ",
         "first frame 1, time 0.1 s: PSNR 61.20 dB, SSIM 0.9990, 0.04 % of the pixels changed, by 3 at most",
@@ -38,7 +38,7 @@ def test_limits_allow_what_they_say() -> None:
     ]
 
 
-def test_what_differs_besides_the_pixels_is_told_whatever_the_limits() -> None:
+def test_what_differs_besides_the_pixels_is_reported_whatever_the_limits() -> None:
     other = replace(VIDEO, size_b=(32, 24), fps_b=12.5, frames_b=7, frames=0)
     assert picture_sentences(other, "a", "b", PictureDiffOptions(min_psnr=0)) == [
         "the size is 64x48 in a, 32x24 in b",

@@ -58,7 +58,7 @@ def test_the_measures_of_a_video_are_those_of_its_decoded_frames(tmp_path: Path,
     assert np.array_equal(worst.b, decoded[1][square.argmax()])
 
 
-def test_sizes_rates_and_counts_are_told(tmp_path: Path, original: str) -> None:
+def test_sizes_rates_and_counts_are_reported(tmp_path: Path, original: str) -> None:
     shorter, _ = compare_videos(original, video(tmp_path, "b.mp4", FRAMES[:4], 20), EXACT)
     assert (shorter.frames, shorter.frames_a, shorter.frames_b) == (4, 6, 4)
     assert (shorter.fps_a, shorter.fps_b) == (10, 20)

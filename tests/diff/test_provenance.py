@@ -5,7 +5,7 @@ from mjrun.diff.provenance import provenance_notes
 MANIFEST = {"mjrun": "1", "mujoco": "4.0.0", "seed": 0, "model": {"path": "a.xml", "sha256": "aa"}, "command": "x"}
 
 
-def test_what_differs_in_what_made_them_is_told() -> None:
+def test_what_differs_in_what_made_them_is_reported() -> None:
     other = {**MANIFEST, "mujoco": "4.0.1\x1b", "seed": 1, "model": {"sha256": "bb"}, "command": "y"}
     assert provenance_notes(MANIFEST, other) == [
         r"MuJoCo is 4.0.0 and 4.0.1\x1b",
@@ -31,7 +31,7 @@ def test_the_model_that_differs_is_named_and_so_are_the_options_that_change_it()
     ]
 
 
-def test_nothing_is_told_of_what_is_not_known() -> None:
+def test_nothing_is_reported_of_what_is_not_known() -> None:
     assert provenance_notes(MANIFEST, MANIFEST) == []
     assert provenance_notes(MANIFEST, None) == provenance_notes({}, MANIFEST) == []
     assert provenance_notes({"model": 1, "mujoco": None}, {"model": "b", "mujoco": [1]}) == ["MuJoCo is None and [1]"]

@@ -49,7 +49,7 @@ def compare(a: str, b: str, model: mujoco.MjModel | None = None, **options: obje
     return table
 
 
-def test_the_first_step_that_differs_is_told_with_its_joint(
+def test_the_first_step_that_differs_is_reported_with_its_joint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: mujoco.MjModel
 ) -> None:
     rows = states(model, 200)
@@ -72,7 +72,7 @@ def test_the_first_step_that_differs_is_told_with_its_joint(
     assert len(compare(a, b, model, columns="q*/*").columns) == 6 + model.nv  # forces applied and warm start too
 
 
-def test_states_of_other_steps_are_told(tmp_path: Path, model: mujoco.MjModel) -> None:
+def test_states_of_other_steps_are_reported(tmp_path: Path, model: mujoco.MjModel) -> None:
     rows = states(model, 20)
     a, b = record(tmp_path / "a.npz", rows, model), record(tmp_path / "b.npz", rows[:10], model, first_step=15)
     table = compare(a, b)
@@ -80,7 +80,7 @@ def test_states_of_other_steps_are_told(tmp_path: Path, model: mujoco.MjModel) -
     assert (table.only_a.at, table.only_b.at) == (1, 20)
 
 
-def test_recordings_of_other_models_are_told_by_their_sizes(tmp_path: Path, model: mujoco.MjModel) -> None:
+def test_recordings_of_other_models_are_reported_by_their_sizes(tmp_path: Path, model: mujoco.MjModel) -> None:
     rows = states(model, 3)
     larger = mujoco.MjModel.from_xml_string(MODEL.replace("</actuator>", '<motor name="b" joint="knee"/></actuator>'))
     a, b = record(tmp_path / "a.npz", rows, model), record(tmp_path / "b.npz", states(larger, 3), larger)
@@ -103,7 +103,7 @@ def test_a_recording_that_does_not_know_its_sizes_has_numbered_states(tmp_path: 
     assert differing == {"state/4", "state/5", "state/6"}
 
 
-def test_what_does_not_fit_recordings_is_told(tmp_path: Path, model: mujoco.MjModel) -> None:
+def test_what_does_not_fit_recordings_is_reported(tmp_path: Path, model: mujoco.MjModel) -> None:
     a = record(tmp_path / "a.npz", states(model, 3), model)
     with pytest.raises(UnknownNameError, match="no column 'qpos/ankle'"):
         compare(a, a, model, columns="qpos/ankle")

@@ -125,7 +125,7 @@ def test_times_that_differ_within_a_tolerance_belong_together(
         ([0.0, float("nan")], "row 1: time is nan, but must be a number"),
     ],
 )
-def test_a_time_that_falls_is_told_with_its_row(keys: list[float], message: str) -> None:
+def test_a_time_that_falls_is_reported_with_its_row(keys: list[float], message: str) -> None:
     for sizes in ([], [1, 1, 1], [2]):
         with pytest.raises(FileError, match=f"rows.csv: {message}"):
             list(pairs_by_key(stream(keys, sizes), stream([0.0, 1.0, 2.0], [1]), Tolerance()))

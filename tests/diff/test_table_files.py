@@ -64,7 +64,7 @@ def test_tables_of_any_two_formats_agree(tmp_path: Path, form: str) -> None:
     )
 
 
-def test_rows_and_columns_of_one_side_are_told_as_pandas_merges_them(tmp_path: Path) -> None:
+def test_rows_and_columns_of_one_side_are_reported_as_pandas_merges_them(tmp_path: Path) -> None:
     one, other = rows(60), rows(60)
     one, other = np.delete(one, [3, 40, 41], axis=0), np.delete(other, [0, 40, 59], axis=0)
     other[:, 2] += 1e-3
@@ -107,7 +107,7 @@ def test_times_agree_within_their_own_tolerance_only(tmp_path: Path) -> None:
     assert (table.aligned, table.rows, differing(table)) == ("row", 50, ["time"])
 
 
-def test_a_unit_that_is_another_is_told_where_both_say_it(tmp_path: Path) -> None:
+def test_a_unit_that_is_another_is_reported_where_both_say_it(tmp_path: Path) -> None:
     a = put(tmp_path, "a.npz", rows())
     b = put(tmp_path, "b.mat", rows(), [COLUMNS[0], Column("qpos/knee", "deg"), Column("qvel/knee"), COLUMNS[3]])
     table = compare(a, b, TableDiffOptions())
@@ -141,7 +141,7 @@ def test_standard_input_may_be_either(tmp_path: Path, monkeypatch: pytest.Monkey
         ("", "time,x\n0\n", {}, FileError, "a.csv: is empty"),
     ],
 )
-def test_what_cannot_be_compared_is_told(
+def test_what_cannot_be_compared_is_reported(
     tmp_path: Path, a: str, b: str, options: dict[str, object], kind: type[Exception], message: str
 ) -> None:
     for name, content in (("a.csv", a), ("b.csv", b)):
@@ -255,7 +255,7 @@ def test_rows_of_different_rates_agree_where_both_have_them(tmp_path: Path) -> N
     assert not compare(a, d, TableDiffOptions()).shared_agree
 
 
-def test_a_column_without_a_name_is_told(tmp_path: Path) -> None:
+def test_a_column_without_a_name_is_reported(tmp_path: Path) -> None:
     frame = pd.DataFrame({"time": [0.0, 1], "x": [1, 2]})
     frame.to_csv(tmp_path / "a.csv", index=False)
     frame.to_csv(tmp_path / "b.csv")  # with an index, as pandas does

@@ -76,7 +76,7 @@ PLACES = "is not a path; write it as in duration, videos[0].fps"
         ),
     ],
 )
-def test_a_setting_that_does_not_fit_is_told_as_it_was_given(assignment: str, lines: list[str]) -> None:
+def test_a_setting_that_does_not_fit_is_reported_as_it_was_given(assignment: str, lines: list[str]) -> None:
     path = put(WRITTEN.replace("start:", "start: {}"))
     assert problems(lambda: read(path, Run, [assignment])) == lines
 

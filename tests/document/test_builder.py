@@ -39,7 +39,7 @@ def test_a_fault_stands_at_its_option(
     assert (f"{fault.mark} {fault.path}", fault.message) == (expected, "wrong")
 
 
-def test_everything_that_is_wrong_is_told_at_once() -> None:
+def test_everything_that_is_wrong_is_reported_at_once() -> None:
     def fail(name: str) -> object:
         raise UsageError(f"no {name}", (name,))
 

@@ -331,11 +331,11 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "lines"), WRONG)
-def test_what_is_wrong_is_told_at_its_line_and_column(text: str, lines: list[str]) -> None:
+def test_what_is_wrong_is_reported_at_its_line_and_column(text: str, lines: list[str]) -> None:
     assert problems(text) == lines
 
 
-def test_every_error_of_a_long_document_is_told_at_once() -> None:
+def test_every_error_of_a_long_document_is_reported_at_once() -> None:
     text = """speed: slow
 shots:
   - orbit: {lookat: floor, distance: -1, azimuth: {from: 140, too: 240}}

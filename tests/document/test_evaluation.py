@@ -72,7 +72,7 @@ def test_what_is_written_is_read_again(document: Path) -> None:
         ("changes: {duration: -1}", "duration"),
     ],
 )
-def test_what_is_wrong_is_told(document: Path, line: str, message: str) -> None:
+def test_what_is_wrong_is_reported(document: Path, line: str, message: str) -> None:
     key = line.split(":")[0]
     lines = [line if each.startswith(f"{key}:") else each for each in TEXT.splitlines()]
     document.write_text("\n".join(lines))
@@ -80,7 +80,7 @@ def test_what_is_wrong_is_told(document: Path, line: str, message: str) -> None:
         read_evaluation(document)
 
 
-def test_a_threshold_of_what_there_is_not_is_told_at_its_line(document: Path) -> None:
+def test_a_threshold_of_what_there_is_not_is_reported_at_its_line(document: Path) -> None:
     document.write_text(TEXT.replace("return", "wins"))
     request = read_evaluation(document)
     with pytest.raises(DocumentError, match=r"6:20: fail_below\.wins"), request.located():

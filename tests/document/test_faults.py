@@ -35,11 +35,11 @@ from tests.document.documents import ANCHOR, Nothing, Run, problems, put, read
         ("films: [{fsp: 2}]\n", ["d.yaml:1:10: films[0]: unknown key 'fsp' (did you mean 'fps'?); keys: fps, title"]),
     ],
 )  # fmt: skip
-def test_a_value_that_does_not_fit_is_told_with_what_is_expected(text: str, lines: list[str]) -> None:
+def test_a_value_that_does_not_fit_is_reported_with_what_is_expected(text: str, lines: list[str]) -> None:
     assert problems(lambda: read(put(text), Run)) == lines
 
 
-def test_every_error_is_told_at_once_in_the_order_of_the_document() -> None:
+def test_every_error_is_reported_at_once_in_the_order_of_the_document() -> None:
     text = "steps: [1]\nfilms:\n  - fps: -1\n    fps: 2\n    1: 3\n  - *a\n  - titel: x\nduration: 0\n"
     assert problems(lambda: read(put(text), Run)) == [
         "d.yaml:1:8: steps: expected a whole number, got a list",

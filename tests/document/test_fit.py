@@ -68,12 +68,12 @@ def test_values_of_the_command_line_count_instead() -> None:
         ("controller: a.py:act", "d.yaml:3:1: "),
     ],
 )
-def test_mistakes_are_told_at_their_lines(text: str, message: str) -> None:
+def test_mistakes_are_reported_at_their_lines(text: str, message: str) -> None:
     with pytest.raises(DocumentError, match=message):
         read(text)
 
 
-def test_what_is_wrong_with_the_fit_is_told_at_its_line() -> None:
+def test_what_is_wrong_with_the_fit_is_reported_at_its_line() -> None:
     Path("d.yaml").write_text(f"{HEAD}free:\n  joint/hinge.dampin: 0..1")
     request = read_fit("d.yaml")
     with pytest.raises(UsageError, match=r"d\.yaml:4:3: free\.joint/hinge\.dampin: no setting"), request.located():

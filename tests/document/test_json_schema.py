@@ -129,7 +129,7 @@ def test_what_is_no_run_document_does_not_fit_the_schema(text: str) -> None:
     assert not fits(yaml.safe_load(text), json_schema("run"), json_schema("run"))
 
 
-def test_a_kind_that_there_is_not_is_told() -> None:
+def test_a_kind_that_there_is_not_is_reported() -> None:
     with pytest.raises(
         UnknownNameError,
         match=r"^no schema 'camra' \(did you mean 'camera'\?\)\n"

@@ -124,6 +124,6 @@ def test_links_cannot_lead_the_files_of_single_views_out_either() -> None:
          f"3:19: traces[0].output: out/f.labels.json clashes with videos[0].output at d.yaml:2:19; {OWN}"),
     ],
 )  # fmt: skip
-def test_two_outputs_in_one_file_are_told_with_both_places(text: str, line: str) -> None:
+def test_two_outputs_in_one_file_are_reported_with_both_places(text: str, line: str) -> None:
     Path("out/alias.csv").symlink_to("a.csv")
     assert problems(HEAD + text) == [line]

@@ -18,7 +18,7 @@ from tests.document.documents import ANCHOR, Anything, Run, outcome, problems, p
 # --- files -------------------------------------------------------------------------------------------
 
 
-def test_a_file_that_is_not_there_is_told_with_its_neighbours() -> None:
+def test_a_file_that_is_not_there_is_reported_with_its_neighbours() -> None:
     put("a: 1", "shots.yaml")
     with pytest.raises(FileError, match=r"^shot\.yaml: no such file \(did you mean 'shots\.yaml'\?\)$"):
         read("shot.yaml", Anything)
@@ -44,13 +44,13 @@ def test_what_is_no_regular_file_is_refused_and_never_waited_for() -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read anything")
-def test_a_file_that_may_not_be_read_is_told() -> None:
+def test_a_file_that_may_not_be_read_is_reported() -> None:
     put("a: 1").chmod(0)
     with pytest.raises(FileError, match=r"^d\.yaml: cannot be read: Permission denied$"):
         read("d.yaml", Anything)
 
 
-def test_a_file_that_fails_while_it_is_read_is_told() -> None:
+def test_a_file_that_fails_while_it_is_read_is_reported() -> None:
     with pytest.raises(FileError, match=r"^/proc/self/mem: cannot be read: Input/output error$"):
         read("/proc/self/mem", Anything)
 
@@ -80,7 +80,7 @@ def test_a_document_may_be_as_large_as_the_limits_and_no_larger(monkeypatch: pyt
 # --- vars and defaults -------------------------------------------------------------------------------
 
 
-def test_what_is_wrong_in_defaults_is_told_in_their_own_lines_after_the_document() -> None:
+def test_what_is_wrong_in_defaults_is_reported_in_their_own_lines_after_the_document() -> None:
     put("duration: -1\nmodel: ${m}\ndefaults: x.yaml\nstart: {knee: up, hip: up}\nfoo: 1\nstart: {}\n", "below.yaml")
     path = put("defaults: below.yaml\nsteps: x\nstart: {hip: 1}\n")
     keys = "keys: duration, steps, model, films, start, vars, defaults"
@@ -95,7 +95,7 @@ def test_what_is_wrong_in_defaults_is_told_in_their_own_lines_after_the_document
     ]
 
 
-def test_defaults_that_cannot_be_read_are_told_with_who_names_them() -> None:
+def test_defaults_that_cannot_be_read_are_reported_with_who_names_them() -> None:
     path = put("defaults: below.yaml\n")
     with pytest.raises(FileError) as caught:
         read(path, Run, variables=True)
@@ -115,7 +115,7 @@ def test_defaults_that_cannot_be_read_are_told_with_who_names_them() -> None:
         ("steps: 1\n", ["defaults=x.yaml"], ["defaults=x.yaml: defaults is set in the document only"]),
     ],
 )
-def test_defaults_that_are_no_path_are_told(text: str, assignments: list[str], lines: list[str]) -> None:
+def test_defaults_that_are_no_path_are_reported(text: str, assignments: list[str], lines: list[str]) -> None:
     assert problems(lambda: read(put(text), Run, assignments, variables=True)) == lines
 
 
@@ -197,7 +197,7 @@ def test_no_bytes_do_either(data: bytes) -> None:
 
 @given(st.lists(pieces, max_size=20).map("".join))
 @settings(max_examples=400, deadline=None)
-def test_every_place_that_is_told_is_in_the_text(text: str) -> None:
+def test_every_place_that_is_reported_is_in_the_text(text: str) -> None:
     found = outcome(lambda: read(put(text), Anything))
     lines = re.split("\r\n|\r|\n", text)
     for problem in found.problems if isinstance(found, DocumentError) else ():

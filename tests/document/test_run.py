@@ -141,7 +141,7 @@ def test_the_simulation_is_what_the_document_says(text: str, said: dict[str, Any
         ),
     ],
 )
-def test_a_film_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
+def test_a_video_is_what_the_document_says(text: str, said: dict[str, Any]) -> None:
     assert job(f"videos:\n- output: a.mp4\n  {text}") == Video(simulation(), "out/a.mp4", **{**USUAL, **said})
 
 
@@ -439,7 +439,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "lines"), WRONG)
-def test_what_is_wrong_is_told_at_its_line_and_column(text: str, lines: list[str]) -> None:
+def test_what_is_wrong_is_reported_at_its_line_and_column(text: str, lines: list[str]) -> None:
     assert problems(text) == lines
 
 
@@ -454,7 +454,7 @@ def test_a_page_is_inside_the_folder_of_outputs_is_called_one_and_is_no_other_ou
     assert "clashes with html at d.yaml:2:7" in problems(f"{HEAD}html: a.html\nkeyframes: [a.html]\n")[0]
 
 
-def test_visual_flags_that_there_are_not_are_told_with_those_that_are_like_them() -> None:
+def test_visual_flags_that_there_are_not_are_reported_with_those_that_are_like_them() -> None:
     first, second = problems(f"{HEAD}videos: [{{output: a.mp4, show: contactpont, hide: [shadow, skybx]}}]")
     assert first.startswith("2:32: videos[0].show: no visual flag 'contactpont' (did you mean 'contactpoint' or ")
     assert second.startswith(
@@ -462,14 +462,14 @@ def test_visual_flags_that_there_are_not_are_told_with_those_that_are_like_them(
     )
 
 
-def test_what_is_wrong_in_a_setting_is_told_at_the_setting() -> None:
+def test_what_is_wrong_in_a_setting_is_reported_at_the_setting() -> None:
     assert problems(f"{HEAD}videos: [{{output: a.mp4}}]", "videos[0].fps=fast", "duration=1", "steps=2") == [
         "videos[0].fps=fast: expected a positive number, got 'fast'",
         "steps=2: duration and steps exclude each other: both set the length",
     ]
 
 
-def test_what_is_wrong_in_camera_documents_is_told_after_what_is_wrong_here() -> None:
+def test_what_is_wrong_in_camera_documents_is_reported_after_what_is_wrong_here() -> None:
     Path("c.yaml").write_text("shots: [{track: {}}]")
     text = f"{HEAD}videos: [{{output: a.mp4, camera: c.yaml}}, {{output: b.mp4, camera: []}}]"
     assert problems(text) == [
@@ -570,7 +570,9 @@ def found(text: str, *assignments: str) -> list[str]:
          ["3:34: videos[0].camera: no camera 'sde'", "4:34: images[0].camera: no camera 'sde'"]),
     ],
 )  # fmt: skip
-def test_what_the_model_has_not_is_told_where_the_document_names_it(folder: Path, text: str, lines: list[str]) -> None:
+def test_what_the_model_has_not_is_reported_where_the_document_names_it(
+    folder: Path, text: str, lines: list[str]
+) -> None:
     assert [line[: len(expected)] for line, expected in zip(found(text), lines, strict=True)] == lines
 
 
@@ -600,18 +602,18 @@ def test_what_the_model_has_not_is_told_where_the_document_names_it(folder: Path
         ),
     ],
 )
-def test_a_name_is_told_at_its_option_although_it_also_occurs_elsewhere(text: str, lines: list[str]) -> None:
+def test_a_name_is_reported_at_its_option_although_it_also_occurs_elsewhere(text: str, lines: list[str]) -> None:
     assert [line[: len(expected)] for line, expected in zip(found(text), lines, strict=True)] == lines
 
 
-def test_a_recording_that_is_too_short_is_told_at_replay(folder: Path) -> None:
+def test_a_recording_that_is_too_short_is_reported_at_replay(folder: Path) -> None:
     Path("m.xml").write_text(HINGED)
     perform([Recording(Simulation("m.xml", steps=5), "r.npz")])
     (problem,) = found("replay: r.npz\ntraces: [u.csv]")
     assert problem.startswith("3:9: replay: ")
 
 
-def test_what_the_command_line_set_is_told_of_it(folder: Path) -> None:
+def test_what_the_command_line_set_is_reported_of_it(folder: Path) -> None:
     assert found("videos: [{output: f.mp4}]", "videos[0].camera=sde") == ["videos[0].camera=sde: no camera 'sde'"]
 
 

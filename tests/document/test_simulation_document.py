@@ -36,14 +36,14 @@ def read(folder: Path, text: str, *assignments: str) -> Made:
     return DOCUMENT.read(folder / "d.yaml", assignments, values, defaults, CodeOptions()).made
 
 
-def test_what_is_said_elsewhere_counts_over_the_document_and_defaults_below_it(tmp_path: Path) -> None:
+def test_what_is_reported_elsewhere_counts_over_the_document_and_defaults_below_it(tmp_path: Path) -> None:
     simulation, values = read(tmp_path, "seed: 3\nholdout: 0.5\nloss: cauchy", "starts=2")
     assert simulation.seed == 3
     assert simulation.load().nq == 1
     assert values == {"holdout": 0.1, "loss": "cauchy", "output": "a.xml", "starts": 2}
 
 
-def test_faults_of_what_is_made_are_told_at_their_lines(tmp_path: Path) -> None:
+def test_faults_of_what_is_made_are_reported_at_their_lines(tmp_path: Path) -> None:
     with pytest.raises(DocumentError, match=r"d\.yaml:2:9: starts: not today"):
         read(tmp_path, "starts: 13")
 

@@ -112,7 +112,7 @@ def test_files_are_relative_to_the_document_and_the_folder_to_the_current_one(fo
         ("duration: 3", "2:8: steps: duration and steps exclude each other: both set the length"),
     ],
 )
-def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
+def test_what_is_wrong_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(text)
     assert str(caught.value).startswith(f"d.yaml:{expected}")
@@ -136,7 +136,7 @@ def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
         ("set: {geom/bal.size: 1}", "3:7: set.geom/bal.size: no geom 'bal'"),
     ],
 )
-def test_what_is_wrong_with_the_model_at_hand_is_told_where_it_is(text: str, expected: str) -> None:
+def test_what_is_wrong_with_the_model_at_hand_is_reported_where_it_is(text: str, expected: str) -> None:
     Path("d.yaml").write_text(HEAD + text)
     request = read_study("d.yaml")
     with pytest.raises(DocumentError) as caught, request.located():

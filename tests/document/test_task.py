@@ -229,7 +229,7 @@ def test_the_name_in_python_is_the_function() -> None:
         ),
     ],
 )
-def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
+def test_what_is_wrong_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(WHOLE + text)
     assert str(caught.value).startswith(f"t.yaml:{expected}")
@@ -270,7 +270,7 @@ def test_what_is_wrong_is_told_where_it_is(text: str, expected: str) -> None:
         ("observations: {name: a}", "5:15: observations: expected a list, got a mapping"),
     ],
 )
-def test_what_is_wrong_with_an_observation_is_told_where_it_is(text: str, expected: str) -> None:
+def test_what_is_wrong_with_an_observation_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(HEAD + ACTS + text)
     assert str(caught.value).startswith(f"t.yaml:{expected}")
@@ -306,13 +306,13 @@ def test_what_is_wrong_with_an_observation_is_told_where_it_is(text: str, expect
         ),
     ],
 )
-def test_what_is_wrong_with_an_action_is_told_where_it_is(text: str, expected: str) -> None:
+def test_what_is_wrong_with_an_action_is_reported_where_it_is(text: str, expected: str) -> None:
     with pytest.raises(DocumentError) as caught:
         read(HEAD + OBSERVES + text)
     assert str(caught.value).startswith(f"t.yaml:{expected}")
 
 
-def test_all_mistakes_are_told_at_once_in_their_order() -> None:
+def test_all_mistakes_are_reported_at_once_in_their_order() -> None:
     text = """control_dt: 0
 observations:
 - {name: a}
@@ -339,7 +339,7 @@ set: {opt.x: }
     ]
 
 
-def test_what_only_the_model_brings_to_light_is_told_at_its_line() -> None:
+def test_what_only_the_model_brings_to_light_is_reported_at_its_line() -> None:
     made = read(WHOLE + "rewards: {near: exp(-1)}\nreset:\n  vary: {geom/flor.friction: 'uniform(0, 1)'}")
     places = [
         (("rewards", "near", "value"), "6:17: rewards.near: lost"),
@@ -359,7 +359,7 @@ def test_what_the_document_does_not_say_is_no_fault_of_it() -> None:
     assert not isinstance(caught.value, DocumentError)
 
 
-def test_a_document_that_is_not_there_is_told() -> None:
+def test_a_document_that_is_not_there_is_reported() -> None:
     with pytest.raises(FileError, match=r"^nothing\.yaml: no such file"):
         read_task("nothing.yaml")
 

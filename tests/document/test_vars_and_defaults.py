@@ -66,11 +66,11 @@ LETTERS = "is not a name of letters, digits and _"
         ("vars: {x y: 5}\na: 1", [f"d.yaml:1:8: vars: 'x y' {LETTERS}"]),
     ],
 )  # fmt: skip
-def test_a_variable_that_cannot_be_is_told_where_it_is_used(text: str, lines: list[str]) -> None:
+def test_a_variable_that_cannot_be_is_reported_where_it_is_used(text: str, lines: list[str]) -> None:
     assert problems(lambda: resolved(text)) == lines
 
 
-def test_what_a_variable_says_is_told_where_it_does_not_fit() -> None:
+def test_what_a_variable_says_is_reported_where_it_does_not_fit() -> None:
     path = put("vars: {d: long}\nduration: ${d}\nfilms: [{fps: '${e}'}]\n")
     assert problems(lambda: read(path, Run, variables=True)) == [
         "d.yaml:2:11: duration: expected a number, got 'long' from ${d}",

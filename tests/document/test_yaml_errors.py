@@ -94,5 +94,5 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "lines"), WRONG)
-def test_what_is_no_document_is_told_at_its_line_and_column(text: str | bytes, lines: list[str]) -> None:
+def test_what_is_no_document_is_reported_at_its_line_and_column(text: str | bytes, lines: list[str]) -> None:
     assert problems(lambda: read(put(text), Anything)) == lines

@@ -60,7 +60,7 @@ def test_values_within_each_other_have_a_limit_however_they_are_nested(opening: 
     assert line.endswith(": more than 50 lists and mappings within each other are no document for mjrun")
 
 
-def test_a_value_with_commas_is_told_to_be_quoted() -> None:
+def test_a_value_with_commas_is_reported_to_be_quoted() -> None:
     first = problems(lambda: read(put("a: {qpos: uniform(-0.1, 0.1)}\n"), Anything))
     assert first == [
         'd.yaml:1:25: a: within {…} a comma ends a value; put values with commas in quotes, as in "uniform(0, 1)"'

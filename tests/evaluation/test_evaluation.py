@@ -107,7 +107,7 @@ def test_what_is_no_folder_of_an_evaluation_is_left_alone(tmp_path: Path, out: s
     assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 
-def test_returns_that_are_not_finite_are_told(tmp_path: Path) -> None:
+def test_returns_that_are_not_finite_are_reported(tmp_path: Path) -> None:
     task = replace(cart_task(tmp_path), rewards={"bad": Reward(value="log(-1 - abs(qpos/slider))")})
     with pytest.warns(
         MjrunWarning, match=r"^zero: 2 of 2 returns not finite, because of bad; the summaries exclude them"

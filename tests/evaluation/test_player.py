@@ -106,7 +106,7 @@ def test_models_of_worlds_take_no_more_memory_than_the_budget(tmp_path: Path, mo
     assert counts == [1, 3]  # each with a compiled model and a copy
 
 
-def test_an_action_that_is_no_number_is_told_with_its_step_and_seed(tmp_path: Path) -> None:
+def test_an_action_that_is_no_number_is_reported_with_its_step_and_seed(tmp_path: Path) -> None:
     with pytest.raises(InvalidActionError, match=r"push = nan[\s\S]*seed 3") as caught:
         player_of(spec(tmp_path, "Broken")).play([3])
     assert caught.value.exit_code == 4
@@ -114,7 +114,7 @@ def test_an_action_that_is_no_number_is_told_with_its_step_and_seed(tmp_path: Pa
     assert caught.value.time == pytest.approx(0.14)
 
 
-def test_a_policy_of_another_size_is_told(tmp_path: Path) -> None:
+def test_a_policy_of_another_size_is_reported(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="3 numbers"):
         player_of(spec(tmp_path, "wide")).play([0])
 
@@ -203,7 +203,7 @@ def test_an_environment_is_measured_too() -> None:
     assert episode.metrics == (episode.total,)
 
 
-def test_a_metric_of_nothing_is_told_at_once(tmp_path: Path) -> None:
+def test_a_metric_of_nothing_is_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="qpos/knee") as caught:
         player_of(EpisodeSpec(cart_task(tmp_path), PolicyChoice("zero"), (("m", "max(qpos/knee)"),)))
     assert caught.value.path == ("metric", "m")

@@ -74,7 +74,7 @@ def test_whatever_a_document_says_can_vary(tmp_path: Path) -> None:
     assert other.overrides == (Override("opt.gravity", "0,0,-1"), Override("opt.timestep", "0.01"))
 
 
-def test_what_no_task_has_is_told_with_what_can_vary(tmp_path: Path) -> None:
+def test_what_no_task_has_is_reported_with_what_can_vary(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="control_dt") as caught:
         task_at(cart_task(tmp_path), {"colour": "3"}, None)
     assert caught.value.path == ("vary", "colour")
@@ -106,7 +106,7 @@ def test_groups_are_by_policies_and_then_by_points(tmp_path: Path) -> None:
     assert result.points.values(1) == {"opt.timestep": "0.01"}
 
 
-def test_two_policies_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_two_policies_of_one_name_are_reported_apart(tmp_path: Path) -> None:
     result = prepare(tmp_path, policy="random", compare="random")
     assert [group.name for group in result.groups] == ["random (1)", "random (2)"]
 
@@ -126,7 +126,7 @@ def test_two_policies_of_one_name_are_told_apart(tmp_path: Path) -> None:
         ({"policy": "zero", "require": ["share(flown) < 1"]}, "flown", ("require", 0)),
     ],
 )
-def test_what_cannot_be_is_told(
+def test_what_cannot_be_is_reported(
     tmp_path: Path, arguments: dict[str, object], match: str, path: tuple[object, ...] | None
 ) -> None:
     with pytest.raises(Exception, match=match) as caught:
@@ -142,7 +142,7 @@ def test_the_other_policy_is_checked_too(tmp_path: Path) -> None:
         prepare(tmp_path, policy="zero", compare=f"{policies}:nobody")
 
 
-def test_a_missing_library_is_told_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_is_reported_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"mjrun\[eval\]"):
         prepare(tmp_path, policy="zero")

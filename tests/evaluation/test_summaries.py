@@ -108,7 +108,7 @@ def test_the_same_episodes_cannot_be_told_apart() -> None:
     assert result.returns.ties == 3
 
 
-def test_a_policy_that_is_worse_is_told_as_the_other_being_better() -> None:
+def test_a_policy_that_is_worse_is_reported_as_the_other_being_better() -> None:
     result = compared([played(1, 2, 3, policy="a")], [played(5, 6.1, 7, policy="b")], 0.95, can_succeed=False)
     assert result.returns.better == "b"
 

@@ -159,6 +159,6 @@ def test_a_lone_episode_has_no_interval_to_be_above_anything() -> None:
         ({"fail_below": {"success": 0.5}, "can_succeed": False}, "no termination of the task is a success"),
     ],
 )
-def test_what_names_nothing_is_told_before_anything_is_played(options: dict[str, object], match: str) -> None:
+def test_what_names_nothing_is_reported_before_anything_is_played(options: dict[str, object], match: str) -> None:
     with pytest.raises(UsageError, match=match):
         criteria(**options)  # type: ignore[arg-type]

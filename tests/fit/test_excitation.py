@@ -93,7 +93,7 @@ def test_what_no_input_tells_is_refused_and_nothing_is_written(pendulum: Fit) ->
     assert not Path(pendulum.excite).exists()
 
 
-def test_limits_that_no_input_keeps_are_told(pendulum: Fit) -> None:
+def test_limits_that_no_input_keeps_are_reported(pendulum: Fit) -> None:
     start = replace(pendulum.simulation, qpos={"hinge": 0.9})
     with pytest.raises(UsageError, match="even the weakest chirp exceeds a limit: qvel/hinge reaches"):
         excite(replace(pendulum, simulation=start, velocity_limit=0.01))
@@ -119,7 +119,7 @@ def test_limits_hold_at_the_corners_of_the_bounds(pendulum: Fit) -> None:
                 assert abs(data.qpos[0]) < np.pi / 3
 
 
-def test_contacts_that_begin_are_told(tmp_path: Path, pendulum: Fit) -> None:
+def test_contacts_that_begin_are_reported(tmp_path: Path, pendulum: Fit) -> None:
     wall = '<geom name="wall" type="box" size=".01 1 1" pos=".08 0 0"/></worldbody>'
     text = LIMITED.format(**TRUTH).replace("</worldbody>", wall)
     (tmp_path / "pendulum.xml").write_text(text)

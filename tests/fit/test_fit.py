@@ -154,7 +154,7 @@ def test_a_delay_is_found(tmp_path: Path, pendulum: Simulation) -> None:
     assert result.parameters[0].value == pytest.approx(0.024, abs=0.002)
 
 
-def test_too_little_is_told_before_anything_is_fitted(tmp_path: Path, pendulum: Simulation) -> None:
+def test_too_little_is_reported_before_anything_is_fitted(tmp_path: Path, pendulum: Simulation) -> None:
     times = np.arange(17) * 0.01
     data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": np.sin(times)}))]
     with pytest.raises(UsageError, match="too few for 3 parameters"):
@@ -262,7 +262,7 @@ def test_sensors_and_torques_are_signals(tmp_path: Path) -> None:
     assert [each.value for each in result.parameters] == pytest.approx(truth, rel=0.03)
 
 
-def test_what_the_model_lacks_is_told_and_so_is_what_explodes(tmp_path: Path, pendulum: Simulation) -> None:
+def test_what_the_model_lacks_is_reported_and_so_is_what_explodes(tmp_path: Path, pendulum: Simulation) -> None:
     """In degrees no damping explains the swing; and with great stiffness an explicit spring diverges."""
     times, angles = simulate(1.0)
     data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": np.degrees(noisy(angles))}))]

@@ -43,7 +43,7 @@ def test_logs_follow_each_other_and_what_was_measured_is_a_ghost(tmp_path: Path)
     assert differ[1][:15] == [False] * 3 + [True] * 12
 
 
-def test_what_makes_no_film_is_refused_before_anything_is_fitted(tmp_path: Path) -> None:
+def test_what_makes_no_video_is_refused_before_anything_is_fitted(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(write_model(tmp_path)))
     with pytest.raises(UsageError, match="no position such as qpos/knee is measured"):
         FitVideo(FitOptions(video="fit.mp4"), model, ["qvel/hinge"])

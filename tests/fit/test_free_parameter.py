@@ -55,7 +55,7 @@ def test_a_prior_is_where_a_fit_begins(tmp_path: Path) -> None:
     assert parameter.coordinate(math.sqrt(1e-3)) == pytest.approx(0.5)
 
 
-def test_what_a_wildcard_ties_is_told_by_name(tmp_path: Path) -> None:
+def test_what_a_wildcard_ties_is_reported_by_name(tmp_path: Path) -> None:
     bodies = '<body><freejoint name="root"/><geom size="1"/><body><joint name="left"/><geom size="1"/></body></body>'
     (tmp_path / "model.xml").write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
     source = parse_source(str(tmp_path / "model.xml"))

@@ -87,7 +87,7 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path: Path, make: Callable[[Path
         make(tmp_path / "file/x")
 
 
-def test_a_device_or_a_folder_is_not_replaced_by_a_film(tmp_path: Path) -> None:
+def test_a_device_or_a_folder_is_not_replaced_by_a_video(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mp4")
     (tmp_path / "folder.mp4").mkdir()
     for name in ("pipe.mp4", "folder.mp4"):
@@ -96,7 +96,7 @@ def test_a_device_or_a_folder_is_not_replaced_by_a_film(tmp_path: Path) -> None:
 
 
 @needs_permissions
-def test_a_read_only_folder_or_film_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
+def test_a_read_only_folder_or_video_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
     film = tmp_path / "film.mp4"
     film.write_text("old")
     film.chmod(0o444)
@@ -290,7 +290,7 @@ def test_a_percent_sign_in_the_folder_s_own_name_is_no_pattern(tmp_path: Path) -
     staged.discard()
 
 
-def test_a_film_is_never_written_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_is_never_written_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
     with pytest.raises(FileError, match="standard output is a terminal"):
         StandardOutput()

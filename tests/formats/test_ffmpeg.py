@@ -29,7 +29,7 @@ def test_every_codec_works_here() -> None:
     assert working_codecs() == dict.fromkeys(CODECS, True)
 
 
-def test_a_missing_encoder_is_said_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_encoder_is_reported_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
     with pytest.raises(EncoderError, match="ffmpeg cannot be run"):
         encoder_version()

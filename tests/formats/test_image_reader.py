@@ -54,14 +54,14 @@ def test_translucent_colours_have_a_fourth_channel(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_what_cannot_be_decoded_is_told(tmp_path: Path, suffix: str) -> None:
+def test_what_cannot_be_decoded_is_reported(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     path.write_bytes(b"\x93NUMPY\1\0 broken")
     with pytest.raises(FileError, match=f"a{suffix}: cannot be read as {suffix}: "):
         read_image(path)
 
 
-def test_what_is_no_image_is_told(tmp_path: Path) -> None:
+def test_what_is_no_image_is_reported(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros(3))
     np.save(tmp_path / "b.npy", np.array([["a"]]))
     (tmp_path / "a.xyz").write_bytes(b"")

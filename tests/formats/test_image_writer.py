@@ -153,7 +153,7 @@ def test_a_png_of_any_colours_is_what_ffmpeg_reads(tmp_path: Path, size: tuple[i
 # --- depth -----------------------------------------------------------------------------------------
 
 
-def test_depth_in_a_png_is_millimetres_and_the_clipped_share_is_told(tmp_path: Path) -> None:
+def test_depth_in_a_png_is_millimetres_and_the_clipped_share_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     with ImageWriter(str(path), "depth", "png", (WIDTH, HEIGHT)) as out:
         out.write(depth())
@@ -421,7 +421,7 @@ def test_a_reader_that_goes_away_ends_the_writing_without_a_word(tmp_path: Path)
     assert child.returncode == 141
 
 
-def test_a_full_device_on_standard_output_is_told(tmp_path: Path) -> None:
+def test_a_full_device_on_standard_output_is_reported(tmp_path: Path) -> None:
     with Path("/dev/full").open("wb") as full, piped(tmp_path, "rgb", "png", 8, stdout=full) as child:
         assert child.stderr
         assert child.stderr.read() == b"-: cannot be written: No space left on device\n"

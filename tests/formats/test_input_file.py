@@ -37,7 +37,7 @@ def test_what_is_no_file_is_refused_with_one_that_is(tmp_path: Path) -> None:
             pass
 
 
-def test_whatever_a_decoder_raises_is_told_in_a_sentence() -> None:
+def test_whatever_a_decoder_raises_is_reported_in_a_sentence() -> None:
     def decode(error: Exception) -> None:
         with decoding(Path("a.npz"), "cannot be read as .npz", "try another"):
             raise error

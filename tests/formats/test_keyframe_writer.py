@@ -88,7 +88,7 @@ def test_a_model_that_has_been_changed_in_the_meantime_is_left_alone(tmp_path: P
     assert source.read_bytes() == XML + b"<!-- edited -->\n"
 
 
-def test_what_a_key_cannot_hold_is_told(tmp_path: Path) -> None:
+def test_what_a_key_cannot_hold_is_reported(tmp_path: Path) -> None:
     xml = (
         b'<mujoco><size nuserdata="2"/><worldbody><body name="hand" mocap="true"/><body name="a"><joint/>'
         b'<geom size=".1"/></body></worldbody><equality><joint joint1="j"/></equality></mujoco>'

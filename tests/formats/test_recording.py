@@ -393,7 +393,7 @@ def test_however_the_bytes_of_a_recording_are_changed_it_reads_as_finite_states_
         assert states.tobytes() == GOOD["states"].tobytes()
 
 
-def test_a_file_that_is_not_there_is_told_with_those_like_it(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_reported_with_those_like_it(tmp_path: Path) -> None:
     saved(tmp_path / "jump.npz")
     (tmp_path / "jumq.csv").write_text("")
     with pytest.raises(FileError) as caught:

@@ -65,7 +65,7 @@ def test_a_name_full_of_escapes_cannot_end_its_string() -> None:
     assert ascii_json('"\\\n\x1b[2J\x7f\x9b\u2028\ud800') == r'"\"\\\n\u001b[2J\u007f\u009b\u2028\ud800"'
 
 
-def test_a_film_s_labels_have_no_counts_and_are_whole_or_absent(tmp_path: Path) -> None:
+def test_a_video_s_labels_have_no_counts_and_are_whole_or_absent(tmp_path: Path) -> None:
     with LabelsWriter(f"{tmp_path}/f.mkv"):
         pass
     assert list(tmp_path.iterdir()) == []

@@ -41,7 +41,7 @@ def test_numbers_and_texts_are_those_that_pandas_reads(tmp_path: Path) -> None:
     assert study.texts["message"] == ["", "no mesh"]
 
 
-def test_a_folder_that_is_no_study_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_is_no_study_is_reported(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"has no results\.parquet"):
         read_study(tmp_path)
     with pytest.raises(FileError, match="holds no results of a study"):

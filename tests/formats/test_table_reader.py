@@ -245,7 +245,7 @@ COLUMNAR: list[Broken] = [
 
 
 @pytest.mark.parametrize(("name", "content", "message"), [*TEXTS, *COLUMNAR])
-def test_a_broken_table_is_told_in_a_sentence(
+def test_a_broken_table_is_reported_in_a_sentence(
     tmp_path: Path, name: str, content: Callable[[], bytes], message: str
 ) -> None:
     path = put(tmp_path / name, content())
@@ -308,7 +308,7 @@ def test_whatever_happens_to_a_file_it_is_read_or_refused(tmp_path: Path, form: 
 # --- files that are not there ------------------------------------------------------------------------
 
 
-def test_a_file_that_is_not_there_is_told_with_one_that_is(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_reported_with_one_that_is(tmp_path: Path) -> None:
     put(tmp_path / "throw.csv", "time\n0\n")
     put(tmp_path / "throw.txt", "")
     with pytest.raises(FileError) as error:
@@ -320,7 +320,7 @@ def test_a_file_that_is_not_there_is_told_with_one_that_is(tmp_path: Path) -> No
         assert str(error.value) == f"{missing}: no such file"
 
 
-def test_what_is_no_file_is_told(tmp_path: Path) -> None:
+def test_what_is_no_file_is_reported(tmp_path: Path) -> None:
     (tmp_path / "t.csv").mkdir()
     os.mkfifo(tmp_path / "p.csv")
     for path, message in (
@@ -337,7 +337,9 @@ def test_what_is_no_file_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", suffixes())
-def test_a_file_that_may_not_be_opened_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+def test_a_file_that_may_not_be_opened_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
     path, opening = put(tmp_path / f"t{suffix}", ""), Path.open
 
     def refuse(file: Path, *arguments: Any, **options: Any) -> Any:
@@ -351,7 +353,7 @@ def test_a_file_that_may_not_be_opened_is_told(tmp_path: Path, monkeypatch: pyte
     assert str(error.value) == f"{path}: cannot be read: Permission denied"
 
 
-def test_a_suffix_that_means_no_format_is_told_with_those_that_do(tmp_path: Path) -> None:
+def test_a_suffix_that_means_no_format_is_reported_with_those_that_do(tmp_path: Path) -> None:
     path = put(tmp_path / "t.xlsx", "")
     with pytest.raises(UnknownNameError) as error:
         read_table(path, everything)
@@ -359,7 +361,9 @@ def test_a_suffix_that_means_no_format_is_told_with_those_that_do(tmp_path: Path
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".feather", ".arrow"])
-def test_without_pyarrow_what_needs_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+def test_without_pyarrow_what_needs_it_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyarrow" else name)
     with pytest.raises(MissingExtraError) as error:
         read_table(put(tmp_path / f"t{suffix}", ""), everything)
@@ -367,7 +371,7 @@ def test_without_pyarrow_what_needs_it_is_told(tmp_path: Path, monkeypatch: pyte
     assert lists(write(tmp_path / "t.csv", [np.ones((1, 3))]), "time") == {"time": [1.0]}
 
 
-def test_memory_that_runs_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_that_runs_out_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise MemoryError
 
@@ -432,7 +436,7 @@ def test_gaps_in_tables_of_others_are_nan_if_that_is_asked_for(tmp_path: Path, n
         (b'\xef\xbb\xbf\n {"time":0,"x":1}\n{"time":2,"x":3}\n', {"time": [0, 2], "x": [1, 3]}),
     ],
 )
-def test_csv_and_json_lines_on_standard_input_are_told_apart(
+def test_csv_and_json_lines_on_standard_input_are_reported_apart(
     monkeypatch: pytest.MonkeyPatch, content: bytes, read: dict[str, list[float]]
 ) -> None:
     stdin = io.TextIOWrapper(io.BytesIO(content))
@@ -442,7 +446,7 @@ def test_csv_and_json_lines_on_standard_input_are_told_apart(
     assert not stdin.buffer.closed
 
 
-def test_standard_input_that_holds_no_table_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_standard_input_that_holds_no_table_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     for content, message in (
         (b"", "<stdin>: is empty: a table begins with the names of its columns"),
         (b"time\n0\nx\n", "<stdin>:3: column 'time': 'x' is not a number"),
@@ -523,6 +527,6 @@ def test_every_column_has_a_unit_and_nothing_else_has() -> None:
     assert TABLE.units == {"time": "", "qpos/knee": "rad"}
 
 
-def test_a_column_that_is_missing_is_told_with_those_there_are() -> None:
+def test_a_column_that_is_missing_is_reported_with_those_there_are() -> None:
     with pytest.raises(UnknownNameError, match=r"no column 'qpos/kne' \(did you mean 'qpos/knee'\?\)\ncolumns: time, "):
         _ = TABLE["qpos/kne"]

@@ -103,7 +103,7 @@ def test_a_reader_that_goes_away_ends_the_writing_without_a_word(form: str) -> N
     assert child.returncode == 141
 
 
-def test_a_full_device_on_standard_output_is_told() -> None:
+def test_a_full_device_on_standard_output_is_reported() -> None:
     with Path("/dev/full").open("wb") as full, piped("csv", 3, stdout=full) as child:
         assert child.stderr
         assert child.stderr.read() == b"-: cannot be written: No space left on device\n"

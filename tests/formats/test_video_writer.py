@@ -368,7 +368,7 @@ def test_a_frame_that_is_wrong_is_named_and_nothing_is_written(tmp_path: Path, p
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_cannot_be_written_is_told_before_a_second_frame_is_drawn(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_reported_before_a_second_frame_is_drawn(tmp_path: Path) -> None:
     def endless() -> Iterator[np.ndarray]:
         yield GOOD
         raise AssertionError

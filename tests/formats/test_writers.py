@@ -176,7 +176,9 @@ def test_an_output_that_cannot_be_written_is_named_at_opening(name: str) -> None
 
 
 @pytest.mark.parametrize(("name", "amount"), LARGE)
-def test_a_full_disk_is_told_and_the_old_file_stays(tmp_path: Path, small_disk: None, name: str, amount: int) -> None:
+def test_a_full_disk_is_reported_and_the_old_file_stays(
+    tmp_path: Path, small_disk: None, name: str, amount: int
+) -> None:
     case = CASES[name]
     path = tmp_path / case.name
     path.write_text("old")

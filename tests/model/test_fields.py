@@ -94,7 +94,7 @@ def test_an_object_has_its_name_or_its_kind_and_id() -> None:
     assert [object_name(MODEL, mujoco.mjtObj.mjOBJ_XBODY, i) for i in range(2)] == ["world", "b"]
 
 
-def test_values_are_told_in_words() -> None:
+def test_values_are_reported_in_words() -> None:
     assert plain_values(MODEL, "geom_bodyid") == ["world", "b"]
     assert plain_values(MODEL, "geom_type") == ["sphere", "sphere"]
     assert plain_values(MODEL, "geom_matid") == [None, None]

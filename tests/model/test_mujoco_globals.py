@@ -125,7 +125,7 @@ def test_an_inner_block_hears_its_own_and_the_outer_the_rest() -> None:
     assert outer == [NAN]
 
 
-def test_a_python_warning_of_the_user_is_heard_and_one_for_developers_goes_on() -> None:
+def test_a_python_warning_of_the_user_is_heard_and_one_for_developers_continues() -> None:
     def both() -> list[str]:
         with collected_warnings() as heard:
             warnings.warn("look", UserWarning, stacklevel=1)
@@ -136,7 +136,7 @@ def test_a_python_warning_of_the_user_is_heard_and_one_for_developers_goes_on() 
         assert both() == ["look"]
 
 
-def test_a_warning_of_mjruns_own_goes_on() -> None:
+def test_a_warning_of_mjruns_own_continues() -> None:
     def own() -> list[str]:
         with collected_warnings() as heard:
             warnings.warn("slow", MjrunWarning, stacklevel=1)

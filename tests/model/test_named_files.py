@@ -94,7 +94,7 @@ def test_what_is_no_mjcf_beyond_the_model_s_folder_is_not_cited(tmp_path: Path, 
     assert "password" not in str(caught.value)
 
 
-def test_mistakes_in_mjcf_are_told_wherever_it_is(tmp_path: Path) -> None:
+def test_mistakes_in_mjcf_are_reported_wherever_it_is(tmp_path: Path) -> None:
     (tmp_path / "robot").mkdir()
     (tmp_path / "common.xml").write_text("<!-- shared -->\n<mujocoinclude><gem/></mujocoinclude>")
     (tmp_path / "robot" / "model.xml").write_text('<mujoco><include file="../common.xml"/></mujoco>')

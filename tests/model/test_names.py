@@ -157,7 +157,7 @@ def test_what_is_no_member_is_refused_with_those_that_are(name: str) -> None:
     assert caught.value.valid == tuple(enum_members(mujoco.mjtVisFlag))
 
 
-def test_an_enum_member_is_told_from_a_number() -> None:
+def test_an_enum_member_is_reported_from_a_number() -> None:
     assert is_enum(mujoco.mjtCone.mjCONE_ELLIPTIC)
     assert not is_enum(1)
     assert not is_enum("elliptic")

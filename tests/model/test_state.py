@@ -12,7 +12,7 @@ SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.xml"))
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
-def test_a_restored_simulation_goes_on_bit_for_bit(path: Path) -> None:
+def test_a_restored_simulation_continues_bit_for_bit(path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     first, second = mujoco.MjData(model), mujoco.MjData(model)
     first.ctrl[:] = 0.1

@@ -138,7 +138,7 @@ def test_what_is_remembered_fits_into_the_budget(tmp_path: Path, monkeypatch: py
     assert len(shared._compilations) == 2
 
 
-def test_an_unknown_name_is_told_as_by_a_compilation(tmp_path: Path) -> None:
+def test_an_unknown_name_is_reported_as_by_a_compilation(tmp_path: Path) -> None:
     shared = ModelVariants()
     with pytest.raises(UnknownNameError) as caught:
         shared.load(parse_source(source(tmp_path), [Override("geom/tup.friction", "1")]))

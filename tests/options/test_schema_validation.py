@@ -49,7 +49,7 @@ PAIR: Schema = {"type": "array", "prefixItems": [{"type": "number"}, {"type": "s
         ({}, object(), []),
     ],
 )
-def test_what_does_not_fit_is_told_with_its_place(schema: Schema, value: object, expected: list[object]) -> None:
+def test_what_does_not_fit_is_reported_with_its_place(schema: Schema, value: object, expected: list[object]) -> None:
     found: list[object] = []
     try:
         check(value, schema)

@@ -74,7 +74,7 @@ def test_a_declaration_alone_reads_documents_and_describes_them() -> None:
         ({"heat": -1, "slices": 3, "bagel": True}, [(("bagel",), EXCLUDED), (("heat",), "a positive number")]),
     ],
 )
-def test_everything_that_is_wrong_is_told_with_its_place(value: object, expected: list[tuple[Path, str]]) -> None:
+def test_everything_that_is_wrong_is_reported_with_its_place(value: object, expected: list[tuple[Path, str]]) -> None:
     found = [(path, spelled(text)) for path, text in misfits(value)]
     assert found == expected
 
@@ -83,7 +83,7 @@ def test_an_exclusion_concerns_what_is_set_only() -> None:
     assert TOASTER.read({"heat": 1, "slices": 3, "bagel": False}, ReadingContext())
 
 
-def test_what_is_no_mapping_is_told_the_keys() -> None:
+def test_what_is_no_mapping_is_reported_the_keys() -> None:
     with pytest.raises(InvalidValueError, match=r"^a mapping with heat, slices, bagel, assert$"):
         TOASTER.read(5, ReadingContext())
 

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:software rendering")
 SIZE = (160, 120)
 
 
-def test_what_numbers_have_no_room_for_is_told(swing: Path, tmp_path: Path) -> None:
+def test_what_numbers_have_no_room_for_is_reported(swing: Path, tmp_path: Path) -> None:
     simulation, heard = Simulation(swing, duration=0.1), r"text, captions, depth_range, plot: ignored, since"
     with pytest.warns(MjrunWarning, match=heard):
         Video(
@@ -110,7 +110,7 @@ def test_separate_files_are_named_by_what_tells_them_apart(
     assert [panel for file in files for panel in file.panels] == panels_of(options) == expected
 
 
-def test_names_of_cameras_are_told_apart_by_number_where_they_are_alike() -> None:
+def test_names_of_cameras_are_reported_apart_by_number_where_they_are_alike() -> None:
     options = ViewOptions(camera=["a b", "a_b", "c"], separate=True)
     assert [file.path for file in panel_files(options, "x.png")] == ["x-a_b0.png", "x-a_b1.png", "x-c.png"]
 

@@ -114,14 +114,14 @@ def test_what_counts_when_an_event_never_happens_can_be_said() -> None:
     assert paced(shots({"until": Event("hit", otherwise=Fraction(1, 2))}, {})).spans == [[(0, 0.5), (0.5, 2)]]
 
 
-def test_the_last_shot_may_end_the_video_early_but_none_goes_on_after_the_simulation() -> None:
+def test_the_last_shot_may_end_the_video_early_but_none_continues_after_the_simulation() -> None:
     assert len(paced(shots({"until": Fraction(1)})).steps) == 30
     late = paced(shots({"until": Fraction(1)}, {"lasting": Fraction(5)}, {}))
     assert len(late.steps) == 60
     assert late.spans == [[(0, 1), (1, 6), (6, 6)]]
 
 
-def test_a_shot_that_nobody_sees_is_told() -> None:
+def test_a_shot_that_nobody_sees_is_reported() -> None:
     found = paced(shots({"until": Fraction(3)}, {"lasting": Fraction(1)}))
     assert found.warnings == ["intro: shots[1] is not seen: the simulation ends at 2 s"]
 

@@ -151,7 +151,7 @@ def test_nothing_is_updated_on_failure(model: Path) -> None:
     assert {path: path.read_bytes() for path in Path().iterdir()} == files
 
 
-def test_both_verdicts_are_told(model: Path) -> None:
+def test_both_verdicts_are_reported(model: Path) -> None:
     test_of(model, update=True)
     with pytest.raises(FailedAssertionError, match="assertion failed") as failure:
         test_of(model, assert_="max(time) > 9", every=2)
@@ -192,7 +192,7 @@ def test_options_without_a_golden_table_and_formats_that_none_can_have(model: Pa
     assert not Path("a.csv").exists()
 
 
-def test_a_golden_table_is_no_output_besides(model: Path) -> None:
+def test_a_golden_table_is_no_output_too(model: Path) -> None:
     test_of(model, update=True)
     for update in (False, True):
         with pytest.raises(UsageError, match="clashes with the"):

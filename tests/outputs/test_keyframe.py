@@ -134,7 +134,7 @@ def test_it_is_saved_with_the_controls_and_from_replays_too(tmp_path: Path) -> N
     assert (tmp_path / "b.xml").read_bytes() == (tmp_path / "a.xml").read_bytes()
 
 
-def test_overrides_are_not_in_the_file_and_that_is_told(tmp_path: Path) -> None:
+def test_overrides_are_not_in_the_file_and_that_is_reported(tmp_path: Path) -> None:
     path, reporter = copied("mocap", tmp_path), Listener()
     light = Simulation(path, steps=50, set={"opt.gravity": "0,0,-1"}, timestep=0.001)
     Keyframe(light, f"{tmp_path}/a.xml").run(reporter)
@@ -143,7 +143,7 @@ def test_overrides_are_not_in_the_file_and_that_is_told(tmp_path: Path) -> None:
     assert load(tmp_path / "a.xml").opt.gravity[2] == -9.81
 
 
-def test_what_a_push_leaves_is_told(tmp_path: Path) -> None:
+def test_what_a_push_leaves_is_reported(tmp_path: Path) -> None:
     path, reporter = copied("mocap", tmp_path), Listener()
     Keyframe(Simulation(path, steps=50, push="box=1/0/0@0+1"), f"{tmp_path}/a.xml").run(reporter)
     (warning,) = reporter.warnings
@@ -241,7 +241,9 @@ def test_a_replay_gives_the_same_numbers_as_the_simulation(swing: Path, tmp_path
         ({}, False),
     ],
 )
-def test_a_recording_of_other_physics_is_told(swing: Path, tmp_path: Path, change: dict[str, Any], told: bool) -> None:
+def test_a_recording_of_other_physics_is_reported(
+    swing: Path, tmp_path: Path, change: dict[str, Any], told: bool
+) -> None:
     Recording(Simulation(swing, duration=0.1), f"{tmp_path}/r.npz").run()
     again = Trace(
         Simulation(FileSource(swing, **change), replay=f"{tmp_path}/r.npz"), f"{tmp_path}/t.csv", probe=["energy"]

@@ -131,7 +131,7 @@ def test_a_plan_counts_what_is_then_made(swing: Path, tmp_path: Path) -> None:
     assert (plan.steps, plan.duration) == (50, 0.1)
 
 
-def test_all_that_is_wrong_with_jobs_is_told_at_once(swing: Path, tmp_path: Path) -> None:
+def test_all_that_is_wrong_with_jobs_is_reported_at_once(swing: Path, tmp_path: Path) -> None:
     simulation = Simulation(swing, duration=0.1, qpos={"hing": 1})
     video = Video(simulation, f"{tmp_path}/f.mp4", camera="sde", size=SIZE)
     trace = Trace(simulation, f"{tmp_path}/t.csv", probe=["qpos"])
@@ -190,7 +190,7 @@ def test_a_lone_text_is_a_list_of_one(swing: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", ["64x48", (64,), (64, 0), (64, 48.5), (64, "48")])
-def test_a_size_that_is_none_is_told_at_once(swing: Path, size: Any) -> None:
+def test_a_size_that_is_none_is_reported_at_once(swing: Path, size: Any) -> None:
     with pytest.raises(UsageError, match=r"size: .* is not a width and a height in pixels"):
         Image(Simulation(swing), "a.png", size=size)
 

@@ -28,7 +28,7 @@ def test_two_tables_agree_or_not(tmp_path: Path) -> None:
     assert mjrun.Diff(a, b, atol=0.5).run().equal
 
 
-def test_a_kind_of_files_is_told_before_anything_is_read() -> None:
+def test_a_kind_of_files_is_reported_before_anything_is_read() -> None:
     assert set(COMPARISONS) <= {TABLE, RECORDING, VIDEO, IMAGE, MODEL}
     with pytest.raises(UsageError, match="only results of the same kind can be compared"):
         mjrun.Diff("a.csv", "b.mp4").run()

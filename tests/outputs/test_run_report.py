@@ -75,7 +75,9 @@ def test_nothing_is_published_if_nothing_was_made(jobs: list[Job[OutputResult]],
     assert not list(tmp_path.glob("*.html"))
 
 
-def test_a_page_that_cannot_be_written_is_told_before_the_run(jobs: list[Job[OutputResult]], tmp_path: Path) -> None:
+def test_a_page_that_cannot_be_written_is_reported_before_the_run(
+    jobs: list[Job[OutputResult]], tmp_path: Path
+) -> None:
     for name, error in (("page.txt", BadValueError), ("/dev/null/page.html", FileError)):
         with pytest.raises(error), run_page(PageOptions(html=str(tmp_path / name)), "t", jobs):
             raise AssertionError

@@ -174,7 +174,7 @@ def test_time_may_be_asked_for_and_is_there_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("rate", "told"), [(3000, True), ("500.1", True), (500, False), (60, False), (None, False)])
-def test_a_rate_above_that_of_the_steps_is_told(tmp_path: Path, rate: float | None, told: bool) -> None:
+def test_a_rate_above_that_of_the_steps_is_reported(tmp_path: Path, rate: float | None, told: bool) -> None:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         found = trace(tmp_path, Simulation(SLIDE_MODEL, steps=10), probe=["qpos"], rate=rate)
@@ -257,7 +257,7 @@ def test_what_is_wrong_is_refused_before_the_first_step(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_warnings_of_mujoco_are_told_and_no_log_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warnings_of_mujoco_are_reported_and_no_log_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     text = """<mujoco><worldbody><body><joint name="j"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
 <actuator><motor joint="j"/></actuator></mujoco>"""

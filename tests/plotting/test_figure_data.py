@@ -142,6 +142,6 @@ def test_parallel_coordinates_take_room_above() -> None:
     assert (grid.columns, grid.rows) == (3, 2)
 
 
-def test_a_size_too_small_is_told() -> None:
+def test_a_size_too_small_is_reported() -> None:
     with pytest.raises(BadValueError, match="at least"):
         study_grid(StudyDrawing("", [GRAPH] * 4), (100, 100))

@@ -152,7 +152,7 @@ def test_any_name_is_drawn_as_it_is_without_a_warning() -> None:
     assert {*plain, "$_$", "$x$ \\u4f4d"} <= set(words(made))
 
 
-def test_letters_that_the_font_lacks_are_told_by_their_numbers() -> None:
+def test_letters_that_the_font_lacks_are_reported_by_their_numbers() -> None:
     assert "\\u4f4d\\u7f6e" in words(figure(panel("位置", "速度")))
 
 

@@ -44,7 +44,7 @@ def test_expressions_are_of_the_rows_with_their_first_value() -> None:
     assert np.array_equal(panel.curves[0].points.x, rows()["qpos/a"])
 
 
-def test_without_a_time_the_rows_are_counted_and_that_is_said() -> None:
+def test_without_a_time_the_rows_are_counted_and_that_is_reported() -> None:
     drawing, notes = drawn(FigureOptions(), {"a": np.arange(5.0), "b": np.ones(5)})
     assert drawing.x_label == "row"
     assert drawing.panels[0].curves[0].points.x.tolist() == [0, 1, 2, 3, 4]
@@ -84,7 +84,7 @@ def test_rows_without_x_are_left_out_and_infinite_values_are_gaps() -> None:
     assert np.isnan(points.y).tolist() == [False] * 4 + [True] + [False] * 4
 
 
-def test_a_column_without_values_is_told() -> None:
+def test_a_column_without_values_is_reported() -> None:
     values = {**rows(), "qpos/b": np.full(10, np.nan)}
     assert drawn(FigureOptions(), values)[1] == ["qpos/b: no values to draw"]
 
@@ -116,7 +116,7 @@ def test_a_column_that_one_table_lacks_is_drawn_of_the_others() -> None:
     assert [len(panel.curves) for panel in plan.drawing(collectors).panels] == [2, 1, 1]
 
 
-def test_a_chosen_curve_that_one_table_lacks_is_told() -> None:
+def test_a_chosen_curve_that_one_table_lacks_is_reported() -> None:
     tables = [TABLE, TableColumns("other", {"time": "s", "qpos/a": "rad"})]
     plan = FigurePlan(FigureOptions(y=["qpos/a", "qpos/b", "contact/ncon * 2"]), tables)
     assert [plan.collector(i).notes() for i in (0, 1)] == [[], ["other: the table lacks qpos/b, contact/ncon * 2"]]

@@ -89,14 +89,14 @@ def test_a_file_appears_when_it_is_published(tmp_path: Path) -> None:
     assert [*tmp_path.iterdir()] == [target]
 
 
-def test_what_cannot_be_written_is_told_first(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_reported_first(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="is not a folder"):
         FigureWriter("/dev/null/a.png", "png", SIZE)
     with pytest.raises(BadValueError, match="at most 16383 a side for webp"):
         FigureWriter(f"{tmp_path}/a.webp", "webp", (20_000, 100))
 
 
-def test_without_matplotlib_what_to_install_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_matplotlib_what_to_install_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     require_matplotlib()
     monkeypatch.setattr(mjrun.plotting.figure_writer, "LIBRARY", "no_such_library")
     with pytest.raises(MissingExtraError, match=r"a plot needs no-such-library, .*\n.*mjrun\[plot\]"):

@@ -194,7 +194,7 @@ def test_a_file_that_is_missing_is_an_error(tmp_path: Path) -> None:
         page_file(str(tmp_path / "none.png"), "p.html", 10)
 
 
-def test_manifests_are_told_from_other_files(tmp_path: Path) -> None:
+def test_manifests_are_reported_from_other_files(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text('{"mjrun": "0.1.0", "seed": 3}')
     (tmp_path / "calibration.json").write_text('{"fx": 1}')
     (tmp_path / "broken.json").write_text("{")
@@ -284,7 +284,7 @@ def test_mappings_are_taken_apart_to_a_limit() -> None:
     assert flat({"a": {"b_": 1, "c": []}, "d": False}) == {"a.b": 1, "d": False}
 
 
-def test_what_all_manifests_say_is_said_once() -> None:
+def test_what_all_manifests_say_is_reported_once() -> None:
     shared = {"command": "mjrun run study.yaml", "seed": 0}
     pages = [
         FileManifest(name, {**shared, "result": {"wall": wall}}) for name, wall in (("a.mp4", 1.0), ("b.csv", 2.0))

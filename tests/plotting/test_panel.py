@@ -63,7 +63,7 @@ def test_components_of_an_object_stay_in_one_panel() -> None:
         assert len(panel.curves) % 3 == 0
 
 
-def test_columns_without_groups_are_told_apart_by_unit() -> None:
+def test_columns_without_groups_are_reported_apart_by_unit() -> None:
     units = {"a": "", "b": "", "force [N]": "N"}
     assert shown(panels_by_unit(list(units), units)) == [("", ["a", "b"]), ("force [N]", ["force [N]"])]
 

@@ -108,7 +108,7 @@ def test_a_table_that_cannot_be_plotted_leaves_nothing(tmp_path: Path, text: str
     assert [*tmp_path.iterdir()] == [path]
 
 
-def test_a_table_that_does_not_exist_and_no_table_at_all_are_told(tmp_path: Path) -> None:
+def test_a_table_that_does_not_exist_and_no_table_at_all_are_reported(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="no such file"):
         TablePlot(tmp_path / "none.csv", tmp_path / "t.png").run()
     with pytest.raises(MjrunError, match="nothing to plot: give a table"):
@@ -190,7 +190,7 @@ def test_a_study_has_a_page(study: str, tmp_path: Path) -> None:
     assert "drift" in (tmp_path / "page.html").read_text("utf-8")
 
 
-def test_what_a_study_cannot_have_is_told(study: str) -> None:
+def test_what_a_study_cannot_have_is_reported(study: str) -> None:
     with pytest.raises(UsageError, match="applies to tables only"):
         StudyPlot(study, "a.png", mark=("a=1",)).run()
     with pytest.raises(UsageError, match="one study"):

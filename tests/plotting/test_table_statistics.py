@@ -39,7 +39,7 @@ def test_verdicts_and_numbers_are_those_of_numpy() -> None:
     assert (force.name, force.unit, force.least, force.last) == ("c", "N", ROWS[:, 3].min(), ROWS[-1, 3])
 
 
-def test_a_name_that_no_column_has_is_told_with_those_there_are() -> None:
+def test_a_name_that_no_column_has_is_reported_with_those_there_are() -> None:
     with pytest.raises(UnknownNameError, match="a/b"):
         summary(["c"], "max(a/bb) < 1")
 

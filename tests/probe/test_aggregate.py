@@ -120,6 +120,6 @@ def test_aggregates_over_the_rows_on_which_a_condition_holds(text: str, expected
         ("abs(x > 1)", "expected"),
     ],
 )
-def test_what_is_no_aggregate_is_told(text: str, message: str) -> None:
+def test_what_is_no_aggregate_is_reported(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         value(text)

@@ -107,7 +107,7 @@ def test_a_verdict_counts_the_rows_that_each_alternative_decides_alone(cuts: lis
     ]
 
 
-def test_without_a_time_column_the_row_alone_is_told_and_rows_count_from_the_first_that_was_fed() -> None:
+def test_without_a_time_column_the_row_alone_is_reported_and_rows_count_from_the_first_that_was_fed() -> None:
     assert judged("max(x) < 2", ["x"], [1, 3]).message == "max(x) < 2: it is 3, at row 1"
     assert judged("max(x) < 2", ["x"], [1, 3], [1], first=10).message == "max(x) < 2: it is 3, at row 11"
     assert judged("x < 2", ["x"], [1]).message == "x < 2: it holds on the only row"

@@ -434,7 +434,7 @@ SLASHES = """
 """
 
 
-def test_names_with_slashes_are_told_apart_by_what_there_is() -> None:
+def test_names_with_slashes_are_reported_apart_by_what_there_is() -> None:
     model, data = forwarded(SLASHES)
     mujoco.mj_forward(model, data)
     assert count("r/hand/r/tip", model, data) == 0

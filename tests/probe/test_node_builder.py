@@ -65,6 +65,6 @@ def test_the_kind_of_a_value_is_that_of_its_latest_part(text: str, kind: str) ->
         ("rate(x)", "rate, which only tasks have"),
     ],
 )
-def test_what_does_not_go_together_is_told(text: str, message: str) -> None:
+def test_what_does_not_go_together_is_reported(text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         Parser(text, "y", Vocabulary(NAMES)).row_value()

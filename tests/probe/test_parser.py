@@ -96,7 +96,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "place", "found", "expected"), WRONG)
-def test_what_is_no_assertion_is_told_where_what_was_found_and_what_is_valid(
+def test_what_is_no_assertion_is_reported_where_what_was_found_and_what_is_valid(
     text: str, place: int, found: str | None, expected: str | None
 ) -> None:
     with pytest.raises(UsageError) as caught:
@@ -132,7 +132,7 @@ def test_what_is_no_assertion_is_told_where_what_was_found_and_what_is_valid(
         ),
     ],
 )
-def test_an_unknown_name_is_told_with_near_and_valid_ones(text: str, message: str) -> None:
+def test_an_unknown_name_is_reported_with_near_and_valid_ones(text: str, message: str) -> None:
     with pytest.raises(UnknownNameError) as caught:
         parse(text, ["time", "xpos/torso"])
     assert str(caught.value) == message

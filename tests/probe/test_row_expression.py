@@ -375,7 +375,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("text", "place", "found", "expected"), WRONG)
 @pytest.mark.parametrize("label", ["when", "camera.yaml:3: until"])
-def test_what_is_no_condition_is_told_where_what_was_found_and_what_is_valid(
+def test_what_is_no_condition_is_reported_where_what_was_found_and_what_is_valid(
     text: str, place: int, found: str, expected: str, label: str
 ) -> None:
     with pytest.raises(UsageError) as caught:
@@ -405,7 +405,7 @@ NAMELESS = [
 
 
 @pytest.mark.parametrize(("text", "nothing", "place", "near", "valid"), NAMELESS)
-def test_an_unknown_name_is_told_with_near_and_valid_ones(
+def test_an_unknown_name_is_reported_with_near_and_valid_ones(
     text: str, nothing: str, place: int, near: str, valid: str
 ) -> None:
     with pytest.raises(UnknownNameError) as caught:

@@ -89,7 +89,7 @@ def test_a_world_gets_the_same_bits_whatever_is_beside_it(worlds: list[int]) -> 
     np.testing.assert_array_equal(series(expression, worlds), series(expression)[:, worlds])
 
 
-def test_worlds_begin_and_go_on_on_their_own() -> None:
+def test_worlds_begin_and_continue_on_their_own() -> None:
     expression = parse_task_value("previous(qpos/slide)", COLUMNS, "value")
     evaluator = expression.evaluator(4)
     evaluator.begin(at(0, [0, 1, 2, 3]))
@@ -128,7 +128,7 @@ def test_what_has_no_number_per_instant_is_refused(text: str, message: str) -> N
         parse_task_value(text, COLUMNS, "reward")
 
 
-def test_unknown_names_are_told_with_near_ones() -> None:
+def test_unknown_names_are_reported_with_near_ones() -> None:
     with pytest.raises(UnknownNameError, match=r"no column 'action/\*\*x'"):
         parse_task_value("sum('action/**x')", COLUMNS, "reward")
     with pytest.raises(UnknownNameError, match=r"no function or probe 'rates' .*did you mean 'rate'"):

@@ -54,7 +54,7 @@ def test_an_assertion_may_call_a_column_as_an_event_does(text: str, columns: tup
         ("contact(arm, floor) < 1", "contact/arm/floor", "contact/arm/floor"),
     ],
 )
-def test_what_could_be_measured_is_told_with_the_probe_that_measures_it(text: str, name: str, probe: str) -> None:
+def test_what_could_be_measured_is_reported_with_the_probe_that_measures_it(text: str, name: str, probe: str) -> None:
     with pytest.raises(UsageError) as caught:
         parse(text, TraceVocabulary(MEASURED, MODEL))
     first, hint = str(caught.value).splitlines()
@@ -81,7 +81,7 @@ def test_what_could_be_measured_is_told_with_the_probe_that_measures_it(text: st
         ),
     ],
 )
-def test_what_is_not_there_is_told_as_ever(text: str, message: str) -> None:
+def test_what_is_not_there_is_reported_as_ever(text: str, message: str) -> None:
     with pytest.raises(UsageError) as caught:
         parse(text, TraceVocabulary(MEASURED, MODEL))
     assert message in str(caught.value)

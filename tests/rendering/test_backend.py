@@ -24,7 +24,7 @@ from mjrun.rendering.backend import (
 )
 
 
-def test_an_unknown_backend_in_the_environment_is_said_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unknown_backend_in_the_environment_is_reported_to_be_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MUJOCO_GL", "elg")
     with pytest.raises(UnknownNameError, match="no OpenGL backend 'elg' in MUJOCO_GL"):
         requested_backends()
@@ -36,7 +36,7 @@ def test_an_unknown_backend_lists_the_known_ones() -> None:
 
 
 @pytest.mark.parametrize("off", ["off", "0", "disabled", "False"])
-def test_rendering_that_is_switched_off_is_said_so(off: str) -> None:
+def test_rendering_that_is_switched_off_is_reported_so(off: str) -> None:
     with pytest.raises(NoRendererError, match="switches rendering off"):
         requested_backends(off)
 
@@ -53,7 +53,7 @@ def test_rendering_that_is_switched_off_is_said_so(off: str) -> None:
         ("AMD Radeon RX 6800 (radeonsi)", "glfw", False),
     ],
 )
-def test_software_is_told_from_a_gpu_by_the_renderer(renderer: str, name: str, software: bool) -> None:
+def test_software_is_reported_from_a_gpu_by_the_renderer(renderer: str, name: str, software: bool) -> None:
     assert Backend(name, renderer, "", "", 16384).software is software
 
 
@@ -147,7 +147,7 @@ def test_where_the_environment_is_the_cause_to_change_it_is_the_cure(
     assert "install" not in str(caught.value)
 
 
-def test_a_search_goes_on_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
+def test_a_search_continues_to_the_next_backend(monkeypatch: pytest.MonkeyPatch, backend: Backend) -> None:
     monkeypatch.setattr(backend_module, "candidates", lambda: ("nonsense", backend.name))
     assert BackendDetection("auto").result() == backend
 

@@ -250,7 +250,7 @@ def test_exact_pictures_do_not_depend_on_the_camera_before(tmp_path: Path, backe
     assert np.array_equal(first.ids, later.ids)  # type: ignore[arg-type]
 
 
-def test_more_things_than_a_byte_can_number_are_told_apart(tmp_path: Path, backend: Backend) -> None:
+def test_more_things_than_a_byte_can_number_are_reported_apart(tmp_path: Path, backend: Backend) -> None:
     path = tmp_path / "many.xml"
     path.write_text(
         '<mujoco><worldbody><camera name="side" pos="0 0 30" fovy="60"/>'

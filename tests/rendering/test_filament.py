@@ -404,7 +404,7 @@ def test_a_segmentation_of_what_filament_never_shows_to_one_is_refused(room: muj
 
 
 @pytest.mark.parametrize(("shape", "told"), [("plane", True), ("box", True), ("sphere", False)])
-def test_reflections_that_are_left_out_are_told(shape: str, told: bool) -> None:
+def test_reflections_that_are_left_out_are_reported(shape: str, told: bool) -> None:
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><asset><material name="mirror" reflectance=".5"/></asset>
         <worldbody><geom type="{shape}" size="1 1 1" material="mirror"/></worldbody></mujoco>"""
@@ -452,7 +452,7 @@ def test_nothing_is_printed(room: mujoco.MjModel, vulkan: Backend, capfd: pytest
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_process_that_ends_is_told_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
+def test_a_process_that_ends_is_reported_and_ends_nothing_else(room: mujoco.MjModel, vulkan: Backend) -> None:
     with closing(FilamentRenderer(room, SIZE, vulkan, Visual())) as renderer:
         os.kill(renderer._worker.process.pid, signal.SIGABRT)
         with pytest.raises(DrawError, match="filament's process was killed by SIGABRT"):

@@ -66,7 +66,7 @@ def owner(geom: mujoco.MjvGeom) -> int | None:
     return int(tables[kind_of(geom)][geom.objid]) if kind_of(geom) in tables else None
 
 
-def test_every_object_of_a_scene_is_told_apart_by_its_type_and_id(scene: mujoco.MjvScene) -> None:
+def test_every_object_of_a_scene_is_reported_apart_by_its_type_and_id(scene: mujoco.MjvScene) -> None:
     segmentation = Segmentation(MODEL)
     ids = segmentation.ids(scene)
     assert ids.shape == (scene.ngeom + 1,)

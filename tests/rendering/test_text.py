@@ -236,7 +236,7 @@ def test_alphabets_are_drawn_as_they_are(alphabet: str) -> None:
 
 
 @given(st.characters(codec="utf-8", exclude_categories=("C", "Z", "M")))
-def test_what_is_said_to_be_in_the_font_is_in_it(letter: str) -> None:
+def test_what_is_reported_to_be_in_the_font_is_in_it(letter: str) -> None:
     assert text._has(letter) == (ord(letter) in CHARACTERS)
 
 

@@ -103,7 +103,7 @@ MODEL = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{BALLS}</worldbody><
 
 
 @pytest.mark.parametrize(("maxgeom", "room"), [(10_000, 0), (1, 0), (20_000, 15_000)])
-def test_a_scene_grows_until_everything_is_in_it_and_nobody_is_told_to_increase_it(maxgeom: int, room: int) -> None:
+def test_a_scene_grows_until_everything_is_in_it_and_nobody_is_reported_to_increase_it(maxgeom: int, room: int) -> None:
     data = mujoco.MjData(MODEL)
     mujoco.mj_forward(MODEL, data)
     pose = CameraMotion(parse_camera("free", MODEL), MODEL, (64, 48)).pose(save(MODEL, data))

@@ -169,7 +169,7 @@ def test_processes_import_no_windows(monkeypatch: pytest.MonkeyPatch) -> None:
         assert pool.answer is False
 
 
-def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> None:
+def test_a_module_that_is_not_there_is_reported_with_the_painter_s_own_words() -> None:
     with (
         closing(PainterProcesses(2, "nowhere.at.all")) as workers,
         closing(ParallelPainter(Adding(), SHAPE, 2, np.int64, workers)) as pool,
@@ -178,7 +178,7 @@ def test_a_module_that_is_not_there_is_told_with_the_painter_s_own_words() -> No
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_frames_are_numbered_from_where_it_is_said(jobs: int) -> None:
+def test_frames_are_numbered_from_where_it_is_reported(jobs: int) -> None:
     with closing(ParallelPainter(Adding(), SHAPE, jobs, np.int64)) as pool:
         made = [frame.copy() for first in (0, 13) for frame in pool.frames(STATES[first : first + 7], first)]
     assert np.array_equal(made, [*FRAMES[:7], *FRAMES[13:]])
@@ -247,7 +247,7 @@ def test_every_process_is_one_of_its_own_with_one_thread_to_draw() -> None:
         ("exits", "ended with code 4"),
     ],
 )
-def test_a_process_that_dies_is_told_with_its_frame_and_its_end(mischief: str, how: str) -> None:
+def test_a_process_that_dies_is_reported_with_its_frame_and_its_end(mischief: str, how: str) -> None:
     with pytest.raises(DrawError) as caught:
         drawn(Adding({5: mischief}), 2)
     assert str(caught.value) == f"the process rendering frame 5 {how}"
@@ -302,7 +302,7 @@ def test_a_process_that_cannot_start_is_no_frame_s_fault(mischief: str, message:
         drawn(Adding({OPENING: mischief}), 2)
 
 
-def test_a_system_that_refuses_processes_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_refuses_processes_is_reported_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
     with pytest.raises(DrawError, match=r"several processes: .*/nowhere/python'\njobs 1"):
         ParallelPainter(Adding(), SHAPE, 2)
@@ -345,7 +345,7 @@ def test_what_painters_print_does_not_reach_standard_output(capfd: pytest.Captur
     assert capfd.readouterr() == ("", "from Python\nfrom a driver\n")
 
 
-def test_mujoco_s_warnings_are_told_once_by_the_parent(
+def test_mujoco_s_warnings_are_reported_once_by_the_parent(
     capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

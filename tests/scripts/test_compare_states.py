@@ -119,7 +119,7 @@ def test_a_damaged_file_is_a_difference_and_not_an_end(tmp_path: Path) -> None:
     assert difference(tmp_path / "old.png", tmp_path / "new.png")
 
 
-def test_commands_are_paired_by_their_text_and_the_others_are_told() -> None:
+def test_commands_are_paired_by_their_text_and_the_others_are_reported() -> None:
     old = [Command(f"mjrun {text}") for text in ("run a.yaml films[0].fps=30", "image b.xml", "trace c.xml -o c.csv")]
     new = [Command(f"mjrun {text}") for text in ("trace c.xml -o c.csv --every 2", "run a.yaml videos[0].fps=30", "-V")]
     pairs, missing, added = pair(old, new)
@@ -172,7 +172,7 @@ def test_states_that_differ_in_words_alone_are_not_different(tmp_path: Path) -> 
     assert "prose: top.csv: 1 row; made → top.csv: one row; made" in table
 
 
-def test_a_different_table_and_exit_code_are_told_for_each_command(tmp_path: Path) -> None:
+def test_a_different_table_and_exit_code_are_reported_for_each_command(tmp_path: Path) -> None:
     code, table = _compared(tmp_path, _checkout(tmp_path / "new", table="1,3", code=7))
     assert code == 1
     assert table.count("DIFFERS: top.csv: 1 of 1 parts differ, first: bytes") == 3

@@ -42,7 +42,7 @@ def test_a_whole_field_may_be_numbered(prefix: str, first: int) -> None:
     assert list(read(resolved(names)).values()) == names
 
 
-def test_the_order_of_numbered_quaternions_is_said() -> None:
+def test_the_order_of_numbered_quaternions_is_reported() -> None:
     result = read(resolved(numbered("qpos/{}", 13), quat="xyzw"))
     expected = [0, 1, 2, 6, 3, 4, 5, 7, 11, 8, 9, 10, 12]
     assert [result[name] for name in QPOS] == [f"qpos/{index}" for index in expected]
@@ -195,7 +195,7 @@ def test_a_table_without_positions_says_what_it_has_and_what_to_do() -> None:
     )
 
 
-def test_a_table_of_another_model_is_told_by_what_it_has_and_lacks() -> None:
+def test_a_table_of_another_model_is_reported_by_what_it_has_and_lacks() -> None:
     with pytest.raises(
         UsageError, match=r"^t\.csv is a table of another model: it has qpos/ankle, and lacks qpos/lift"
     ):

@@ -122,7 +122,7 @@ def test_a_second_look_at_an_episode_does_not_disturb_the_first(tmp_path: Path) 
             np.testing.assert_array_equal(first.state(), second.state())
 
 
-def test_tasks_of_dm_control_are_told_to_be_out_of_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tasks_of_dm_control_are_reported_to_be_out_of_reach(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ControlSuiteSource, "load", lambda _: mujoco.MjModel.from_xml_string("<mujoco/>"))
     with pytest.raises(UsageError) as caught:
         episode_of(ControlSuiteSource("humanoid/walk"), load_policy("zero"), 0)
@@ -254,7 +254,7 @@ def test_a_trace_of_a_task_is_a_bare_loop_of_physics_and_inference(task: Path, t
     assert result.episode.total == table[-1, -1]
 
 
-def test_a_task_lasts_until_it_ends_or_as_long_as_is_said(task: Path, tmp_path: Path) -> None:
+def test_a_task_lasts_until_it_ends_or_as_long_as_is_reported(task: Path, tmp_path: Path) -> None:
     policy, text = str(task.with_suffix(".onnx")), task.read_text().replace("> 3", "> 0.8")
     task.write_text(text)
     ended = Trace(Simulation(read_task(task), policy=policy, seed=1), str(tmp_path / "a.csv"), probe=["qvel"]).run()

@@ -208,7 +208,7 @@ def test_a_constant_is_an_expression_too(tmp_path: Path) -> None:
     assert [motion.state(step)[FIELDS["qpos"]][7] for step in (0, 1)] == [0.5, 0.5]
 
 
-def test_recordings_are_told_from_tables_by_what_is_in_them(tmp_path: Path) -> None:
+def test_recordings_are_reported_from_tables_by_what_is_in_them(tmp_path: Path) -> None:
     Recording(Simulation(model(), steps=3), f"{tmp_path}/r.npz").run()
     np.savez(tmp_path / "t.npz", time=np.zeros(1), states=np.zeros(1))
     (tmp_path / "broken.npz").write_bytes(b"PK")

@@ -250,7 +250,7 @@ def test_what_is_read_is_known_by_what_it_is(path: Path, tmp_path: Path) -> None
     assert simulation.stepper(MODEL).instant().qpos[0] == 1
 
 
-def test_faults_of_a_table_are_told_at_replay_and_those_of_a_map_at_the_map(path: Path, tmp_path: Path) -> None:
+def test_faults_of_a_table_are_reported_at_replay_and_those_of_a_map_at_the_map(path: Path, tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("t,a\n0,1\n")
     for texts, place in ((["time=t"], ("replay",)), (["time=t", "qpos/hinge=b"], ("map", 1))):
         with pytest.raises(UsageError) as caught:

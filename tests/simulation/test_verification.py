@@ -105,7 +105,7 @@ def test_a_damaged_file_is_no_recording(model: Path, recording: Path) -> None:
         verify(Simulation(model, replay=recording))
 
 
-def test_what_is_not_as_it_was_is_told_only_where_something_is_not(model: Path, recording: Path) -> None:
+def test_what_is_not_as_it_was_is_reported_only_where_something_is_not(model: Path, recording: Path) -> None:
     rewritten(recording, {"mjrun": "0.0.1", "mujoco": "3.9.0", "machine": "Plan9 vax\x1b", "physics": "other"})
     messages = verify(Simulation(model, replay=recording)).origins
     assert [text.partition(":")[0] for text in messages[1:]] == ["mjrun", "MuJoCo", "machine"]
@@ -113,7 +113,7 @@ def test_what_is_not_as_it_was_is_told_only_where_something_is_not(model: Path, 
     assert messages[3].startswith(r"machine: recorded with Plan9 vax\x1b, verified with ")
 
 
-def test_overrides_that_differ_are_told(model: Path, recording: Path) -> None:
+def test_overrides_that_differ_are_reported(model: Path, recording: Path) -> None:
     result = verify(Simulation(model, replay=recording, set={"opt.gravity": "0,0,-9"}, integrator="rk4"))
     assert not result.agrees
     assert result.origins[-1] == "overrides: recorded with none, verified with opt.gravity=0,0,-9, integrator=rk4"
@@ -142,7 +142,7 @@ def test_a_recording_without_every_step_says_what_it_cannot_know(model: Path, re
     assert "inputs that changed between two of its states are missing" in result.origins[-1]
 
 
-def test_what_steps_to_infinity_is_told_without_a_number(model: Path, recording: Path) -> None:
+def test_what_steps_to_infinity_is_reported_without_a_number(model: Path, recording: Path) -> None:
     with np.load(recording) as file:
         states = file["states"][:2]
     numbers = mujoco.MjModel.from_xml_path(str(model))
@@ -260,7 +260,7 @@ def test_a_recording_of_some_steps_is_verified_at_those(every: int) -> None:
     assert (result.index, result.step) == (5, 5 * every)
 
 
-def test_progress_is_told_and_the_model_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_reported_and_the_model_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(verification, "PROGRESS", 50)
     model, messages = mujoco.MjModel.from_xml_string(TUMBLE.format("Euler")), list[int]()
     flags = model.opt.disableflags
@@ -269,7 +269,7 @@ def test_progress_is_told_and_the_model_is_left_alone(monkeypatch: pytest.Monkey
     assert model.opt.disableflags == flags
 
 
-def test_physics_that_fails_is_told_with_its_step() -> None:
+def test_physics_that_fails_is_reported_with_its_step() -> None:
     spheres = "".join(f'<body pos="{x / 8} 0 .06"><freejoint/><geom size=".05"/></body>' for x in range(6))
     text = '<mujoco><size memory="{}"/><worldbody><geom type="plane" size="1 1 1"/>{}</worldbody></mujoco>'
     kept = run(mujoco.MjModel.from_xml_string(text.format("1M", spheres)))

@@ -248,7 +248,7 @@ def test_a_policy_drives_and_the_episode_ends_and_begins_again(arm: mujoco.MjMod
     assert (live.step, live.instant().qpos.tolist(), live.is_over) == (0, [0, 0], False)
 
 
-def test_a_policy_goes_on_for_as_long_as_is_said(arm: mujoco.MjModel) -> None:
+def test_a_policy_continues_for_as_long_as_is_reported(arm: mujoco.MjModel) -> None:
     simulation = Simulation(task_of(arm), policy=against, duration=0.15)
     live = LiveSimulation(simulation, simulation.load(), RecordingReporter())
     take(live, 100)
@@ -298,7 +298,7 @@ def test_without_states_or_publishing_the_old_file_stays(tmp_path: Path) -> None
     assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
 
 
-def test_what_cannot_be_written_is_said_at_once(tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_reported_at_once(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"\.npz"):
         SessionRecording(str(tmp_path / "run.csv"), 1, {})
     with pytest.raises(FileError):

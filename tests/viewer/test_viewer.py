@@ -136,7 +136,7 @@ def test_where_it_was_said_how_long_an_instability_ends_it(window: Opened, explo
     assert shown.is_closed
 
 
-def test_what_a_view_does_not_do_is_said_once(window: Opened, swing: Path) -> None:
+def test_what_a_view_does_not_do_is_reported_once(window: Opened, swing: Path) -> None:
     window([Refuse("not this"), Refuse("not this")], [Refuse("not this")], [Refuse("nor that")], None)
     reporter = RecordingReporter()
     Viewer(Simulation(str(swing)), paused=True).run(reporter)
@@ -210,7 +210,7 @@ def test_it_is_too_slow_when_a_good_share_was_given_up(reached: int, slow: bool)
     assert pace.achieved(reached, 10.0) == reached / 1000
 
 
-def test_nothing_is_said_of_a_short_stall_at_the_beginning() -> None:
+def test_nothing_is_reported_of_a_short_stall_at_the_beginning() -> None:
     pace = Pace(Fraction(1, 100), 1.0)
     pace.start(0, 0.0)
     pace.give_up(0, WATCHED / 2)

@@ -21,7 +21,7 @@ def test_what_is_refused_says_which_option_does_it() -> None:
     assert "set, as in opt.gravity" in spelled(PHYSICS_SETTINGS.what)
 
 
-def test_a_port_in_use_is_said_at_once(swing: object) -> None:
+def test_a_port_in_use_is_reported_at_once(swing: object) -> None:
     model = mujoco.MjModel.from_xml_path(str(swing))
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))

@@ -185,7 +185,7 @@ def test_what_cannot_be_meant_ends_with_its_code_and_no_output(
     assert "Traceback" not in done.stderr.decode()
 
 
-def test_an_unstable_model_names_its_step_once_and_a_grid_goes_on_without_it(
+def test_an_unstable_model_names_its_step_once_and_a_grid_continues_without_it(
     mjrun_here: Command, exploding: Path
 ) -> None:
     fast = ("bench", exploding, "--key", "fast", "--steps", "200", "--repeats", "2")

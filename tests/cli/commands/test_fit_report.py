@@ -54,7 +54,7 @@ def test_inertias_are_shown_in_their_units() -> None:
     assert "kg m²" in text
 
 
-def test_an_input_is_told_with_what_to_expect_of_it() -> None:
+def test_an_input_is_reported_with_what_to_expect_of_it() -> None:
     parameter = ExpectedParameter("joint/a.damping", 0.1, 0.09, 0.12, 80.0)
     motion = [MotionExtent("qpos/a", "rad", -0.5, 0.7, -1.0, 1.0), MotionExtent("qpos/b", "m", 0.0, 0.1, None, None)]
     text = excitation_report(

@@ -34,7 +34,7 @@ def test_a_trace_is_piped_into_a_plot_and_the_plot_into_a_pipe(tmp_path: Path) -
         assert image.size == (600, 900)
 
 
-def test_a_plot_in_a_file_is_told_in_a_sentence_and_is_the_same_bytes_in_another_process(
+def test_a_plot_in_a_file_is_reported_in_a_sentence_and_is_the_same_bytes_in_another_process(
     mjrun: Command, mjrun_here: Command
 ) -> None:
     (mjrun.folder / "run.csv").write_text(TABLE)
@@ -101,7 +101,7 @@ def test_a_page_alone_is_made_of_standard_input_which_is_read_once(
     assert "20 rows" in (mjrun_here.folder / "p.html").read_text().replace("\u202f", "")
 
 
-def test_a_failed_assertion_is_told_with_what_was_made(mjrun_here: Command) -> None:
+def test_a_failed_assertion_is_reported_with_what_was_made(mjrun_here: Command) -> None:
     (mjrun_here.folder / "run.csv").write_text(TABLE)
     arguments = ["plot", "run.csv", "--html", "p.html", "--assert", "max(time) < 1", "--assert", "min(time) == 0"]
     done = mjrun_here(*arguments, "--json")

@@ -89,7 +89,7 @@ def test_a_dry_run_counts_and_makes_nothing(mjrun_here: Command, study: Path) ->
     assert json.loads(mjrun_here("run", study, "--dry-run", "--json").stdout)["steps"] == 50
 
 
-def test_mistakes_are_told_at_once_with_their_places(mjrun_here: Command, study: Path) -> None:
+def test_mistakes_are_reported_at_once_with_their_places(mjrun_here: Command, study: Path) -> None:
     study.write_text(STUDY.replace("qvel", "qvle").replace("duration: 0.1", "duration: no"))
     done = mjrun_here("run", study)
     first, second, *_ = done.stderr.decode().splitlines()
@@ -201,7 +201,7 @@ def test_folders_that_stay_empty_are_taken_back(mjrun_here: Command, study: Path
     assert [*mjrun_here.folder.rglob("*")] == [mjrun_here.folder / "out"]
 
 
-def test_with_json_a_failure_is_told_beside_what_was_made(mjrun_here: Command, study: Path) -> None:
+def test_with_json_a_failure_is_reported_beside_what_was_made(mjrun_here: Command, study: Path) -> None:
     study.write_text(STUDY.replace("max(time) < 1", "max(time) < 0"))
     done = mjrun_here("run", study, "--json")
     told = json.loads(done.stdout)
@@ -262,7 +262,7 @@ def test_a_log_is_replayed_by_a_map_from_every_front_end_to_the_same_numbers(mjr
         (("--replay-mode", "controls", "--map", "time=t", "--map", HINGE), 2, b"log.csv has no controls to replay"),
     ],
 )
-def test_a_table_that_cannot_be_replayed_is_told_and_nothing_is_written(
+def test_a_table_that_cannot_be_replayed_is_reported_and_nothing_is_written(
     mjrun_here: Command, swing: Path, options: tuple[str, ...], code: int, message: bytes
 ) -> None:
     (mjrun_here.folder / "log.csv").write_text(LOG)

@@ -47,7 +47,7 @@ def test_the_report_and_the_table_say_what_has_come_of_the_points(mjrun_here: Co
     assert b"5 of 5 points are known already" in again.stderr
 
 
-def test_failures_are_told_by_reason_with_a_command_that_shows_them(mjrun_here: Command, ball: str) -> None:
+def test_failures_are_reported_by_reason_with_a_command_that_shows_them(mjrun_here: Command, ball: str) -> None:
     options = ("--steps", "30", "--vary", "qvel/ball/vz=0,-1e9", *METRIC)
     done = mjrun_here("sweep", ball, *options, "-o", "study")
     assert done.returncode == 8
@@ -135,7 +135,7 @@ def test_the_folder_is_called_by_the_model(mjrun_here: Command, ball: str) -> No
         (("-o", "study", "--engine", "ray", "--vary", "seed=1"), 2, "engines: local, "),
     ],
 )
-def test_mistakes_are_told_and_nothing_is_simulated(
+def test_mistakes_are_reported_and_nothing_is_simulated(
     mjrun_here: Command, ball: str, options: tuple[str, ...], code: int, expected: str
 ) -> None:
     done = mjrun_here("sweep", ball, "--steps", "5", *options)
@@ -245,7 +245,7 @@ def test_a_document_and_what_belongs_into_it(mjrun_here: Command, ball: str) -> 
         (("ball.xml", "--csv", "--json"), "--json and --csv exclude each other: both print to standard output"),
     ],
 )
-def test_what_does_not_go_together_is_told(
+def test_what_does_not_go_together_is_reported(
     mjrun_here: Command, ball: str, words: tuple[str, ...], expected: str
 ) -> None:
     (mjrun_here.folder / "k.yaml").write_text(f"model: {ball}\nsteps: 5\n")

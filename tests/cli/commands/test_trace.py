@@ -42,7 +42,7 @@ def test_a_table_on_stdout_is_silent_on_stderr(mjrun_here: Command) -> None:
     assert len(done.stdout.splitlines()) == 1 + 1 + round(0.1 / 0.001) or done.stdout.startswith(b"time,")
 
 
-def test_a_table_in_a_file_is_told_in_a_sentence(mjrun_here: Command) -> None:
+def test_a_table_in_a_file_is_reported_in_a_sentence(mjrun_here: Command) -> None:
     done = mjrun_here("trace", PENDULUM, "--steps", "10", "-o", "run.csv")
     assert done.returncode == 0
     assert done.stdout.decode().startswith("run.csv: 11 rows, ")

@@ -29,7 +29,7 @@ def test_a_model_is_enough(mjrun_here: Command, swing: Path, decode: Callable[[P
     assert len(decode(mjrun_here.folder / "swing.mp4").frames) == 150
 
 
-def test_a_film_in_a_pipe_is_whole_and_alone_there(
+def test_a_video_in_a_pipe_is_whole_and_alone_there(
     mjrun_here: Command, swing: Path, decode: Callable[[Path], Film]
 ) -> None:
     for container in ("mp4", "mkv", "webm", "gif", "apng", "mov"):
@@ -54,7 +54,7 @@ def test_quiet_says_nothing_and_verbose_says_more(mjrun_here: Command, swing: Pa
     assert b"simulated in " in mjrun_here("video", swing, "-v", *FAST).stderr
 
 
-def test_a_film_may_be_a_folder_or_a_pattern(mjrun_here: Command, swing: Path) -> None:
+def test_a_video_may_be_a_folder_or_a_pattern(mjrun_here: Command, swing: Path) -> None:
     assert mjrun_here("video", swing, "-o", "frames/", *FAST).returncode == 0
     assert len(list((mjrun_here.folder / "frames").iterdir())) == 4
     assert mjrun_here("video", swing, "-o", "f_%d.png", *FAST).returncode == 0

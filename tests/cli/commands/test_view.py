@@ -155,7 +155,7 @@ def test_without_a_display_it_goes_to_the_browser_unless_that_is_forbidden(
     assert mjrun.files() == []
 
 
-def test_a_port_in_use_is_told(mjrun: Command, swing: Path) -> None:
+def test_a_port_in_use_is_reported(mjrun: Command, swing: Path) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -165,7 +165,7 @@ def test_a_port_in_use_is_told(mjrun: Command, swing: Path) -> None:
     assert f"--port: {port} is not available: Address already in use".encode() in done.stderr
 
 
-def test_what_is_wrong_is_told_before_anything_opens(mjrun_here: Command, swing: Path) -> None:
+def test_what_is_wrong_is_reported_before_anything_opens(mjrun_here: Command, swing: Path) -> None:
     assert mjrun_here("view", swing, "--no-browser", "--port", "8080").returncode == 2
     assert mjrun_here("view", swing, "--speed", "0").returncode == 2
     assert mjrun_here("view", swing, "--recording", "seen.csv").returncode == 2

@@ -42,7 +42,7 @@ def test_listing_suffixes_loads_no_library() -> None:
     assert {"numpy", "pyarrow", "scipy", "h5py", "mujoco"}.isdisjoint(done.stdout.split())
 
 
-def test_a_suffix_of_no_format_is_told_with_those_that_can_be_read() -> None:
+def test_a_suffix_of_no_format_is_reported_with_those_that_can_be_read() -> None:
     with pytest.raises(UnknownNameError, match=r"no table format '.xlsx' in t.xlsx\ntable formats: .csv, .feather"):
         input_format(Path("t.xlsx"))
 

@@ -100,7 +100,7 @@ def test_a_sensor_says_of_what_how_much_and_in_which_unit(
     assert sensor.name == "sensor:0"
 
 
-def test_cutoff_noise_and_the_frame_of_a_sensor_are_told(
+def test_cutoff_noise_and_the_frame_of_a_sensor_are_reported(
     described: Callable[[str], ModelDescription], mixed_xml: str
 ) -> None:
     keyless = mixed_xml[: mixed_xml.index("<keyframe>")]

@@ -36,7 +36,7 @@ def test_the_settings_told_are_all_that_makes_the_model_differ(scene: ModelDescr
     assert state(spec.compile()) == state(mujoco.MjSpec().compile())
 
 
-def test_settings_are_told_in_mujocos_own_words(described: Callable[[str], ModelDescription]) -> None:
+def test_settings_are_reported_in_mujocos_own_words(described: Callable[[str], ModelDescription]) -> None:
     found = described("""<mujoco><option cone="elliptic" gravity="0 0 -1.62"><flag contact="disable" energy="enable"/>
         </option><visual><map znear=".3"/><quality shadowsize="512"/></visual></mujoco>""")
     assert [(s.path, s.value, s.default, s.unit) for s in (*found.options, *found.visual)] == [

@@ -8,7 +8,7 @@ import mujoco
 from mjrun.model.description.model_description import ModelDescription
 
 
-def test_plugins_are_told_by_name_with_what_the_source_sets(shared_models: Path) -> None:
+def test_plugins_are_reported_by_name_with_what_the_source_sets(shared_models: Path) -> None:
     path = shared_models / "plugin/actuator/pid.xml"
     written = {
         instance.get("name"): {config.get("key"): config.get("value") for config in instance.findall("config")}

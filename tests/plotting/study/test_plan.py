@@ -140,7 +140,7 @@ def test_lines_of_many_points_are_chosen_evenly() -> None:
     assert plan.notes == ["4000 of 9000 points have a line, evenly chosen"]
 
 
-def test_what_cannot_be_shown_is_told() -> None:
+def test_what_cannot_be_shown_is_reported() -> None:
     a, z = np.arange(3.0), np.full(3, np.nan)
     with pytest.raises(UsageError, match="no metrics"):
         drawn(results({"a": a}, {}))
@@ -172,7 +172,7 @@ def test_what_does_not_vary_has_none() -> None:
     assert np.isnan(rank_correlations([np.arange(5.0)], np.array([1, 2, np.nan, np.nan, np.nan]))).all()
 
 
-def test_without_scipy_the_extra_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_scipy_the_extra_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="scipy"):
         rank_correlations([], np.empty(0))
