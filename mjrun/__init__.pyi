@@ -263,7 +263,7 @@ class Evaluation(_Evaluation):
         sampler: Literal["sobol", "lhs", "random"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
-        films: int = ...,
+        videos: int = ...,
         camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         size: Sequence[int] = ...,
         quality: Literal["draft", "model", "high"] = ...,

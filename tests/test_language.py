@@ -1,7 +1,6 @@
 """Plain English in docstrings, comments, help and errors, as far as a test can hold it.
 
-Texts of a room are all its docstrings, its comments and its strings of three words or more. `TOLERATED` lists rooms
-that still have faults, with upper bounds: a room may have fewer, and a room that is not listed must have none.
+Texts of a room are all its docstrings, its comments and its strings of three words or more.
 """
 
 import ast
@@ -24,11 +23,6 @@ from mjrun.options.option import Options, options_of
 ROOT = Path(mjrun.__file__).parent
 ROOMS = sorted({path.relative_to(ROOT).parts[0] for path in ROOT.glob("*/*.py")} | {"."})
 LONGEST_SENTENCE = 40  # words of a sentence in help
-
-# Upper bounds by room: openings of docstrings, openings of functions' docstrings, words.
-TOLERATED: dict[str, tuple[int, int, int]] = {
-    "evaluation": (0, 0, 1),  # the attribute `films` of a result, a key of its JSON
-}
 
 HEADLESS = re.compile(r"(What|Whether|How|Where|Which|Who|Whose|Whoever|Why)\b")
 VERB = re.compile(r"(\w+s|Does|Has|Goes)\b")
@@ -138,10 +132,6 @@ def dialect(room: str) -> list[str]:
     ]
 
 
-def _faults(room: str) -> tuple[list[str], list[str], list[str]]:
-    return headless_openings(room), openings_without_verb(room), dialect(room)
-
-
 def test_docstrings_of_classes_begin_with_a_noun() -> None:
     """Those of functions begin with verbs, some of which are nouns, too."""
     verbs = {word for word in first_words(ast.FunctionDef) if VERB.fullmatch(word)}
@@ -155,13 +145,8 @@ def test_arguments_and_attributes_are_described_by_nouns(room: str) -> None:
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_texts_are_plain_english(room: str) -> None:
-    bounds = TOLERATED.get(room, (0, 0, 0))
-    worse = [each for each, bound in zip(_faults(room), bounds, strict=True) if len(each) > bound]
-    assert not worse, "\n".join(line for each in worse for line in each)
-
-
-def test_rooms_with_faults_exist() -> None:
-    assert not set(TOLERATED) - set(ROOMS)
+    faults = [*headless_openings(room), *openings_without_verb(room), *dialect(room)]
+    assert not faults, "\n".join(faults)
 
 
 def test_faults_are_recognized() -> None:
@@ -197,8 +182,3 @@ def test_help_begins_with_a_capital_and_ends_with_a_full_stop() -> None:
     whole = re.compile(r"([A-Z`'{0-9]|[a-z]+:).*[.:)…]", re.DOTALL)
     wrong = {f"{name}: {text}" for name, text in _helps() if not whole.fullmatch(text)}
     assert not wrong, "\n".join(sorted(wrong))
-
-
-if __name__ == "__main__":  # prints the bounds of today
-    for each_room in ROOMS:
-        print(f'    "{each_room}": {tuple(map(len, _faults(each_room)))},')  # noqa: T201

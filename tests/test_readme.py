@@ -204,7 +204,7 @@ def test_an_evaluation_of_the_readme_has_its_table(command: str, execute: Execut
     assert done.returncode == 0, done.stderr
     folder = tmp_path / command.split()[-1]
     assert (folder / "episodes.csv").exists()
-    assert len(list(folder.glob("*.mp4"))) == (3 if "--films 3" in command else 0)
+    assert len(list(folder.glob("*.mp4"))) == (3 if "--videos 3" in command else 0)
 
 
 def test_the_study_document_of_the_readme_is_one(tmp_path: Path) -> None:

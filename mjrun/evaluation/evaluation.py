@@ -91,7 +91,7 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
                 comparison=outcome.comparison,
                 names=prepared.points.names,
                 points=outcome.points,
-                films=videos,
+                videos=videos,
                 assertions=verdicts,
                 files=[*(str(each.destination.shown) for each in writers), *paths, str(folder / MANIFEST)],
                 steps=sum(episode.steps for group in groups for episode in group.episodes),
@@ -120,7 +120,7 @@ class EvaluationResult:
       comparison: comparison of two policies.
       names: parameters that vary.
       points: summary of each point, if something varies.
-      films: videos of episodes.
+      videos: videos of episodes.
       assertions: requirements and whether they hold.
       files: files that were written.
       steps: number of control periods of all episodes.
@@ -137,7 +137,7 @@ class EvaluationResult:
     comparison: PolicyComparison | None
     names: Sequence[str]
     points: Sequence[PointSummary]
-    films: Sequence[EpisodeVideo]
+    videos: Sequence[EpisodeVideo]
     assertions: Sequence[Verdict]
     files: Sequence[str]
     steps: int

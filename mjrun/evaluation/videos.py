@@ -92,7 +92,7 @@ class VideoMaker:
 
     def __init__(self, options: FilmOptions, prepared: PreparedEvaluation, seed: int) -> None:
         self._options, self._prepared = options, prepared
-        if options.films:
+        if options.videos:
             preview([self._video(prepared.groups[0].spec, seed, "video.mp4")], WarningReporter())
 
     def make(
@@ -102,7 +102,7 @@ class VideoMaker:
         videos, failures = list[EpisodeVideo](), list[tuple[str, MjrunError]]()
         warnings = _DistinctWarnings(reporter)
         varies = bool(self._prepared.points.names)
-        choices = chosen_videos(groups, self._options.films) if self._options.films else []
+        choices = chosen_videos(groups, self._options.videos) if self._options.videos else []
         for done, choice in enumerate(choices, 1):
             group, path = groups[choice.group], str(folder / choice.name(groups, varies=varies))
             episode = group.episodes[choice.episode]
@@ -112,7 +112,7 @@ class VideoMaker:
                 videos.append(EpisodeVideo(choice.rank, path, episode.seed, point, episode.total, episode.ending))
             except MjrunError as error:
                 failures.append((path, error))
-            reporter.progress("films", done, len(choices))
+            reporter.progress("videos", done, len(choices))
         return videos, failures
 
     def _video(self, spec: EpisodeSpec, seed: int, path: str) -> Video:

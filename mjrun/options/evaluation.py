@@ -55,7 +55,7 @@ class FilmOptions(Options):
 
     section: ClassVar[str] = "Videos"
 
-    films: int = option(
+    videos: int = option(
         converter=Integer(),
         default=0,
         help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best.",

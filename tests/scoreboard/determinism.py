@@ -29,7 +29,7 @@ VIDEOS = (".mp4", ".gif", ".apng", ".mkv", ".webm", ".png")  # their decoded fra
 STABLE = (".mkv", ".webm", ".png")  # so are their bytes, by the same command, which they contain
 BYTES = ", the bytes"
 # Keys for the time, place and duration, and for the number of processes, which changes nothing else.
-VOLATILE = {"command", "wall", "path", "files", "created", "seconds", "file", "jobs", "output", "films", "document"}
+VOLATILE = {"command", "wall", "path", "files", "created", "seconds", "file", "jobs", "output", "videos", "document"}
 GERMAN = "de_DE.UTF-8"  # has a comma in numbers, wherever a locale decides
 
 INPUTS = inputs_of(__name__)

@@ -22,7 +22,7 @@ from tests.scoreboard.writing_commands import (
 )
 
 ENCODER, CANNOT_WRITE, PARTLY = 6, 7, 8  # exit codes
-ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval films")  # commands that use an encoder
+ENCODED = ("mp4", "gif", "webm", "apng", "mkv", "folder", "pattern", "eval videos")  # commands that use an encoder
 
 
 def try_commands(disturb: "Callable[[Trial], None]", quick: bool) -> Tally:

@@ -46,7 +46,7 @@ def eval(console: Console, command_line: CommandLine) -> None:  # noqa: A001 - t
 
     \b
     mjrun eval task.yaml --policy drive.onnx --episodes 200 -o results
-    mjrun eval task.yaml --policy walk.onnx --films 3 --metric 'effort=mean(abs(ctrl/hip))'
+    mjrun eval task.yaml --policy walk.onnx --videos 3 --metric 'effort=mean(abs(ctrl/hip))'
     mjrun eval task.yaml --policy new.onnx --compare old.onnx --fail-below success=90%
     mjrun eval task.yaml --policy walk.onnx --vary 'geom/floor.friction[0]=0.2,0.6,1'
     mjrun eval gym:Walker2d-v5 --policy random --episodes 20
@@ -122,9 +122,9 @@ def evaluation_report(result: "EvaluationResult") -> str:
         page.table("points", _point_columns(result.points, result.names, level), len(result.points), SHOWN, hint)
     if result.comparison:
         page.lines("comparison", _comparison(result.comparison, level), f"{result.comparison.pairs} pairs")
-    if result.films:
-        films = [(f.rank, f"{clean(f.path)}: return {number(f.returned)}, {clean(f.ending)}") for f in result.films]
-        page.lines("films", films)
+    if result.videos:
+        videos = [(f.rank, f"{clean(f.path)}: return {number(f.returned)}, {clean(f.ending)}") for f in result.videos]
+        page.lines("videos", videos)
     if result.assertions:
         verdicts = [("holds" if verdict.passed else "FAILS", clean(verdict.message)) for verdict in result.assertions]
         page.lines("required", verdicts)

@@ -168,7 +168,7 @@ def result(**facts: object) -> EvaluationResult:
         "comparison": None,
         "names": [],
         "points": [],
-        "films": [],
+        "videos": [],
         "assertions": [],
         "steps": 1234,
         "wall": 2.0,
@@ -201,8 +201,8 @@ def test_a_comparison_names_the_better_one_or_nobody() -> None:
 
 def test_points_films_and_requirements_have_their_lines() -> None:
     point = PointSummary(0, {"mass": "2.5"}, [OWN], None)
-    film = EpisodeVideo("worst", "out/worst_seed9.mp4", 9, None, -1.5, "fallen")
-    text = evaluation_report(result(points=[point], names=["mass"], films=[film]))
+    video = EpisodeVideo("worst", "out/worst_seed9.mp4", 9, None, -1.5, "fallen")
+    text = evaluation_report(result(points=[point], names=["mass"], videos=[video]))
     assert "2.5" in text
     assert "out/worst_seed9.mp4: return -1.5, fallen" in text
     assert "at 1 points" in text
@@ -210,5 +210,5 @@ def test_points_films_and_requirements_have_their_lines() -> None:
 
 def test_names_cannot_steer_the_terminal() -> None:
     hostile = summary_of("\x1b[31m.onnx", SOME, [], [], 0.9, can_succeed=False)
-    film = EpisodeVideo("best", "\x1b[2J.mp4", 9, None, 1.0, "\x1b")
-    assert "\x1b" not in evaluation_report(result(policies=[hostile, OWN], films=[film], path="\x1b"))
+    video = EpisodeVideo("best", "\x1b[2J.mp4", 9, None, 1.0, "\x1b")
+    assert "\x1b" not in evaluation_report(result(policies=[hostile, OWN], videos=[video], path="\x1b"))
