@@ -145,8 +145,8 @@ def is_open_elsewhere(path: Path) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if hasattr(fcntl, "F_SETLEASE"):  # Linux grants it for a file that nobody else has open
-            fcntl.fcntl(descriptor, fcntl.F_SETSIG, signal.SIGURG)  # which is ignored, if somebody opens it now
+        if hasattr(fcntl, "F_SETLEASE"):  # Linux grants it for a file that no other process has open
+            fcntl.fcntl(descriptor, fcntl.F_SETSIG, signal.SIGURG)  # which is ignored, if one opens it now
             fcntl.fcntl(descriptor, fcntl.F_SETLEASE, fcntl.F_WRLCK)
     except OSError as error:
         return error.errno in (errno.EAGAIN, errno.EACCES)
