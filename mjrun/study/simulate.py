@@ -63,7 +63,7 @@ class PointSimulator:
             self._world_fields = WarpFields(device)
 
     def run(self, points: Sequence[StudyPoint]) -> Iterator[Sequence[PointResult]]:
-        """Yields the results of points as soon unchanged known, in any order."""
+        """Yields the results of points in the order in which they end."""
         batches = dict[object, list[_ReadyPoint]]()
         sizes = dict[int, int]()  # memory of their models, by id
         with collected_warnings(), without_timers():
