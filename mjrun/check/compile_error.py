@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from mjrun.check.rule import Finding, Place, Rule
+from mjrun.check.rule import Finding, MakeFix, Place, Rule
 from mjrun.errors import BrokenModelError, clean, spelled
 from mjrun.model.xml_source import Element, XmlSource
 
@@ -73,9 +73,9 @@ class CompileError(NamedTuple):
         yield from self.source.elements()
         yield from (e for root in self.source.attached for e in root.walk())
 
-    def finding(self, rule: Rule, message: str, remedy: str, value: str = "") -> Finding:
+    def finding(self, rule: Rule, message: str, remedy: str, value: str = "", fix: MakeFix | None = None) -> Finding:
         """Returns a violation of `rule` by the element that the message refers to."""
         element = self.element(value)
         if element is None:
-            return rule.finding(message, remedy, self.place)
-        return rule.in_element(element, message, remedy)
+            return rule.finding(message, remedy, self.place, fix=fix)
+        return rule.in_element(element, message, remedy, fix)

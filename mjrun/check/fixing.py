@@ -33,7 +33,7 @@ from mjrun.model.xml_source import read_xml
 from mjrun.platform import system
 from mjrun.platform.mirrored_paths import mirrored
 
-MAX_ROUNDS = 10
+MAX_ROUNDS = 50
 ROUNDING = 1e-12  # absolute and relative, of numbers that a fix writes in another way
 RUN_AGAIN = "run the command again"
 

@@ -1,7 +1,7 @@
 """Rules, and the findings and violations that they produce: a rule has a code, a severity and a title."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -157,6 +157,15 @@ class Rule:
 def rule(code: str, severity: str, title: str, fix: str = "") -> Callable[[Violations], Rule]:
     """Turns the function that finds violations into a rule."""
     return lambda violations: Rule(code, severity, title, violations, fix)
+
+
+def words_fix(
+    context: "LintContext", element: Element | None, attribute: str, words: Mapping[int, str], field: str
+) -> Fix | None:
+    """Returns the fix that replaces words of an attribute, which one field of the compiled model depends on."""
+    if element is None or attribute not in element.attributes or not words:
+        return None
+    return Fix(context.editor.with_words(element, attribute, words), (field,))
 
 
 def _made(fix: MakeFix | None) -> tuple[Fix, ...]:

@@ -186,7 +186,7 @@ class ModelChecker(Checker):
             limit_this_process(memory=math.inf)
             self.write_findings(rule_table.explain(error, source))
             return None
-        lines = ("; ".join(text.split("\n")) for text in warnings)
+        lines = ("; ".join(text.split("\n")) for text in warnings if "'meaninertia' is deprecated" not in text)  # MJ116
         self.write_findings(compile_errors.WARNING.in_model(self.path, f"MuJoCo warns: {line}") for line in lines)
         return context
 

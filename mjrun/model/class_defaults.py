@@ -35,22 +35,24 @@ def _inherited(element: Element) -> Iterator[Element]:
     defaults = [each for each in root.walk() if each.tag == "default"][::-1]
     name = _class(element)
     while name is not None:
-        own = [each for each in defaults if _class_name(each, root) == name]
+        own = [each for each in defaults if _class_name(each) == name]
         yield from own
         above = own[-1].parent if own else None
-        name = _class_name(above, root) if above is not None and above.tag == "default" else None
+        name = _class_name(above) if above is not None and above.tag == "default" else None
 
 
 def _class(element: Element) -> str:
     """Returns the name of the class of an element; empty for that of the whole model."""
-    name = element.attributes.get("class")
     above = element.parent
+    if above is not None and above.tag == "default":
+        return _class_name(above)
+    name = element.attributes.get("class")
     while name is None and above is not None:
         name, above = above.attributes.get("childclass"), above.parent
     return "" if name in (None, "main") else str(name)
 
 
-def _class_name(default: Element, root: Element) -> str:
+def _class_name(default: Element) -> str:
     """Returns the class that a `<default>` defines; empty for that of the whole model."""
     name = default.attributes.get("class", "")
-    return "" if default.parent is root and name in ("", "main") else name
+    return "" if name == "main" else name

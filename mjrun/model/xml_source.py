@@ -96,6 +96,7 @@ class XmlSource:
     Attributes:
       path: the path of the model.
       root: the root element; None if nothing could be read.
+      includes: the `<include>` elements that were replaced by the included elements.
       attached: the roots of the models that it attaches, directly or indirectly; their includes are not followed.
       circular: true if one of these attaches itself again, which crashes MuJoCo.
       errors: an error for each file that is not well-formed.
@@ -105,6 +106,7 @@ class XmlSource:
 
     path: Path
     root: Element | None = None
+    includes: list[Element] = field(default_factory=list)
     attached: list[Element] = field(default_factory=list)
     circular: bool = False
     errors: list[XmlError] = field(default_factory=list)
@@ -169,6 +171,7 @@ def _follow(source: XmlSource, root: Element) -> None:
         if inner is None:
             continue
 
+        source.includes.append(include)
         position = include.parent.children.index(include)
         for child in inner.children:
             child.parent = include.parent

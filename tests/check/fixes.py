@@ -10,6 +10,7 @@ from mjrun.check.model_result import Checked, Copy, ModelResult
 from mjrun.check.rule_table import RULES, apply, explain, ignored_xml
 from mjrun.check.worker_pool import WorkerTask
 from mjrun.errors import ModelError
+from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.xml_source import read_xml
 
 
@@ -19,7 +20,8 @@ def lint(model: str, copy: Copy | None = None, *, unsafe: bool = False) -> Check
     source = read_xml(path)
     changes = None
     try:
-        context = LintContext.load(path, source)
+        with collected_warnings():
+            context = LintContext.load(path, source)
     except ModelError as error:
         found, loads = explain(error, source), False
     else:

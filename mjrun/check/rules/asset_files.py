@@ -39,7 +39,7 @@ def _missing(source: xml_source.XmlSource) -> Iterator[tuple[xml_source.Element,
 
     The folders of assets are unknown if `source` is not well-formed, since a `<compiler>` may follow the error.
     """
-    folders = _folders(source)
+    folders = asset_folders(source)
     for element in source.elements():
         for name in () if source.errors and element.tag in FOLDER_ATTRIBUTES else _file_names(element):
             paths = _paths(element, name, source, folders)
@@ -49,7 +49,7 @@ def _missing(source: xml_source.XmlSource) -> Iterator[tuple[xml_source.Element,
 
 def lfs_pointers(source: xml_source.XmlSource) -> Iterator[Finding]:
     """Yields a finding for each asset of which only a Git LFS pointer exists; as XML they are not well-formed."""
-    folders = _folders(source)
+    folders = asset_folders(source)
     for element in (e for e in source.elements() if e.tag in FOLDER_ATTRIBUTES):
         for name in _file_names(element):
             path = next(filter(xml_source.is_regular, _paths(element, name, source, folders)), None)
@@ -66,7 +66,7 @@ def _starts_with(path: Path, prefix: bytes) -> bool:
         return False
 
 
-def _folders(source: xml_source.XmlSource) -> dict[str, str]:
+def asset_folders(source: xml_source.XmlSource) -> dict[str, str]:
     """Returns the attributes of `<compiler>` that concern paths; the last one wins."""
     folders: dict[str, str] = {}
     for element in source.elements():
@@ -79,9 +79,14 @@ def _folders(source: xml_source.XmlSource) -> dict[str, str]:
 
 def _file_names(element: xml_source.Element) -> list[str]:
     """Returns the names of files in the attributes of `element`."""
-    keys = ("file", *FACES) if element.tag == "texture" else ("file", "filename")  # the latter in URDF
-    kinds = (*FOLDER_ATTRIBUTES, "include", "model")
-    return [element.attributes[key] for key in keys if element.tag in kinds and element.attributes.get(key)]
+    return [element.attributes[key] for key in file_attributes(element) if element.attributes.get(key)]
+
+
+def file_attributes(element: xml_source.Element) -> tuple[str, ...]:
+    """Returns the attributes of `element` that name files."""
+    if element.tag not in (*FOLDER_ATTRIBUTES, "include", "model"):
+        return ()
+    return ("file", *FACES) if element.tag == "texture" else ("file", "filename")  # the latter in URDF
 
 
 def _paths(element: xml_source.Element, name: str, source: xml_source.XmlSource, folders: dict[str, str]) -> list[Path]:

@@ -1,30 +1,33 @@
 """Reasons why a model does not load: from MuJoCo's message about the first error, all errors of that kind."""
 
+import itertools
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from mjrun.check.compile_error import CompileError
-from mjrun.check.rule import Finding, Place, Rule, short_path
-from mjrun.check.rules import asset_files, keywords, mjcf_schema
+from mjrun.check.rule import SAFE, Finding, Fix, Place, Rule, short_path
+from mjrun.check.rules import asset_files, keywords, mjcf_schema, range_fixes
 from mjrun.check.rules.keyframes import SIZE_REMEDY, incomplete_keyframes, size_message
 from mjrun.check.rules.keywords import BAD_VALUE
 from mjrun.check.rules.mjcf_schema import REMOVED
 from mjrun.check.rules.process_failures import OUT_OF_MEMORY
 from mjrun.errors import BrokenModelError, ModelError, clean, listing, near, option, quoted, suggestion
 from mjrun.model.sources import load
+from mjrun.model.text_edits import ElementEditor
 from mjrun.model.xml_source import Element, XmlSource, attach_paths, attached_files, read_xml
 
 COMPILE_ERROR = Rule("MJ100", "error", "model that does not load")
 NOT_WELL_FORMED = Rule("MJ101", "error", "not well-formed XML")
-DUPLICATE_NAME = Rule("MJ108", "error", "duplicate name")
+DUPLICATE_NAME = Rule("MJ108", "error", "duplicate name", fix=SAFE)
 UNKNOWN_NAME = Rule("MJ109", "error", "reference to an unknown name")
 MISSING_ATTRIBUTE = Rule("MJ112", "error", "missing attribute")
 SELF_ATTACHED = Rule("MJ113", "error", "model that attaches itself")
 BAD_TIMESTEP = Rule("MJ114", "error", "timestep that is not positive")
 WARNING = Rule("MJ115", "warning", "MuJoCo warns while loading")
-MASSLESS_BODY = Rule("MJ202", "error", "moving body without mass")
-MISSING_RANGE = Rule("MJ303", "error", "limit without range")
+MASSLESS_BODY = Rule("MJ202", "error", "moving body without mass", fix=SAFE)
+MISSING_RANGE = Rule("MJ303", "error", "limit without range", fix=SAFE)
 
 Findings = Iterator[Finding]
 # Messages that need only a remedy.
@@ -157,7 +160,17 @@ def _duplicate_name(error: CompileError, match: re.Match[str]) -> Findings:
     first, *others = duplicates
     for other in others:
         place = f"{first.file}:{first.line}" if first.file != other.file else f"line {first.line}"
-        yield DUPLICATE_NAME.in_element(other, f"the name {quoted(name)} is already taken on {place}", remedy)
+        message = f"the name {quoted(name)} is already taken on {place}"
+        yield DUPLICATE_NAME.in_element(other, message, remedy, partial(_renamed, error.source, others, other))
+
+
+def _renamed(source: XmlSource, others: list[Element], other: Element) -> Fix:
+    """Returns the fix that adds a number to the name of one of several elements; references keep the first one."""
+    taken = {name for e in source.elements() if (name := e.attributes.get("name"))}
+    name = other.attributes["name"]
+    free = (f"{name}_{i}" for i in itertools.count(2) if f"{name}_{i}" not in taken)
+    new = next(itertools.islice(free, others.index(other), None))
+    return Fix((ElementEditor(source.texts).with_value(other, "name", new),))
 
 
 def _keyword(error: CompileError, match: re.Match[str]) -> Findings:
@@ -188,16 +201,30 @@ def _massless_body(error: CompileError, match: re.Match[str]) -> Findings:
         "or remove its joints; <compiler boundmass=… boundinertia=…> sets a floor for all bodies"
     )
     what = error.element() or "the body"
-    yield error.finding(MASSLESS_BODY, f"{what} can move, but has no mass or no inertia", remedy)
+    message = f"{what} can move, but has no mass or no inertia"
+    yield error.finding(MASSLESS_BODY, message, remedy, fix=partial(_inferred, error))
+
+
+def _inferred(error: CompileError) -> Fix | None:
+    """Returns the fix that infers the inertia of bodies without one, if the model prevents that; None if not."""
+    body = error.element()
+    compilers = [e for e in error.source.elements() if e.tag == "compiler" and "inertiafromgeom" in e.attributes]
+    inside = {child.tag for child in body.children} if body else set[str]()
+    if not compilers or compilers[-1].attributes["inertiafromgeom"] != "false":
+        return None
+    if "inertial" in inside or "geom" not in inside:
+        return None
+    return Fix((ElementEditor(error.source.texts).with_value(compilers[-1], "inertiafromgeom", "auto"),))
 
 
 def _missing_range(error: CompileError, match: re.Match[str]) -> Findings:
     remedy = "write a range with the smaller number first, or do not declare it limited"
-    reason = "it is limited, but has no range or a reversed one"
-    if "autolimits" in match[0] or "`limited`" in match[0]:
+    reason, fix = "it is limited, but has no range or a reversed one", range_fixes.swapped
+    if "but not" in match[0]:
         remedy = 'remove autolimits="false" from <compiler>, or write limited="true" or "false" beside the range'
-        reason = "is it limited or not?"
-    yield error.finding(MISSING_RANGE, f"{error.text.partition('. ')[0]}: {reason}", remedy)
+        reason, fix = "is it limited or not?", range_fixes.enabled
+    message = f"{error.text.partition('. ')[0]}: {reason}"
+    yield error.finding(MISSING_RANGE, message, remedy, fix=partial(fix, error.source))
 
 
 def _timestep(error: CompileError, match: re.Match[str]) -> Findings:
@@ -307,7 +334,7 @@ EXPLANATIONS: list[tuple[str, Callable[[CompileError, re.Match[str]], Findings]]
     (r"(?:bad format in|problem reading|error in)? ?attribute '(?P<attribute>\w+)'", _value),
     (r"mass and inertia of moving bodies", _massless_body),
     (r"range\[0\] should be smaller|has `\w*range` but not `\w*limited`", _missing_range),
-    (r"invalid \w* ?range (?:for actuator|in tendon|in joint)", _missing_range),
+    (r"invalid (?:\w* ?range|limits) (?:for actuator|in tendon|in joint)", _missing_range),
     (r"the timestep must be", _timestep),
     (
         r"keyframe (?:'(?P<name>.*)'|(?P<number>\d+)): invalid (?P<field>\w+) size, "

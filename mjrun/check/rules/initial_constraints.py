@@ -1,14 +1,16 @@
 """Constraints at the start: geoms that overlap, forces that launch bodies, springs too stiff for the timestep."""
 
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.rule import UNSAFE, Violation, rule
 from mjrun.check.rules.limits import joints_beyond_range
+from mjrun.check.rules.physical_fixes import without_contacts
 from mjrun.errors import clean
 
 MAX_SHARE = 0.1  # of the smaller geom's half size
@@ -21,7 +23,7 @@ CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
 INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
-@rule("MJ501", "warning", "initial penetration")
+@rule("MJ501", "warning", "initial penetration", fix=UNSAFE)
 def initial_penetrations(context: LintContext) -> Iterator[Violation]:
     """Yields geoms that penetrate each other deeply: the worst pair of each start, and no pair twice."""
     reported: set[tuple[int, int]] = set()
@@ -44,7 +46,8 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
         exclude = f'<contact><exclude body1="{bodies[0]}" body2="{bodies[1]}"/></contact>'
         remedy = f"move one of them, or exclude their contact: {exclude}"
         place = context.place("geom", one) if start is None else context.place("keyframe", start)
-        yield Violation(message, remedy, place, context.object("geom", one))
+        fix = partial(without_contacts, context, start, deep.keys())
+        yield Violation(message, remedy, place, context.object("geom", one), fix=fix)
 
 
 def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:

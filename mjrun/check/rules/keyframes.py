@@ -1,14 +1,14 @@
 """Keyframes that a simulation cannot start from as written."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import SAFE, Fix, Violation, rule
-from mjrun.check.rules.limits import beyond_range, beyond_span, joints_beyond_range
+from mjrun.check.rule import SAFE, UNSAFE, Fix, Violation, rule, words_fix
+from mjrun.check.rules.limits import SCALAR, beyond_range, beyond_span, joints_beyond_range
 from mjrun.errors import counted, listing
 from mjrun.model.names import BALL, FREE, actuator_parts
 from mjrun.model.text_edits import number_word
@@ -33,7 +33,7 @@ def keyframes_not_finite(context: LintContext) -> Iterator[Violation]:
                 yield context.violation("keyframe", key, message, remedy)
 
 
-@rule("MJ402", "warning", "keyframe beyond a joint range")
+@rule("MJ402", "warning", "keyframe beyond a joint range", fix=UNSAFE)
 def keyframes_beyond_range(context: LintContext) -> Iterator[Violation]:
     """Yields keyframes that put joints beyond their ranges."""
     model = context.model
@@ -49,12 +49,21 @@ def keyframes_beyond_range(context: LintContext) -> Iterator[Violation]:
         message = f"{context.object('joint', first)} is {beyond_range(model, first, qpos)}{more}"
         entries = [_entry(context, key, "qpos", int(model.jnt_qposadr[joint])) for joint in joints]
         numbers = listing(entries) if all(entries) else "the position of the joint"
-        yield context.violation(
-            "keyframe", key, message, f"change {numbers} in the keyframe, or the range of the joint"
-        )
+        remedy = f"change {numbers} in the keyframe, or the range of the joint"
+        yield context.violation("keyframe", key, message, remedy, fix=partial(_joints_within, context, key, joints))
 
 
-@rule("MJ403", "warning", "keyframe beyond a control range")
+def _joints_within(context: LintContext, key: int, joints: Sequence[int]) -> Fix | None:
+    """Returns the fix that moves hinges and slides to the nearest bound."""
+    model, words = context.model, dict[int, str]()
+    for joint in joints:
+        if model.jnt_type[joint] in SCALAR:
+            address = int(model.jnt_qposadr[joint])
+            words[address] = number_word(np.clip(model.key_qpos[key, address], *model.jnt_range[joint]))
+    return words_fix(context, context.element("keyframe", key), "qpos", words, "key_qpos")
+
+
+@rule("MJ403", "warning", "keyframe beyond a control range", fix=UNSAFE)
 def controls_beyond_range(context: LintContext) -> Iterator[Violation]:
     """Yields keyframes with a control or an activation beyond its range, unless the controls are omitted and thus 0."""
     model = context.model
@@ -69,7 +78,9 @@ def controls_beyond_range(context: LintContext) -> Iterator[Violation]:
                 message = f"the control of {context.object('actuator', owners[i])} is {beyond}{clamped}"
                 number = _entry(context, key, "ctrl", i) or "the control of the actuator"
                 remedy = f"change {number} in the keyframe, or the actuator's ctrlrange"
-                yield context.violation("keyframe", key, message, remedy)
+                words = {i: number_word(np.clip(model.key_ctrl[key, i], *model.actuator_ctrlrange[i]))}
+                fix = partial(words_fix, context, element, "ctrl", words, "key_ctrl")
+                yield context.violation("keyframe", key, message, remedy, fix=fix)
         yield from _activations(context, key)
 
 
@@ -81,7 +92,9 @@ def _activations(context: LintContext, key: int) -> Iterator[Violation]:
             message = f"the activation of {context.object('actuator', i)} is {beyond}"
             number = _entry(context, key, "act", last) or "the activation of the actuator"
             remedy = f"change {number} in the keyframe, or the actuator's actrange"
-            yield context.violation("keyframe", key, message, remedy)
+            words = {last: number_word(np.clip(model.key_act[key, last], *model.actuator_actrange[i]))}
+            fix = partial(words_fix, context, context.element("keyframe", key), "act", words, "key_act")
+            yield context.violation("keyframe", key, message, remedy, fix=fix)
 
 
 @rule("MJ404", "warning", "keyframe with a bad quaternion", fix=SAFE)

@@ -1,15 +1,16 @@
 """Ranges of joints, tendons and actuators that are missing, reversed or violated at the start."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import SAFE, Fix, Violation, rule
+from mjrun.check.rule import SAFE, UNSAFE, Fix, Violation, rule, words_fix
 from mjrun.errors import option
 from mjrun.model.class_defaults import holder
+from mjrun.model.text_edits import number_word
 
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
@@ -103,7 +104,7 @@ def joints_beyond_range(context: LintContext, start: int | None) -> list[int]:
     return [joint for joint in map(int, np.flatnonzero(model.jnt_limited)) if beyond_range(model, joint, qpos)]
 
 
-@rule("MJ305", "warning", "angle probably in the wrong unit")
+@rule("MJ305", "warning", "angle probably in the wrong unit", fix=UNSAFE)
 def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
     """Yields ranges of joints in degrees that look like radians, and the other way round."""
     model, spec = context.model, context.spec
@@ -113,18 +114,27 @@ def ranges_in_other_unit(context: LintContext) -> Iterator[Violation]:
         if attached or not spec:
             continue
         if explanation := _other_unit(model.jnt_range[joint], bool(spec.compiler.degree)):
-            yield context.violation("joint", joint, *explanation)
+            message, remedy, words = explanation
+            yield context.violation("joint", joint, message, remedy, fix=partial(_converted, context, joint, words))
 
 
-def _other_unit(span: np.ndarray, degree: bool) -> tuple[str, str] | None:
-    """Returns message and remedy for a range `(2,)` [rad] that is written in one unit and looks like the other."""
+def _converted(context: LintContext, joint: int, words: Sequence[str]) -> Fix | None:
+    """Returns the fix that writes a range in the other unit, in the element or in the default class that sets it."""
+    element = context.element("joint", joint)
+    owner = holder(element, "range") if element else None
+    return words_fix(context, owner, "range", dict(enumerate(words)), "jnt_range")
+
+
+def _other_unit(span: np.ndarray, degree: bool) -> tuple[str, str, Sequence[str]] | None:
+    """Returns message, remedy and the right numbers for a range `(2,)` [rad] in one unit that looks like the other."""
     unit, meant = ("degree", "radian") if degree else ("radian", "degree")
     written = np.degrees(span) if degree else span
     if not (all(map(_quarter_turns, written[written != 0])) if degree else _whole_degrees(written)):
         return None
     low, high = np.degrees(written).round() if degree else np.radians(written)
     message = f"its range {written[0]:.6g} {written[1]:.6g} is in {unit}s, but looks like {meant}s"
-    return message, f'write <compiler angle="{meant}"/> if all angles are, or range="{low:.4g} {high:.4g}"'
+    remedy = f'write <compiler angle="{meant}"/> if all angles are, or range="{low:.4g} {high:.4g}"'
+    return message, remedy, [number_word(low), number_word(high)]
 
 
 def _quarter_turns(angle: float) -> bool:

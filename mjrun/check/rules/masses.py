@@ -2,12 +2,14 @@
 
 import itertools
 from collections.abc import Iterator
+from functools import partial
 
 import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.rule import UNSAFE, Violation, rule
+from mjrun.check.rules.physical_fixes import inferred_inertia
 from mjrun.check.rules.unnamed_objects import flex_bodies
 
 # Double precision has 16 digits; factoring the inertia matrix costs as many as its condition number has.
@@ -80,7 +82,7 @@ def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
             yield context.violation("joint", light, message, remedy)
 
 
-@rule("MJ206", "warning", "inertia that the body cannot have")
+@rule("MJ206", "warning", "inertia that the body cannot have", fix=UNSAFE)
 def impossible_inertias(context: LintContext) -> Iterator[Violation]:
     """Yields bodies whose explicit inertia does not fit their geoms and those of the bodies that are welded to them.
 
@@ -95,7 +97,8 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
             continue
         if problem := _inertia_problem(context, body):
             remedy = "correct its <inertial>, or remove it so that MuJoCo infers it from the geoms; units are kg and m"
-            yield context.violation("body", body, problem, remedy)
+            fix = partial(inferred_inertia, context, body)
+            yield context.violation("body", body, problem, remedy, fix=fix)
 
 
 def _inertia_problem(context: LintContext, body: int) -> str:

@@ -1,0 +1,56 @@
+"""Fixes of all ranges in the text of a model at once: MuJoCo rejects them one by one."""
+
+from collections.abc import Iterator
+
+from mjrun.check.rule import Fix
+from mjrun.model.class_defaults import ACTUATORS, holder
+from mjrun.model.text_edits import ElementEditor
+from mjrun.model.xml_source import Element, XmlSource
+
+# The attributes with ranges, and those that enable them, of joints and tendons, and of actuators.
+LIMITS = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
+ACTUATOR_LIMITS = {"ctrlrange": "ctrllimited", "forcerange": "forcelimited", "actrange": "actlimited"}
+RANGES = {
+    **dict.fromkeys(("joint", "tendon", "spatial", "fixed"), tuple(LIMITS.items())),
+    **dict.fromkeys(ACTUATORS, tuple(ACTUATOR_LIMITS.items())),
+}
+
+
+def enabled(source: XmlSource) -> Fix | None:
+    """Returns the fix that enables every range of which the text does not state whether it applies."""
+    editor = ElementEditor(source.texts)
+    edits = [
+        editor.with_value(element, limit, "true")
+        for element, span, limit in _ranges(source)
+        if holder(element, limit) is None and set(_numbers(element, span)) != {0.0}
+    ]
+    return Fix(tuple(edits)) if edits else None
+
+
+def swapped(source: XmlSource) -> Fix | None:
+    """Returns the fix that swaps the numbers of every reversed range."""
+    editor = ElementEditor(source.texts)
+    edits = [
+        edit
+        for element, span, _ in _ranges(source)
+        if (numbers := _numbers(element, span)) and numbers[0] > numbers[1]
+        for edit in editor.with_words(element, span, dict(enumerate(reversed(element.attributes[span].split()))))
+    ]
+    return Fix(tuple(edits)) if edits else None
+
+
+def _ranges(source: XmlSource) -> Iterator[tuple[Element, str, str]]:
+    """Yields each element with a range, and the names of the attributes with the range and with what enables it."""
+    for element in source.elements():
+        for span, limit in RANGES.get(element.tag, ()):
+            if span in element.attributes:
+                yield element, span, limit
+
+
+def _numbers(element: Element, attribute: str) -> tuple[float, ...]:
+    """Returns the two numbers of an attribute; none if it holds something else."""
+    try:
+        numbers = tuple(map(float, element.attributes[attribute].split()))
+    except ValueError:
+        return ()
+    return numbers if len(numbers) == 2 else ()

@@ -1,0 +1,107 @@
+"""Attributes of a model that loads which are better written in another way."""
+
+import os
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import SAFE, Fix, Place, Violation, rule
+from mjrun.check.rules.asset_files import FOLDER_ATTRIBUTES, asset_folders, file_attributes
+from mjrun.errors import quoted
+from mjrun.model.text_edits import number_word
+from mjrun.model.xml_source import Element, with_slashes
+
+# Attributes that MuJoCo still reads, the reason against them, and the fields that change without them.
+WITHOUT_EFFECT = "it has no effect any more"
+DEPRECATED = {
+    ("size", "njmax"): (f"{WITHOUT_EFFECT}: MuJoCo allocates memory as needed", ("njmax", "narena")),
+    ("size", "nconmax"): (f"{WITHOUT_EFFECT}: MuJoCo allocates memory as needed", ("nconmax", "narena")),
+    ("size", "nstack"): ("memory is its successor, and is sufficient by default", ("narena",)),
+    ("statistic", "meaninertia"): (WITHOUT_EFFECT, ("stat*",)),
+    ("light", "directional"): ("type is its successor", ()),
+}
+ROUNDED, INTENDED = 1e-3, 0.02  # differences of a length from 1: of few digits, and of a vector meant to have length 1
+DIRECTIONS = {"quat": 4, "axis": 3}  # attributes that MuJoCo normalizes, and their numbers
+FOLDERS = ("meshdir", "texturedir", "assetdir")
+
+
+@rule("MJ116", "note", "deprecated attribute", fix=SAFE)
+def deprecated_attributes(context: LintContext) -> Iterator[Violation]:
+    """Yields attributes that MuJoCo accepts only for the sake of older models."""
+    for element in _elements(context):
+        for attribute in element.attributes:
+            if reason := DEPRECATED.get((element.tag, attribute)):
+                message = f"the attribute {attribute} of <{element.tag}> is deprecated: {reason[0]}"
+                remedy = 'write type="directional"' if attribute == "directional" else "delete it"
+                yield _violation(element, message, remedy, partial(_modern, context, element, attribute))
+
+
+def _modern(context: LintContext, element: Element, attribute: str) -> Fix:
+    fields = DEPRECATED[element.tag, attribute][1]
+    if attribute != "directional" or element.attributes[attribute] != "true":
+        return Fix((context.editor.without(element, attribute),), fields)
+    renamed = context.editor.renamed(element, attribute, "type")
+    return Fix((renamed, context.editor.with_value(element, attribute, attribute)), fields)
+
+
+@rule("MJ117", "note", "absolute path", fix=SAFE)
+def absolute_paths(context: LintContext) -> Iterator[Violation]:
+    """Yields absolute paths of files and folders below that of the model, which a copy of the model does not find."""
+    home = context.path.absolute().parent
+    folders = asset_folders(context.source)
+    if folders.get("strippath") == "true":
+        return
+    for element in (*context.source.includes, *_elements(context)):
+        keys = [*file_attributes(element), *(key for key in FOLDERS if element.tag == "compiler")]
+        for key in keys:
+            path = Path(with_slashes(element.attributes.get(key, "")))
+            if not path.is_absolute() or not path.is_relative_to(home):
+                continue
+            base = home if key in FOLDERS else home / folders.get(FOLDER_ATTRIBUTES.get(element.tag, ""), "")
+            relative = Path(os.path.relpath(path, base)).as_posix()
+            message = f"{quoted(str(path))} is absolute: the model works only in this folder of this machine"
+            fix = partial(_with_value, context, element, key, relative)
+            yield _violation(element, message, f'write {key}="{relative}"', fix)
+
+
+def _with_value(context: LintContext, element: Element, attribute: str, value: str) -> Fix:
+    return Fix((context.editor.with_value(element, attribute, value),))
+
+
+@rule("MJ118", "note", "direction that is not normalized", fix=SAFE)
+def directions_not_normalized(context: LintContext) -> Iterator[Violation]:
+    """Yields quaternions and axes that are probably meant to have length 1: decimals, and a length close to 1."""
+    for element in _elements(context):
+        for attribute, count in DIRECTIONS.items():
+            numbers = _numbers(element.attributes.get(attribute, ""))
+            length = float(np.linalg.norm(numbers))
+            if len(numbers) == count and ROUNDED < abs(length - 1) < INTENDED:
+                message = f"the length of its {attribute} is close to 1, but not 1; MuJoCo normalizes it"
+                remedy = f'write {attribute}="{" ".join(f"{number / length:.6g}" for number in numbers)}"'
+                yield _violation(element, message, remedy, partial(_normalized, context, element, attribute, numbers))
+
+
+def _normalized(context: LintContext, element: Element, attribute: str, numbers: Sequence[float]) -> Fix:
+    unit = np.array(numbers) / np.linalg.norm(numbers)
+    words = {i: number_word(float(number)) for i, number in enumerate(unit)}
+    return Fix(context.editor.with_words(element, attribute, words))
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return []
+
+
+def _elements(context: LintContext) -> Iterator[Element]:
+    """Yields the elements of an MJCF model."""
+    root = context.source.root
+    return context.source.elements() if root is not None and root.tag == "mujoco" else iter(())
+
+
+def _violation(element: Element, message: str, remedy: str, fix: partial[Fix]) -> Violation:
+    return Violation(message, remedy, Place(element.file, element.line), str(element), fix=fix)
