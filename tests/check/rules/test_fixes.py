@@ -1,15 +1,12 @@
 """Theorems about the fix of each rule: the text after it, and the compiled model."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
 
 from mjrun.check.rules import deprecated, mjcf_schema
-from mjrun.model.mujoco_globals import collected_warnings
 from tests.check.fixes import fixed
-from tests.check.models import MESH, hinged, keyed, mjcf
+from tests.check.models import hinged, keyed, mjcf
 
 MOTOR = '<actuator><motor name="m" joint="j" {}/></actuator>'
 
@@ -78,38 +75,6 @@ def test_a_keyframe_that_is_right_stays() -> None:
     assert fixed(keyed('qpos="0.5"')) == keyed('qpos="0.5"')
 
 
-@pytest.mark.parametrize(
-    ("text", "old", "new"),
-    [
-        (hinged('range="0 1" actuatorfrcrange="0 1"'), '1"/>', '1" limited="true" actuatorfrclimited="true"/>'),
-        (hinged(before='<default><joint range="0 1"/></default>'), '1"/></d', '1" limited="true"/></d'),
-        (hinged(after=MOTOR.format('ctrlrange="0 1"')), '0 1"', '0 1" ctrllimited="true"'),
-        (hinged(before='<default><joint limited="false"/></default>'), "", ""),
-    ],
-)
-def test_ranges_without_a_limit_are_enabled(text: str, old: str, new: str) -> None:
-    text = text.replace("<mujoco>", '<mujoco><compiler autolimits="false"/>')
-    after = fixed(text)
-    assert after == (text.replace(old, new, 1) if old else text)
-    free = mujoco.MjModel.from_xml_string(text.replace(' autolimits="false"', ""))
-    model = mujoco.MjModel.from_xml_string(after)
-    for name in ("jnt_limited", "jnt_actfrclimited", "jnt_range", "actuator_ctrllimited"):
-        np.testing.assert_array_equal(getattr(model, name), getattr(free, name))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        hinged('limited="true" range="2 1"'),
-        hinged('actuatorfrclimited="true" actuatorfrcrange="2 1"'),
-        hinged(after=MOTOR.format('ctrllimited="true" ctrlrange="2 1"')),
-        hinged(after='<tendon><fixed limited="true" range="2 1"><joint joint="j" coef="1"/></fixed></tendon>'),
-    ],
-)
-def test_reversed_ranges_that_keep_a_model_from_loading_are_swapped(text: str) -> None:
-    assert fixed(text) == text.replace("2 1", "1 2")
-
-
 def test_later_elements_of_one_name_are_numbered_and_references_keep_the_first() -> None:
     body = '<body name="{}"><joint name="{}"/><geom size=".1" name="g_2"/></body>'
     text = mjcf("\n".join(body.format(*names) for names in (("b", "j"), ("b", "k"), ("b", "j"))), MOTOR.format(""))
@@ -127,42 +92,6 @@ def test_inertia_is_inferred_where_a_model_prevents_it_and_gives_none() -> None:
     assert fixed(massless) == massless
 
 
-def test_deprecated_attributes_are_deleted_or_replaced() -> None:
-    before = '<size njmax="5" nconmax="5"/><statistic meaninertia="2" extent="3"/>'
-    text = mjcf('<light directional="true" diffuse="1 1 1"/>\n<light directional="false"/>', before=before)
-    after = mjcf('<light type="directional" diffuse="1 1 1"/>\n<light/>', before='<size/><statistic extent="3"/>')
-    assert fixed(text) == after
-    with collected_warnings():
-        one = mujoco.MjModel.from_xml_string(text)
-    other = mujoco.MjModel.from_xml_string(after)
-    np.testing.assert_array_equal(one.light_type, other.light_type)
-
-
-def test_paths_below_the_model_become_relative_to_where_mujoco_looks_for_them() -> None:
-    here = Path.cwd()
-    for name in ("meshes/a.obj", "b.obj"):
-        Path(name).parent.mkdir(exist_ok=True)
-        Path(name).write_text(MESH)
-    Path("part.xml").write_text("<mujocoinclude><option/></mujocoinclude>")
-    meshes = '<asset><mesh file="{}a.obj"/><mesh file="{}b.obj"/></asset>'
-    compiler = '<compiler meshdir="{}meshes"/><include file="{}part.xml"/>'
-    text = mjcf(before=(compiler + meshes.replace("{}a", "{}meshes/a")).replace("{}", f"{here}/"))
-    assert fixed(text) == mjcf(before=compiler.replace("{}", "") + meshes.format("", "../"))
-    outside = mjcf(before=f'<asset><mesh file="{here.parent}/c.obj"/></asset>')
-    (here.parent / "c.obj").write_text(MESH)
-    assert fixed(outside) == outside
-
-
-def test_directions_are_normalized_where_they_are_set() -> None:
-    text = hinged('axis="0 0.7\t0.7"', before='<default><geom quat="0.7 0.7 0 0"/></default>')
-    before, after = (mujoco.MjModel.from_xml_string(each) for each in (text, fixed(text)))
-    np.testing.assert_allclose(after.jnt_axis, before.jnt_axis, atol=1e-15)
-    np.testing.assert_allclose(after.geom_quat, before.geom_quat, atol=1e-15)
-    assert "0.7071067811865476\t0.7071067811865476" in fixed(text)
-    deliberate = hinged('axis="1 1 0"', geom='size=".1" quat="1 0 0 1"')
-    assert fixed(deliberate) == deliberate
-
-
 def test_an_angle_in_the_wrong_unit_is_converted_where_it_is_set() -> None:
     text = hinged(before='<default><joint range="-1.57 3.14159"/></default>')
     assert fixed(text, unsafe=True) == text.replace("-1.57 3.14159", "-90 180")
@@ -174,44 +103,3 @@ def test_an_angle_in_the_wrong_unit_is_converted_where_it_is_set() -> None:
 
 def test_keyframes_move_to_the_nearest_bounds() -> None:
     assert fixed(keyed('qpos="1.5" ctrl="-3"'), unsafe=True) == keyed('qpos="1" ctrl="-1"')
-
-
-BALLS = '<body name="{}" pos="0 0 {}"><freejoint/><geom size=".1"/></body>'
-
-
-@pytest.mark.parametrize("after", ["", '<contact>\n  <exclude body1="a" body2="c"/>\n</contact>'])
-def test_moving_bodies_that_overlap_exclude_each_other(after: str) -> None:
-    world = "".join(BALLS.format(*ball) for ball in (("a", 1), ("b", 1.1), ("c", 3), ("d", 3.05)))
-    text = mjcf(world, after)
-    before, model = (mujoco.MjModel.from_xml_string(each) for each in (text, fixed(text, unsafe=True)))
-    assert model.nexclude == before.nexclude + 2
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    assert data.ncon == 0
-
-
-def test_a_body_inside_a_static_geom_is_left_alone() -> None:
-    text = mjcf(f'<geom type="plane" size="1 1 1"/>{BALLS.format("a", 0)}')
-    assert fixed(text, unsafe=True) == text
-
-
-def test_a_keyframe_is_lifted_out_of_the_floor() -> None:
-    world = f'<geom type="plane" size="1 1 1"/>{BALLS.format("a", 1)}'
-    text = mjcf(world, '<keyframe><key qpos="5 0 -0.2  1 0 0 0"/></keyframe>')
-    model = mujoco.MjModel.from_xml_string(fixed(text, unsafe=True))
-    assert model.key_qpos[0, 2] == pytest.approx(0.1, abs=2e-6)
-    assert 'qpos="5 0 0.1' in fixed(text, unsafe=True)
-
-
-@pytest.mark.parametrize("orientation", ["", 'euler="0 0 90"', 'quat="0 1 0 0"'])
-def test_an_impossible_inertia_becomes_that_of_the_geoms_with_the_given_mass(orientation: str) -> None:
-    rod = '<body name="r"><joint/>{}<geom type="box" size=".1 .2 .3" pos="1 0 0" euler="0 0 30"/></body>'
-    wrong = f'<inertial pos="0 0 0" {orientation} mass="2" diaginertia="5 5 5"/>'
-    model = mujoco.MjModel.from_xml_string(fixed(mjcf(rod.format(wrong)), unsafe=True))
-    whole = mujoco.MjModel.from_xml_string(mjcf(rod.format("").replace("<geom", '<geom mass="2"')))
-    for name in ("body_mass", "body_ipos", "body_inertia"):
-        np.testing.assert_allclose(getattr(model, name), getattr(whole, name), rtol=1e-6, atol=1e-12)
-    data, other = mujoco.MjData(model), mujoco.MjData(whole)
-    mujoco.mj_forward(model, data)
-    mujoco.mj_forward(whole, other)
-    np.testing.assert_allclose(data.M, other.M, rtol=1e-6)
