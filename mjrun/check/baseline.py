@@ -62,6 +62,10 @@ class Baseline:
             ) from error
         return cls(path.parent, known)
 
+    def contains(self, finding: Finding) -> bool:
+        """Returns whether a finding is known."""
+        return known_finding(finding, self.folder) in self.known
+
     def new(self, findings: Iterable[Finding]) -> tuple[Finding, ...]:
         """Returns the findings that are not known, and counts down the known ones."""
         new: list[Finding] = []

@@ -131,6 +131,11 @@ class Check(PolicyOptions, CheckOptions):
             for pattern, codes in self.ignore_in
         ]
 
+    @cached_property
+    def _accepted(self) -> Baseline | None:
+        """The baseline with findings that are not to be fixed."""
+        return Baseline.read(Path(self.baseline)) if self.fix and self.baseline and not self.update_baseline else None
+
     def run(self, reporter: Reporter | None = None, spelling: Spelling = str) -> CheckResult:
         """Checks all models.
 
@@ -223,6 +228,8 @@ class Check(PolicyOptions, CheckOptions):
             elif finding.code in self.codes and not self._is_ignored(finding):
                 reported.append(replace(finding, severity=self._severity(finding)))
 
+        if self._accepted:
+            reported = [replace(each, fixes=()) if self._accepted.contains(each) else each for each in reported]
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
         result = ModelResult(task.model, loads, tuple(_spelled(finding, spelling) for finding in reported), suppressed)
         changes = next((message["changes"] for message in output.messages if "changes" in message), None)

@@ -88,8 +88,8 @@ class Fixing:
         check: Callable[[Sequence[Copy]], Sequence[Checked]],
     ) -> None:
         self._check = check
-        folders = [*filter(is_folder, map(Path, given)), *(Path(model).parent for model in models)]
-        self._trees = {os.path.realpath(folder) for folder in folders}
+        named = [path for path in map(Path, given) if path.exists()]  # the models of a collection are not
+        self._trees = {os.path.realpath(path if is_folder(path) else path.parent) for path in named}
         self._groups = _groups(models)
         self.files: list[FixedFile] = []
 

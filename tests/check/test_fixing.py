@@ -158,3 +158,17 @@ def test_fixes_of_the_command_are_those_of_the_processes() -> None:
     assert codes(result.models[0]) == []
     assert mujoco.MjModel.from_xml_path(model).jnt_limited[0]
     assert [path.name for path in Path().iterdir()] == [model]
+
+
+def test_known_findings_are_not_fixed() -> None:
+    model = write("model.xml", text := hinged(SWAPPED))
+    Check([model], baseline="known.json", update_baseline=True, steps=0).run()
+    result = Check([model], baseline="known.json", fix=True, steps=0).run()
+    assert (result.fixed, result.models[0].known) == ((), 1)
+    assert Path(model).read_text() == text
+
+
+def test_a_model_of_a_collection_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "package").mkdir()
+    model = write(str(tmp_path / "package/model.xml"), hinged(SWAPPED))
+    assert "outside the folders" in reasons(model, given=["gym:Model"])[0]

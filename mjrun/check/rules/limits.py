@@ -20,6 +20,7 @@ ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
 FIELD_PREFIXES = {"joint": "jnt", "tendon": "tendon", "actuator": "actuator"}
 FIELDS = {"actuatorfrcrange": "actfrcrange"}  # whose names differ from those of the attributes
 ENDINGS = ("range", "limited")
+INHERITED = tuple(f"actuator_{kind}{ending}" for kind in ("ctrl", "act") for ending in ENDINGS)  # with inheritrange
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
@@ -73,7 +74,9 @@ def _swapped(context: LintContext, kind: str, index: int, attribute: str) -> Fix
     if owner is None or len(words) != 2:
         return None
     edits = context.editor.with_words(owner, attribute, {0: words[1], 1: words[0]})
-    return Fix(edits, tuple(f"{FIELD_PREFIXES[kind]}_{FIELDS.get(attribute, attribute)[:-5]}{end}" for end in ENDINGS))
+    stem = f"{FIELD_PREFIXES[kind]}_{FIELDS.get(attribute, attribute)[:-5]}"
+    inherited = INHERITED if attribute == "range" else ()
+    return Fix(edits, (*(f"{stem}{ending}" for ending in ENDINGS), *inherited))
 
 
 @rule("MJ304", "warning", "joint or tendon starts beyond its range")

@@ -13,6 +13,8 @@ ACTUATOR_LIMITS = {"ctrlrange": "ctrllimited", "forcerange": "forcelimited", "ac
 RANGES = {
     **dict.fromkeys(("joint", "tendon", "spatial", "fixed"), tuple(LIMITS.items())),
     **dict.fromkeys(ACTUATORS, tuple(ACTUATOR_LIMITS.items())),
+    "position": (*ACTUATOR_LIMITS.items(), ("inheritrange", "ctrllimited")),
+    "intvelocity": (*ACTUATOR_LIMITS.items(), ("inheritrange", "actlimited")),
 }
 
 
@@ -22,7 +24,7 @@ def enabled(source: XmlSource) -> Fix | None:
     edits = [
         editor.with_value(element, limit, "true")
         for element, span, limit in _ranges(source)
-        if holder(element, limit) is None and set(_numbers(element, span)) != {0.0}
+        if holder(element, limit) is None and any(_numbers(element, span))
     ]
     return Fix(tuple(edits)) if edits else None
 
@@ -33,7 +35,7 @@ def swapped(source: XmlSource) -> Fix | None:
     edits = [
         edit
         for element, span, _ in _ranges(source)
-        if (numbers := _numbers(element, span)) and numbers[0] > numbers[1]
+        if len(numbers := _numbers(element, span)) == 2 and numbers[0] > numbers[1]
         for edit in editor.with_words(element, span, dict(enumerate(reversed(element.attributes[span].split()))))
     ]
     return Fix(tuple(edits)) if edits else None
@@ -48,9 +50,8 @@ def _ranges(source: XmlSource) -> Iterator[tuple[Element, str, str]]:
 
 
 def _numbers(element: Element, attribute: str) -> tuple[float, ...]:
-    """Returns the two numbers of an attribute; none if it holds something else."""
+    """Returns the numbers of an attribute; none if it holds something else."""
     try:
-        numbers = tuple(map(float, element.attributes[attribute].split()))
+        return tuple(map(float, element.attributes[attribute].split()))
     except ValueError:
         return ()
-    return numbers if len(numbers) == 2 else ()
