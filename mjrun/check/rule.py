@@ -160,12 +160,12 @@ def rule(code: str, severity: str, title: str, fix: str = "") -> Callable[[Viola
 
 
 def words_fix(
-    context: "LintContext", element: Element | None, attribute: str, words: Mapping[int, str], field: str
+    context: "LintContext", element: Element | None, attribute: str, words: Mapping[int, str], *fields: str
 ) -> Fix | None:
-    """Returns the fix that replaces words of an attribute, which one field of the compiled model depends on."""
+    """Returns the fix that replaces words of an attribute, on which these fields of the compiled model depend."""
     if element is None or attribute not in element.attributes or not words:
         return None
-    return Fix(context.editor.with_words(element, attribute, words), (field,))
+    return Fix(context.editor.with_words(element, attribute, words), fields)
 
 
 def _made(fix: MakeFix | None) -> tuple[Fix, ...]:

@@ -125,7 +125,7 @@ def _converted(context: LintContext, joint: int, words: Sequence[str]) -> Fix | 
     """Returns the fix that writes a range in the other unit, in the element or in the default class that sets it."""
     element = context.element("joint", joint)
     owner = holder(element, "range") if element else None
-    return words_fix(context, owner, "range", dict(enumerate(words)), "jnt_range")
+    return words_fix(context, owner, "range", dict(enumerate(words)), "jnt_range", *INHERITED)
 
 
 def _other_unit(span: np.ndarray, degree: bool) -> tuple[str, str, Sequence[str]] | None:
