@@ -190,6 +190,7 @@ class Check(_Check):
         ignore: str | Sequence[str] = ...,
         ignore_in: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         severity: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+        threshold: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         fail_on: Literal["error", "warning", "note"] = ...,
         baseline: str | PathLike[str] | None = ...,
         update_baseline: bool = ...,

@@ -1,7 +1,8 @@
 """`mjrun check`: checks models for faults, each in a separate process."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import field, replace
@@ -18,6 +19,7 @@ from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
+from mjrun.check.thresholds import threshold_values
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
 from mjrun.dataclass import dataclass
@@ -102,7 +104,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.codes, self._ignored_codes
+        _ = self.codes, self._ignored_codes, self._thresholds
         for code, severity in self.severity:
             matching_codes([code])
             if severity not in SEVERITIES:
@@ -124,6 +126,11 @@ class Check(PolicyOptions, CheckOptions):
         return selected - matching_codes(self.ignore)
 
     @cached_property
+    def _thresholds(self) -> Mapping[str, float]:
+        """The thresholds that differ from the defaults."""
+        return threshold_values(self.threshold)
+
+    @cached_property
     def _ignored_codes(self) -> list[tuple[str, frozenset[str]]]:
         """The patterns of files, and the codes to ignore in each."""
         return [
@@ -136,12 +143,18 @@ class Check(PolicyOptions, CheckOptions):
         """The baseline with findings that are not to be fixed."""
         return Baseline.read(Path(self.baseline)) if self.fix and self.baseline and not self.update_baseline else None
 
-    def run(self, reporter: Reporter | None = None, spelling: Spelling = str) -> CheckResult:
+    def run(
+        self,
+        reporter: Reporter | None = None,
+        spelling: Spelling = str,
+        finished: Callable[[ModelResult], object] = lambda result: None,
+    ) -> CheckResult:
         """Checks all models.
 
         Args:
           reporter: the reporter of the progress.
           spelling: the spelling of mjrun's options in remedies.
+          finished: a function called with each result, in the order of the models.
 
         Raises:
           UsageError: `models` are folders without any model.
@@ -154,16 +167,22 @@ class Check(PolicyOptions, CheckOptions):
         found = len(paths)
         if self.changed_since is not None:
             paths = ChangedModels(self.changed_since).of(paths)
+
+        def reported(result: ModelResult) -> ModelResult:
+            new = result if known is None else _without_known(result, known)
+            finished(new)
+            return new
+
         workers, cache = CheckProcesses(), ResultCache(computing_versions()) if self.cache else None
         try:
             fixing = self._fixing(paths, workers, spelling)
             results: list[ModelResult] = []
             tasks = [self._task(path) for path in paths]
             for checked in self._check_all(tasks, workers, cache, spelling):
-                results.append(checked.result)
+                results.append(checked.result if fixing else reported(checked.result))
                 reporter.progress("models", len(results), len(paths))
             if fixing:
-                results = fixing.fixed(results, dry_run=self.dry_run)
+                results = [*map(reported, fixing.fixed(results, dry_run=self.dry_run))]
         finally:
             workers.end()
             if cache:
@@ -172,10 +191,8 @@ class Check(PolicyOptions, CheckOptions):
         if self.baseline is not None and known is None:
             write_baseline(Path(self.baseline), (finding for result in results for finding in result.findings))
             known = Baseline.read(Path(self.baseline))
-        gone = 0
-        if known is not None:
             results = [_without_known(result, known) for result in results]
-            gone = known.gone([result.model for result in results], self.codes)
+        gone = 0 if known is None else known.gone([result.model for result in results], self.codes)
         files = tuple(fixing.files) if fixing else ()
         code = self._exit_code(results) or int(self.dry_run and bool(files))
         written = bool(files) and not self.dry_run
@@ -260,7 +277,7 @@ class Check(PolicyOptions, CheckOptions):
 
     def _task(self, path: str) -> WorkerTask:
         limits = WorkerTask(path, sorted(self.codes), self.steps, float(self.timeout), self.memory)
-        limits = replace(limits, model=path, unsafe=self.unsafe_fixes)
+        limits = replace(limits, model=path, unsafe=self.unsafe_fixes, thresholds=self._thresholds)
         if not self.task_reader or not is_yaml(path):
             return limits
         policy = "" if self.policy is None else str(self.policy)
@@ -297,6 +314,16 @@ def _without_known(result: ModelResult, known: Baseline) -> ModelResult:
     """Returns a result without the findings of a baseline."""
     new = known.new(result.findings)
     return replace(result, findings=new, known=len(result.findings) - len(new))
+
+
+def worst_first(models: Iterable[ModelResult]) -> list[ModelResult]:
+    """Returns models that do not load first, then by their numbers of errors, warnings and notes."""
+
+    def badness(model: ModelResult) -> tuple[int, ...]:
+        counts = Counter(finding.severity for finding in model.findings)
+        return (not model.loads, *(counts[severity] for severity in reversed(SEVERITIES)))
+
+    return sorted(models, key=badness, reverse=True)
 
 
 def _is_known_not_to_load(result: ModelResult) -> bool:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.rule import MakeFix, Place, Violation
+from mjrun.check.thresholds import Thresholds
 from mjrun.model.names import COUNTS, KINDS, names
 from mjrun.model.override import ELEMENTS
 from mjrun.model.sources import source_of
@@ -16,6 +17,7 @@ from mjrun.model.text_edits import ElementEditor
 from mjrun.model.xml_source import Element, XmlSource
 from mjrun.suffixes import XML
 
+DEFAULTS = Thresholds()
 MAX_KEYFRAMES = 8  # the number of keyframes that rules start from
 SPEC_LISTS = ELEMENTS | {"keyframe": "keys"}
 TAGS = {
@@ -47,25 +49,34 @@ class LintContext:
       source: its XML, as far as it could be read.
       editor: the editor of its elements.
       unsafe: true if rules may propose fixes that need a look.
+      thresholds: the numbers beyond which rules report something.
     """
 
-    def __init__(self, path: Path, model: mujoco.MjModel, spec: mujoco.MjSpec | None, source: XmlSource) -> None:
+    def __init__(
+        self,
+        path: Path,
+        model: mujoco.MjModel,
+        spec: mujoco.MjSpec | None,
+        source: XmlSource,
+        thresholds: Thresholds = DEFAULTS,
+    ) -> None:
         self.path, self.model, self.spec, self.source = path, model, spec, source
         self.editor, self.unsafe = ElementEditor(source.texts), False
+        self.thresholds = thresholds
         self._names: dict[str, list[str]] = {}
         self._lines_by_id: dict[str, dict[int, int]] = {}
         self._elements_by_kind: dict[str, list[Element]] = {}
         self._data: dict[int | None, mujoco.MjData] = {}
 
     @classmethod
-    def load(cls, path: Path, source: XmlSource) -> "LintContext":
+    def load(cls, path: Path, source: XmlSource, thresholds: Thresholds = DEFAULTS) -> "LintContext":
         """Loads the model in `path`.
 
         Raises:
           ModelError: it cannot be loaded.
         """
         spec, model = source_of(path).compile()
-        return cls(path, model, spec if path.suffix in XML else None, source)
+        return cls(path, model, spec if path.suffix in XML else None, source, thresholds)
 
     def violation(
         self, kind: str, index: int, message: str, remedy: str, severity: str = "", fix: MakeFix | None = None

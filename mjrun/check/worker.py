@@ -25,6 +25,7 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
 from mjrun.check.rules import compile_errors, process_failures, simulation
 from mjrun.check.rules.ignore_comments import IgnoreComments
+from mjrun.check.thresholds import Thresholds
 from mjrun.check.worker_pool import MEMORY_REMEDY, MIB, TASK_MARK, WorkerTask
 from mjrun.child_process import limit_this_process
 from mjrun.errors import ModelError
@@ -181,7 +182,7 @@ class ModelChecker(Checker):
     def _load(self, source: XmlSource) -> LintContext | None:
         try:
             with collected_warnings() as warnings:
-                context = LintContext.load(self.path, source)
+                context = LintContext.load(self.path, source, Thresholds(**self.task.thresholds))
         except ModelError as error:
             limit_this_process(memory=math.inf)
             self.write_findings(rule_table.explain(error, source))

@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -49,6 +49,7 @@ class WorkerTask:
       root: the folder with the copy, which mirrors absolute paths; empty if it is the model itself.
       original: the path of the model to compare a copy with.
       unsafe: whether to propose fixes that need a look.
+      thresholds: the fields of `Thresholds` that differ from their defaults.
     """
 
     path: str
@@ -64,6 +65,7 @@ class WorkerTask:
     root: str = ""
     original: str = ""
     unsafe: bool = False
+    thresholds: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 @dataclass(frozen=True)

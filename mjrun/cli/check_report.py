@@ -1,13 +1,15 @@
 """The report of a check: findings as text, JSON, SARIF, cases for CI systems, and numbers by rule."""
 
+import json
 import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from urllib.parse import quote
 
-from mjrun.check.check import CheckResult
+from mjrun.check.check import CheckResult, ModelResult, worst_first
 from mjrun.check.codes import explanation, topic
 from mjrun.check.rule import SEVERITIES, Finding, Rule, short_path
 from mjrun.cli.report_forms import Case, Report
@@ -30,6 +32,8 @@ def check_report(result: CheckResult) -> Report:
             "sarif": lambda: sarif(result),
             "statistics": lambda: "\n".join(statistics(result)),
             "diff": lambda: "".join(fixed.diff for fixed in result.fixed).rstrip("\n"),
+            "scan": lambda: "\n".join(scan_lines(result)),
+            "json_lines": str,
         },
         cases=lambda: cases(result),
     )
@@ -101,6 +105,21 @@ def statistics(result: CheckResult) -> Iterator[str]:
     width = len(str(max(counts.values(), default=0)))
     for code, count in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
         yield f"{count:{width}}  {code}  {rules[code].severity:7}  {rules[code].title}"
+
+
+def scan_lines(result: CheckResult) -> Iterator[str]:
+    """Yields a line per model with findings, worst first: its numbers of errors, warnings and notes, and its codes."""
+    for model in worst_first(result.models):
+        if model.findings:
+            counts = Counter(finding.severity for finding in model.findings)
+            numbers = " ".join(f"{counts[severity]:4}" for severity in reversed(SEVERITIES))
+            codes = " ".join(sorted({finding.code for finding in model.findings}))
+            yield f"{numbers}  {clean(model.model)}  {codes}" + ("" if model.loads else "  (does not load)")
+
+
+def model_line(result: ModelResult) -> str:
+    """Formats the result for one model as a line of JSON."""
+    return json.dumps(asdict(result))
 
 
 def sarif(result: CheckResult) -> dict[str, object]:

@@ -37,6 +37,11 @@ class CheckOptions(Options):
         default=(),
         help="Severity of findings with this code, or codes that begin with it: error, warning or note.",
     )
+    threshold: tuple[tuple[str, str], ...] = option(
+        converter=Settings("NAME=VALUE", "penetration=0.005"),
+        default=(),
+        help="Value beyond which a rule reports something, by name: penetration=0.005. A wrong name lists all.",
+    )
     fail_on: str = option(
         converter=Choice(SEVERITIES),
         default="error",
@@ -124,6 +129,25 @@ class CheckReportOptions(Options):
         default=False,
         places=FrontEnd.COMMAND,
         help="Print what --fix would change as a unified diff, and exit with code 1 if anything.",
+    )
+    scan: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print a line per model instead of the findings, worst first, and skip other XML files: for folders of "
+        "thousands of models. A scan that was interrupted continues.",
+    )
+    table: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Table with a row per finding, worst models first: .csv, .parquet or another format.",
+    )
+    json_lines: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print a JSON object per model to stdout, as soon as it and those before it are checked.",
     )
     statistics: bool = option(
         converter=Flag(),

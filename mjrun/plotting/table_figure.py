@@ -35,7 +35,8 @@ class TableFigure:
             raise UsageError("standard input can be read only once: give - once")
         self._paths, names = tables, table_names(tables)
         self._stack, self._options = stack, options
-        self._readers = [stack.enter_context(open_table(path, missing="nan")) for path in tables]
+        # Columns that are not plotted may hold text; standard input cannot be opened again to read the others.
+        self._readers = [stack.enter_context(open_table(path, missing="nan", exact=path != STDIN)) for path in tables]
         known = [TableColumns(name, dict(r.units)) for name, r in zip(names, self._readers, strict=True)]
         self.plan = FigurePlan(options, known)
         self._collectors = [self.plan.collector(index) for index in range(len(tables))]
@@ -98,7 +99,7 @@ class TableFigure:
     def _narrowed(self, path: str, reader: TableReader, also: Collection[str]) -> TableReader:
         """Returns the table with only the required columns, if it can be opened again."""
         wanted = [name for name in reader.names if name in self.plan.columns or name in also] or list(reader.names[:1])
-        if path == STDIN or len(wanted) == len(reader.names):
+        if path == STDIN:
             return reader
         return self._stack.enter_context(open_table(path, wanted, missing="nan"))
 

@@ -13,9 +13,6 @@ from mjrun.check.rules.limits import joints_beyond_range
 from mjrun.check.rules.physical_fixes import without_contacts
 from mjrun.errors import clean
 
-MAX_SHARE = 0.1  # of the smaller geom's half size
-MAX_DEPTH, MAX_STATIC_DEPTH = 0.002, 0.01  # [m] between moving geoms, and against one that cannot move
-MAX_ACCELERATION = 20.0  # times gravity; a contact with the default solref pushes that hard at a depth of 7 cm
 GRAVITY = 9.81  # [m/s²] for models without gravity
 ROUNDING = 1e-9  # relative, of a timestep
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -55,7 +52,8 @@ def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int
     model, deep = context.model, dict[tuple[int, int], tuple[float, float]]()
     for pair, (depth, share) in penetration_depths(context, start).items():
         is_static = (model.body_weldid[model.geom_bodyid[list(pair)]] == 0).any()
-        if share > MAX_SHARE and depth > (MAX_STATIC_DEPTH if is_static else MAX_DEPTH):
+        deepest = context.thresholds.static_penetration if is_static else context.thresholds.penetration
+        if share > context.thresholds.penetration_share and depth > deepest:
             deep[pair] = (depth, share)
     return deep
 
@@ -95,7 +93,7 @@ def violent_initial_forces(context: LintContext) -> Iterator[Violation]:
         data = context.data_at(start)
         accelerations = constraint_accelerations(model, data)
         body = int(accelerations.argmax())
-        if accelerations[body] <= MAX_ACCELERATION * gravity or body in reported:
+        if accelerations[body] <= context.thresholds.initial_acceleration * gravity or body in reported:
             continue
         if joints_beyond_range(context, start) or deep_penetrations(context, start):
             continue

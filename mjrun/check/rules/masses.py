@@ -12,11 +12,8 @@ from mjrun.check.rule import UNSAFE, Violation, rule
 from mjrun.check.rules.physical_fixes import inferred_inertia
 from mjrun.check.rules.unnamed_objects import flex_bodies
 
-# Double precision has 16 digits; factoring the inertia matrix costs as many as its condition number has.
-MAX_PRINCIPAL_RATIO = 1e6  # largest to smallest principal inertia of a body; a rod of 1 m by 1 mm has 3e5
-MAX_TREE_RATIO = 1e9  # largest to smallest inertia of joints of one kind in one tree
 # Mean distance of the mass from its centre, relative to the reach of the geoms; 0.58 for a solid box.
-MAX_SPREAD, MIN_SPREAD = 1.5, 0.058
+MIN_SPREAD = 0.058
 NEGLIGIBLE = 1e-4  # mass and inertia of a body relative to the largest in the model
 EQUAL, LONG = 1e-3, 3.0  # relative difference of equal inertias, and length of a long body relative to its width
 SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
@@ -53,7 +50,7 @@ def extreme_principal_inertias(context: LintContext) -> Iterator[Violation]:
     generated = flex_bodies(model)
     for body in range(1, model.nbody):
         low, high = model.body_inertia[body].min(), model.body_inertia[body].max()
-        if body in generated or not model.body_dofnum[body] or high <= MAX_PRINCIPAL_RATIO * low:
+        if body in generated or not model.body_dofnum[body] or high <= context.thresholds.principal_inertia_ratio * low:
             continue
         message = f"its principal inertias, {low:.3g} and {high:.3g} kg m², differ by a factor of {_ratio(high, low)}"
         remedy = "make its geoms less thin, or give it <inertial diaginertia=…>, or its joints some armature"
@@ -69,7 +66,7 @@ def extreme_inertia_ratios(context: LintContext) -> Iterator[Violation]:
         for rotates in (False, True):
             dofs = np.array([dof for dof in tree_dofs if _rotates(model, dof) == rotates], int)
             inertia = model.dof_M0[dofs]
-            if dofs.size < 2 or inertia.max() <= MAX_TREE_RATIO * inertia.min():
+            if dofs.size < 2 or inertia.max() <= context.thresholds.tree_inertia_ratio * inertia.min():
                 continue
 
             light, heavy = (int(model.dof_jntid[dofs[i]]) for i in (inertia.argmin(), inertia.argmax()))
@@ -109,7 +106,7 @@ def _inertia_problem(context: LintContext, body: int) -> str:
     shown = " ".join(f"{value:.3g}" for value in inertia)
 
     reach = _reach(context, body, model.body_weldid[model.geom_bodyid] == model.body_weldid[body])
-    if reach.all() and (ratio := (spread / reach).max()) > MAX_SPREAD:
+    if reach.all() and (ratio := (spread / reach).max()) > context.thresholds.inertia_spread:
         return (
             f"its inertia {shown} kg m² is too large: its mass of {mass:.3g} kg would have to sit "
             f"{ratio:.1f} times farther out than its geoms reach"

@@ -23,7 +23,6 @@ KNOWN_BUG = Rule("MJ705", "note", "known bug of the installed MuJoCo")
 CODES = frozenset(rule.code for rule in (UNSTABLE, ENERGY_GAIN, WARNING, FAILED_STEP, KNOWN_BUG))
 
 SAMPLES = 50  # of the energy
-MAX_GAIN = 0.1  # relative to the largest kinetic energy plus that of a fall by the mean size of a geom
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 
 
@@ -87,7 +86,7 @@ def _energy_gain(context: LintContext, energies: np.ndarray) -> Iterator[Finding
     model, total, kinetic = context.model, energies.sum(axis=1), energies[:, 1]
     fall = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity) * model.stat.meansize)
     gain, scale = float(total.max() - total[0]), float(kinetic.max()) + fall
-    if gain <= MAX_GAIN * scale or not np.isfinite(gain):
+    if gain <= context.thresholds.energy_gain * scale or not np.isfinite(gain):
         return
     message = (
         f"nothing drives it, but its energy grows by {gain:.3g} J, {100 * gain / scale:.0f} % of its energy scale: "

@@ -1,5 +1,6 @@
 """Find errors in models and likely causes of errors; for CI."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -46,7 +47,7 @@ def check(console: Console, command_line: CommandLine) -> None:
     would fix something, and with 3 if a model does not load.
     """
     console.guard_stdout()
-    form = command_line.form(*REPORT_FORMATS, "sarif", "statistics", "diff")
+    form = command_line.form(*REPORT_FORMATS, "sarif", "statistics", "diff", "scan", "json_lines")
     options = command_line.make(CheckReportOptions)
     if options.list_:
         _list_rules(console)
@@ -57,19 +58,40 @@ def check(console: Console, command_line: CommandLine) -> None:
     if not command_line.arguments("models"):
         raise click.UsageError("Missing argument 'MODEL...'.", click.get_current_context())
     from mjrun.cli.check_config import configured
-    from mjrun.cli.check_report import check_report
+    from mjrun.cli.check_report import check_report, model_line
     from mjrun.document.check import Check
 
     command_line = command_line.with_defaults(**configured(options.config))
     if options.diff:
         command_line = command_line.with_defaults(fix=True, dry_run=True)
+    if options.scan:
+        command_line = command_line.with_defaults(skip_other=True)
     if command_line.value("fix"):
         import_mujoco()
-    result = command_line.make(Check, models=command_line.arguments("models")).run(console, flag)
+    job = command_line.make(Check, models=command_line.arguments("models"))
+    if options.table:
+        _require_table(options.table)
+    if options.json_lines:
+        result = job.run(console, flag, lambda each: console.result(model_line(each)))
+    else:
+        result = job.run(console, flag)
+    if options.table:
+        from mjrun.check.findings_table import write_findings
+
+        write_findings(options.table, result)
     report = check_report(result)
     console.answer(report, form)
     if result.code:
         console.fail(result.code, "FailedCheck", report.summary())
+
+
+def _require_table(path: str) -> None:
+    """Checks that a table can be written, before models are checked."""
+    from mjrun.formats.destinations import StagedFile
+    from mjrun.formats.tables import output_format
+
+    output_format(path)
+    StagedFile(Path(path)).discard()
 
 
 def _list_rules(console: Console) -> None:

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mjrun.check.rules import masses
+from mjrun.check.thresholds import Thresholds
 from tests.check.models import lint, mjcf
 
 SIDES = st.floats(0.05, 0.3)
@@ -37,10 +38,10 @@ def test_an_inertia_of_a_box_is_possible_within_the_bounds_on_its_spread(
     """The mean distance of the mass of a box is its reach over √3; it grows with the root of the inertia."""
     geom, inertia = box(sides)
     spread = np.sqrt(factor / 3)
-    if any(abs(spread / bound - 1) < 1e-3 for bound in (masses.MAX_SPREAD, masses.MIN_SPREAD)):
+    if any(abs(spread / bound - 1) < 1e-3 for bound in (Thresholds.inertia_spread, masses.MIN_SPREAD)):
         return
     is_placeholder = np.ptp(inertia) <= masses.EQUAL * inertia.max() and max(sides) > masses.LONG * min(sides)
-    possible = masses.MIN_SPREAD < spread < masses.MAX_SPREAD and not is_placeholder
+    possible = masses.MIN_SPREAD < spread < Thresholds.inertia_spread and not is_placeholder
     assert findings(body(inertial(2, factor * inertia), geom)) == ([] if possible else ["body 'b'"])
 
 

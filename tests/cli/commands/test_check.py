@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import signal
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mjrun.check.codes import TOPICS, explanation
+from mjrun.check.result_cache import VARIABLE
 from mjrun.check.rule import SEVERITIES
 from mjrun.check.rule_table import RULES
 from mjrun.version import __version__
@@ -239,3 +241,44 @@ def test_models_of_mjrun_and_of_others_are_checked_without_a_traceback(
         for finding in model["findings"]:
             assert finding["severity"] != "error" or not model["loads"]
             assert finding["code"] not in ("MJ002", "MJ003", "MJ004", "MJ005")
+
+
+def test_a_scan_lists_the_worst_first_and_lines_of_json_come_in_order(models: Command) -> None:
+    (models.folder / "other.xml").write_text("<other/>")
+    done = models("check", ".", "--scan", "--table", "found.csv")
+    assert done.returncode == 3
+    ranked = [line.split()[3] for line in done.stdout.decode().splitlines()]
+    assert ranked == ["broken.xml", "warned.xml", "noted.xml"]
+    with (models.folder / "found.csv").open(newline="") as file:
+        assert [row["model"] for row in csv.DictReader(file)] == [*ranked, "fine.xml"]
+
+    lines = [json.loads(line) for line in models("check", ".", "--json-lines").stdout.splitlines()]
+    assert lines == json.loads(models("check", ".", "--json").stdout)["models"]
+    assert models("check", ".", "--scan", "--table", "found.txt").returncode == 2
+
+
+def test_a_new_mistake_among_known_ones_fails_with_an_annotation_at_its_line(
+    models: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, str(models.folder / "cache"))
+    folder = models.folder / "robots"
+    folder.mkdir()
+    for number in range(20):
+        (folder / f"robot_{number:02}.xml").write_text((FINE, WARNED, NOTED, BROKEN)[number % 4])
+    options = ("check", "robots", "--baseline", "known.json", "--fail-on", "note")
+    models(*options, "--update-baseline")
+
+    def report() -> tuple[int, bytes]:
+        done = models(*options, "--github")
+        return done.returncode, done.stdout
+
+    assert report() == (0, b"")
+    changed = folder / "robot_08.xml"
+    changed.write_text(FINE.replace("<joint", "<!-- moved -->\n<joint"))
+    assert report() == (0, b"")
+    changed.write_text(WARNED)
+    code, annotations = report()
+    (annotation,) = annotations.decode().splitlines()
+    line = WARNED[: WARNED.index("<joint")].count("\n") + 1
+    assert code == 1
+    assert annotation.startswith(f"::warning file=robots/robot_08.xml,line={line},title=MJ302 reversed range::")

@@ -1,0 +1,50 @@
+"""Theorems about the table of the findings of many models."""
+
+import csv
+from pathlib import Path
+
+from mjrun.check.check import CheckResult
+from mjrun.check.findings_table import write_findings
+from mjrun.check.model_result import ModelResult
+from mjrun.check.rule import Finding
+from mjrun.plotting.table_and_study_plot import TablePlot
+
+
+def finding(severity: str, line: int | None = None) -> Finding:
+    return Finding("MJ302", severity, "a, b", "part.xml", line, "joint 'j'", "mend it")
+
+
+MODELS = (
+    ModelResult("fine.xml", True, ()),
+    ModelResult("noted.xml", True, tuple(finding("note", line) for line in range(3))),
+    ModelResult("warned.xml", True, (finding("warning"),)),
+    ModelResult("broken.xml", False, (finding("error", 7), finding("note"))),
+)
+
+
+def test_a_row_is_a_finding_and_the_worst_models_come_first() -> None:
+    write_findings("a.csv", CheckResult(MODELS, 0, 3))
+    with Path("a.csv").open(newline="") as file:
+        rows = [*csv.DictReader(file)]
+    assert [(row["rank"], row["model"], row["severity"], row["line"]) for row in rows] == [
+        ("0", "broken.xml", "error", "7"),
+        ("0", "broken.xml", "note", "0"),
+        ("1", "warned.xml", "warning", "0"),
+        *(("2", "noted.xml", "note", str(line)) for line in range(3)),
+        ("3", "fine.xml", "", "0"),
+    ]
+    assert {name: rows[0][name] for name in ("loads", "errors", "warnings", "notes", "object", "message")} == {
+        "loads": "0",
+        "errors": "1",
+        "warnings": "0",
+        "notes": "1",
+        "object": "joint 'j'",
+        "message": "a, b",
+    }
+
+
+def test_plots_read_its_numbers_in_every_format() -> None:
+    for name in ("a.parquet", "a.csv"):
+        write_findings(name, CheckResult(MODELS, 0, 3))
+        result = TablePlot(name, "a.svg", x="rank", y=["errors"]).run()
+        assert (result.rows, Path("a.svg").stat().st_size > 0) == ([7], True)

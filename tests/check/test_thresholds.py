@@ -1,0 +1,44 @@
+"""Theorems about thresholds that a repository sets."""
+
+from pathlib import Path
+
+import pytest
+
+from mjrun.check.check import Check
+from mjrun.check.context import LintContext
+from mjrun.check.rule_table import apply
+from mjrun.check.thresholds import NAMES, Thresholds, threshold_values
+from mjrun.errors import UsageError
+from mjrun.model.xml_source import read_xml
+from tests.check.models import hinged, write
+
+OVERLAP = hinged(world='<body pos=".195 0 0"><freejoint/><geom size=".1"/></body>')
+
+
+def test_a_rule_reports_what_exceeds_its_threshold() -> None:
+    path = Path(write("a.xml", OVERLAP))  # spheres of radius 0.1 m that overlap by 5 mm
+    source = read_xml(path)
+
+    def is_reported(depth: float) -> bool:
+        thresholds = Thresholds(penetration=depth, penetration_share=0.01)
+        return bool(apply("MJ501", LintContext.load(path, source, thresholds), iter))
+
+    assert [is_reported(depth) for depth in (0.0049, 0.0051)] == [True, False]
+
+
+def test_thresholds_reach_the_process_that_checks() -> None:
+    write("a.xml", OVERLAP)
+    write("mjrun.toml", "[check.threshold]\npenetration-share = 0.01\npenetration = 0.004\n")
+    for threshold, count in (({}, 0), ({"penetration-share": 0.01}, 1)):
+        (model,) = Check(["a.xml"], select=["MJ501"], threshold=threshold, steps=0).run().models
+        assert len(model.findings) == count
+
+
+def test_values_have_either_spelling_and_mistakes_list_what_is_valid() -> None:
+    assert threshold_values([("energy-gain", "0.5"), ("energy_gain", "1")]) == {"energy_gain": 1}
+    for value in ("0", "-1", "inf", "nan", "x"):
+        with pytest.raises(UsageError, match="is not a positive number"):
+            Check(["a.xml"], threshold={"energy-gain": value})
+    with pytest.raises(UsageError) as caught:
+        Check(["a.xml"], threshold={"gain": 1})
+    assert all(name in str(caught.value) for name in NAMES)
