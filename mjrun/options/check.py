@@ -143,6 +143,12 @@ class CheckReportOptions(Options):
         places=FrontEnd.COMMAND,
         help="Table with a row per finding, worst models first: .csv, .parquet or another format.",
     )
+    html: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Self-contained page (.html) with all findings, and pictures of the bodies and contacts at fault.",
+    )
     json_lines: bool = option(
         converter=Flag(),
         default=False,

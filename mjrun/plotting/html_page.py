@@ -92,6 +92,25 @@ class PageFacts:
 
 
 @dataclass(frozen=True)
+class PageCard:
+    """A finding, with a picture of what it is about.
+
+    Attributes:
+      title: its heading.
+      level: `error`, `warning` or `note`.
+      places: where it was found.
+      texts: paragraphs, of which the first is the message.
+      image: the address of a picture; empty without one.
+    """
+
+    title: str
+    level: str
+    places: Sequence[str]
+    texts: Sequence[str]
+    image: str = ""
+
+
+@dataclass(frozen=True)
 class Page:
     """A page about a result.
 
@@ -99,6 +118,8 @@ class Page:
       title: title of the page.
       maker: the program, with its version.
       facts: the main findings, shown first.
+      cards: findings with pictures, shown after the facts.
+      notes: paragraphs below the title.
       verdicts: verdicts of assertions, each with its file.
     """
 
@@ -110,6 +131,8 @@ class Page:
     tables: Sequence[PageTable] = ()
     manifests: Sequence[FileManifest] = ()
     facts: Sequence[PageFacts] = ()
+    cards: Sequence[PageCard] = ()
+    notes: Sequence[str] = ()
 
 
 def page_file(path: str, page: str, limit: float) -> PageFile:
@@ -139,6 +162,7 @@ def html_page(page: Page) -> str:
     """Returns the whole document; the same page gives the same text."""
     sections = [
         *((facts.title.lower().replace(" ", "-"), facts.title, [_facts(facts)]) for facts in page.facts),
+        ("findings", "Findings", [element("div", *map(_card, page.cards), class_="cards")] if page.cards else []),
         ("assertions", "Assertions", list(_verdicts(page.verdicts))),
         ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
         ("media", "Images and videos", list(_gallery([file for file in page.files if file.kind]))),
@@ -173,7 +197,7 @@ def _header(page: Page, sections: Sequence[tuple[str, str]]) -> Markup:
         badge = element("p", element("span", text, class_=f"badge {'fail' if failed else 'pass'}"))
     links = [element("a", title, href=f"#{name}") for name, title in sections]
     contents = element("nav", *links, aria_label="Contents") if len(links) > 1 else Markup()
-    return element("header", element("h1", page.title), badge, contents)
+    return element("header", element("h1", page.title), badge, *(element("p", note) for note in page.notes), contents)
 
 
 def _section(name: str, title: str, parts: Sequence[Markup]) -> Markup:
@@ -213,6 +237,20 @@ def _facts(facts: PageFacts) -> Markup:
         ]
         rows.append(element("tr", *cells))
     return table_element(facts.caption, facts.heads, rows, facts.numeric)
+
+
+def _card(card: PageCard) -> Markup:
+    level = element("span", card.level, class_=f"verdict {card.level}")
+    message, *others = [element("p", text) for text in card.texts]
+    words = element(
+        "div",
+        element("h3", level, f" {card.title}"),
+        element("p", *(element("code", place) for place in card.places), class_="places"),
+        message,
+        *(element("div", *others, class_="note") for _ in others[:1]),
+    )
+    picture = [element("img", src=card.image, alt=f"The objects of {card.title}", loading="lazy")] if card.image else []
+    return element("article", words, *picture)
 
 
 def _figure(figure: PageFigure, index: int) -> Markup:

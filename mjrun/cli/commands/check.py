@@ -69,8 +69,7 @@ def check(console: Console, command_line: CommandLine) -> None:
     if command_line.value("fix"):
         import_mujoco()
     job = command_line.make(Check, models=command_line.arguments("models"))
-    if options.table:
-        _require_table(options.table)
+    _require_outputs(options)
     if options.json_lines:
         result = job.run(console, flag, lambda each: console.result(model_line(each)))
     else:
@@ -80,18 +79,30 @@ def check(console: Console, command_line: CommandLine) -> None:
 
         write_findings(options.table, result)
     report = check_report(result)
+    if options.html:
+        import_mujoco()
+        from mjrun.check.check_page import write_check_page
+
+        write_check_page(options.html, result, report.summary(), console)
     console.answer(report, form)
     if result.code:
         console.fail(result.code, "FailedCheck", report.summary())
 
 
-def _require_table(path: str) -> None:
-    """Checks that a table can be written, before models are checked."""
+def _require_outputs(options: CheckReportOptions) -> None:
+    """Checks that the table and the page can be written, before models are checked."""
     from mjrun.formats.destinations import StagedFile
-    from mjrun.formats.tables import output_format
 
-    output_format(path)
-    StagedFile(Path(path)).discard()
+    if options.table:
+        from mjrun.formats.tables import output_format
+
+        output_format(options.table)
+    if options.html:
+        from mjrun.plotting.page_writer import check_page_name
+
+        check_page_name(options.html)
+    for path in filter(None, (options.table, options.html)):
+        StagedFile(Path(path)).discard()
 
 
 def _list_rules(console: Console) -> None:

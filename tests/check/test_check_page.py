@@ -1,0 +1,81 @@
+"""Theorems about the page about a check, and its pictures."""
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mjrun.check.check import Check, CheckResult
+from mjrun.check.check_page import write_check_page
+from mjrun.check.finding_pictures import PicturedModel
+from mjrun.check.model_result import ModelResult
+from mjrun.check.rule import Finding
+from mjrun.errors import NoRendererError, UsageError
+from mjrun.reporter import WarningReporter
+from tests.check.models import hinged, mjcf, write
+
+PAIR = mjcf(
+    '<geom name="floor" type="plane" size="2 2 .1"/>\n<body name="left"><geom name="l" size=".1"/></body>\n'
+    '<body name="right" pos=".5 0 0"><joint name="r" axis="0 1 0"/><geom size=".1"/></body>'
+)
+
+
+class Warnings(WarningReporter):
+    """A reporter that keeps warnings."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+def colours(object_: str, message: str = "") -> tuple[float, float]:
+    """The shares of a picture that are red, for the object, and blue, for others that the message names."""
+    image = PicturedModel("pair.xml").picture(Finding("MJ206", "warning", message, "pair.xml", 1, object_))
+    red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(image)), float), 2, 0)
+    return float((red > 1.5 * np.maximum(green, blue)).mean()), float((blue > 1.5 * red).mean())
+
+
+def test_the_object_is_red_and_others_that_a_message_names_are_blue() -> None:
+    write("pair.xml", PAIR)
+    for name in ("body 'left'", "joint 'r'", "geom 'l'", "geom 2 of body 'right'"):
+        red, blue = colours(name)
+        assert red > 0.02
+        assert blue == 0
+    red, blue = colours("body 'left'", "it touches geom 2 of body 'right'")
+    assert min(red, blue) > 0.01
+    assert PicturedModel("pair.xml").picture(Finding("MJ701", "error", "unstable", "pair.xml")) == b""
+
+
+def test_a_page_has_a_card_for_each_finding_the_worst_first() -> None:
+    write("a.xml", hinged('range="2 1"'))
+    write("broken.xml", hinged("limited='true'"))
+    result = Check(["a.xml", "broken.xml"], steps=0).run()
+    reporter = Warnings()
+    write_check_page("page.html", result, "2 models", reporter)
+    page = Path("page.html").read_text()
+    assert re.findall(r"</span> (MJ\d+)", page) == ["MJ303", "MJ302"]
+    assert re.findall(r"<code>([^<]*xml:\d+)</code>", page) == ["broken.xml:5", "a.xml:5"]
+    assert len(re.findall(r'<img src="data:image/jpeg;base64,', page)) == 1
+    assert reporter.warnings == []
+
+
+def test_names_are_escaped_and_a_page_without_a_renderer_has_no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> bytes:
+        raise NoRendererError({}, "install one")
+
+    write("a.xml", hinged())
+    monkeypatch.setattr(PicturedModel, "picture", fail)
+    finding = Finding("MJ302", "warning", "<script>\x1b", "a.xml", 5, "joint 'j'", "<b>")
+    reporter = Warnings()
+    write_check_page("page.html", CheckResult((ModelResult("a.xml", True, (finding, finding)),), 0, 0), "", reporter)
+    page = Path("page.html").read_text()
+    assert "&lt;script&gt;\\x1b" in page
+    assert "<img" not in page
+    assert len(reporter.warnings) == 1
+    with pytest.raises(UsageError, match="a file that ends with"):
+        write_check_page("page.txt", CheckResult((), 0, 0), "", reporter)
