@@ -66,6 +66,7 @@ class LintContext:
         self._names: dict[str, list[str]] = {}
         self._lines_by_id: dict[str, dict[int, int]] = {}
         self._elements_by_kind: dict[str, list[Element]] = {}
+        self._attached_by_kind: dict[str, list[Element]] = {}
         self._data: dict[int | None, mujoco.MjData] = {}
 
     @classmethod
@@ -224,7 +225,10 @@ class LintContext:
         return self._elements_by_kind[kind]
 
     def _attached_elements(self, kind: str) -> list[Element]:
-        return [e for root in self.source.attached for e in root.walk() if _is_kind(e, kind)]
+        if kind not in self._attached_by_kind:
+            elements = (element for root in self.source.attached for element in root.walk())
+            self._attached_by_kind[kind] = [element for element in elements if _is_kind(element, kind)]
+        return self._attached_by_kind[kind]
 
     @cached_property
     def _files_with_lines(self) -> set[Path]:

@@ -28,6 +28,7 @@ _FOLDER_NAMES = rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))"
 _FILE = re.compile(_FILE_NAMES + _VALUE)
 _FOLDER = re.compile(_FOLDER_NAMES + _VALUE)
 _PATH = re.compile(rb"((?:" + _FILE_NAMES + rb"|" + _FOLDER_NAMES + rb")\s*=\s*([\"']))(.*?)(?=\2)", re.DOTALL)
+_PLUGIN = re.compile(rb"\bplugin\s*=\s*[\"'](?!mujoco\.)")  # one that does not come with MuJoCo
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
 MOST_PIXELS = 2**28  # per image: 16384x16384 pixels, which MuJoCo decodes into 805 MB
@@ -104,11 +105,12 @@ def places_of_files(path: Path, text: bytes | None, member: str = "") -> list[li
       member: the path of the text if it is in the archive `path`.
 
     Returns:
-      None if the places are not known: a plugin may open any file, and not all of very many texts are read.
+      None if the places are not known: plugins other than MuJoCo's may open any file, and not all of very many texts
+      are read.
     """
     named = _collect(path, text or b"", member)
     texts = (text or b"", *named.models.values())
-    if len(named.models) >= MAX_FILES or any(b"<plugin" in each for each in texts):
+    if len(named.models) >= MAX_FILES or any(map(_PLUGIN.search, texts)):
         return None
     return [[*_places(file, path, named.folders)] for file in named.files]
 

@@ -85,8 +85,9 @@ def test_a_model_without_one_of_its_files_is_not_stored() -> None:
     assert key() == ""
     write("b.obj", MESH)
     assert key()
-    write("a.xml", mjcf(before='<extension><plugin plugin="mujoco.elasticity.cable"/></extension>'))
-    assert key() == ""
+    for plugin, is_stored in (("mujoco.elasticity.cable", True), ("acme.reader", False)):
+        write("a.xml", mjcf(before=f'<extension><plugin plugin="{plugin}"/></extension>'))
+        assert bool(key()) is is_stored
 
 
 @pytest.mark.parametrize("change", [{"codes": ["MJ301"]}, {"steps": 1}, {"path": "./a.xml"}])
