@@ -1,4 +1,4 @@
-"""Results of a study on disk: each chunk is a separate Parquet file, and these files are the only record.
+"""Results of a study on disk: chunks that end within a short time share a Parquet file; these are the only record.
 
 Each row is identified by the key of its point, a hash of everything that determines its result. A study can therefore
 be stopped, changed and continued by any number of processes at once.
@@ -6,11 +6,12 @@ be stopped, changed and continued by any number of processes at once.
 
 import hashlib
 import json
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, cast, get_args
+from typing import TYPE_CHECKING, Self, cast, get_args
 
 import mujoco
 import numpy as np
@@ -95,7 +96,7 @@ def _file_hashes(spec: StudySpec, name: str) -> Callable[[str], str]:
 
 
 class ChunkFiles:
-    """The part files in the folder of a study, one for each chunk.
+    """The part files in the folder of a study.
 
     Args:
       folder: folder of the study.
@@ -203,6 +204,42 @@ class ChunkFiles:
             return None
         metrics = tuple(row[METRIC + name] for name in self._metrics)
         return PointResult(-1, row["status"], metrics, *(row[name] for name in LAST))  # type: ignore[arg-type]
+
+
+class PartWriter:
+    """A writer of results that arrive within `interval` [s] as one part; writes all at the end of its `with` block."""
+
+    def __init__(self, files: ChunkFiles, interval: float) -> None:
+        self._files, self._interval = files, interval
+        self._waiting = dict[str, tuple[list[str], list[PointResult]]]()  # keys and results, by host
+        self._written = time.monotonic()
+
+    def add(self, keys: Sequence[str], results: Sequence[PointResult], host: str) -> None:
+        """Adds results of points to the next part."""
+        its_keys, its_results = self._waiting.setdefault(host, ([], []))
+        its_keys.extend(keys)
+        its_results.extend(results)
+
+    def write_if_due(self) -> None:
+        """Writes the part if the last one was written long enough ago.
+
+        Raises:
+          FileError: the part cannot be written.
+        """
+        if time.monotonic() - self._written >= self._interval:
+            self._write()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._write()
+
+    def _write(self) -> None:
+        waiting, self._waiting = self._waiting, {}
+        for host, (keys, results) in waiting.items():
+            self._files.write(keys, results, host)
+        self._written = time.monotonic()
 
 
 def part_bytes(metrics: Sequence[str], count: int) -> int:

@@ -5,7 +5,7 @@ Chunks run on this machine or on an existing distributed engine; each executor i
 
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack
 from dataclasses import replace
@@ -28,6 +28,7 @@ ENGINES = ("local", "warp", "dask", "dask://HOST:PORT", "slurm", "module:factory
 WARP, SLURM = "warp", "slurm"
 PATIENCE = 20  # [s] for a scheduler to answer
 POLL = 0.2  # [s] between two queries of Slurm jobs
+INTERVAL = 0.5  # [s] between two parts: results wait for others
 REFUSALS = 5  # refused results of a chunk, after which its points have failed
 SECONDS = 3.0  # wall time of a chunk, which is lost when it is killed
 LEAST_SECONDS = 0.2  # wall time of the last chunks, which are smaller so that all workers end together
@@ -139,8 +140,8 @@ def process_count(engine: str, jobs: int | str) -> int | None:
 
 def completed(
     executor: Executor, chunks: Iterator[PointChunk], ahead: int, fault: Callable[[ChunkResult], str]
-) -> Iterator[tuple[PointChunk, ChunkResult]]:
-    """Yields the results of chunks as they arrive, while at most `ahead` chunks are in flight.
+) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
+    """Yields the results of chunks as they arrive, and nothing after `INTERVAL`; at most `ahead` chunks are in flight.
 
     A machine without copies of the study's files receives them. Refused results are simulated again; the points of a
     chunk that is refused `REFUSALS` times have failed.
@@ -155,17 +156,19 @@ def completed(
             running[executor.submit(run_chunk, chunk)] = chunk
         if not running:
             return
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
+        arrived = list[tuple[PointChunk, ChunkResult]]()
+        for future in wait(running, INTERVAL, FIRST_COMPLETED).done:
             chunk = running.pop(future)
             result = _result(future, chunk)
             if result.lacks_files and chunk.contents is None:
                 again.append(replace(chunk, contents=chunk.study.snapshot.contents()))
             elif not (reason := fault(result)):
-                yield chunk, result
+                arrived.append((chunk, result))
             elif chunk.refusals + 1 < REFUSALS:
                 again.append(replace(chunk, refusals=chunk.refusals + 1))
             else:
-                yield chunk, replace(chunk.failed(reason), is_refused=True)
+                arrived.append((chunk, replace(chunk.failed(reason), is_refused=True)))
+        yield arrived
 
 
 def _result(future: Future[ChunkResult], chunk: PointChunk) -> ChunkResult:

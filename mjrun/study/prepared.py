@@ -20,7 +20,7 @@ from mjrun.options.sweep import ExecutionOptions, StudyOptions
 from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
-from mjrun.study.chunk_files import FINAL, ChunkFiles, point_keys, study_identity
+from mjrun.study.chunk_files import FINAL, ChunkFiles, PartWriter, point_keys, study_identity
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, FailureReporter, with_flags
 from mjrun.study.simulate import WORLD_BYTES
 from mjrun.study.spec import (
@@ -38,6 +38,8 @@ from mjrun.study.spec import (
 )
 
 LENGTH = ("timestep", "duration", "steps")  # parameters that determine the number of steps
+FIRST_STEPS = 2000  # in a chunk before anything is measured, if points have fewer
+FIRST_POINTS = 32  # most points in such a chunk: each may be compiled
 CHUNK_STEPS = 50_000  # steps in a chunk whose time is not measured: usually seconds
 CHUNK_POINTS = 500  # most points in such a chunk
 JOB_SECONDS = 60.0  # wall time of a job of a scheduler, which has to wait for its turn
@@ -103,6 +105,13 @@ class PreparedStudy:
         steps = max(1, self.first.timeline(self.first.load()).steps)
         return max(1, min(CHUNK_STEPS // steps, CHUNK_POINTS))
 
+    @property
+    def _first_size(self) -> int:
+        """Points in a chunk before anything is measured: one, unless the first takes few steps."""
+        if self.first.episode is not None:
+            return 1
+        return min(max(1, FIRST_STEPS // max(1, self.first.timeline(self.model).steps)), FIRST_POINTS)
+
     def warn_of_damaged(self, reporter: Reporter) -> None:
         """Warns of parts that cannot be read, whose points count as not simulated."""
         for path in self.files.damaged:
@@ -147,7 +156,7 @@ class PreparedStudy:
             return executors.ChunkSizes(options.chunk or max(1, worlds), ahead)
         if options.engine == executors.SLURM:
             return executors.ChunkSizes(options.chunk, ahead, JOB_SECONDS, self.planned_size)
-        return executors.ChunkSizes(options.chunk, ahead)
+        return executors.ChunkSizes(options.chunk, ahead, first=self._first_size)
 
     def chunks(
         self, indices: Sequence[int], options: ExecutionOptions, sizes: executors.ChunkSizes
@@ -167,7 +176,7 @@ class PreparedStudy:
         reporter: Reporter,
         numbers: Sequence[int] | None = None,
     ) -> Counter[str]:
-        """Simulates points in chunks, publishes each chunk when it is done, and adds the results to `known`.
+        """Simulates points in chunks, publishes their results every half second, and adds them to `known`.
 
         Results of a process with other versions of libraries are refused and not published.
 
@@ -179,24 +188,27 @@ class PreparedStudy:
         """
         statuses = Counter[str]()
         failures = FailureReporter(self.points, reporter, numbers)
-        for chunk, result in self._completed(indices, options, reporter):
-            keys = [self.keys[point.index] for point in chunk.points]
-            if not result.is_refused:
-                hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
-                self.files.write(keys, result.results, ", ".join(sorted(hosts)))
-            self.known.update(zip(keys, result.results, strict=True))
+        with PartWriter(self.files, executors.INTERVAL) as parts:
+            for arrived in self._completed(indices, options, reporter):
+                for chunk, result in arrived:
+                    keys = [self.keys[point.index] for point in chunk.points]
+                    if not result.is_refused:
+                        hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
+                        parts.add(keys, result.results, ", ".join(sorted(hosts)))
+                    self.known.update(zip(keys, result.results, strict=True))
 
-            failures.add(result.results)
-            statuses.update(each.status for each in result.results)
-            failed = statuses.total() - statuses["ok"]
-            label = f"points, {failed} failed" if failed else "points"
-            reporter.progress(label, statuses.total(), len(indices))
+                    failures.add(result.results)
+                    statuses.update(each.status for each in result.results)
+                    failed = statuses.total() - statuses["ok"]
+                    label = f"points, {failed} failed" if failed else "points"
+                    reporter.progress(label, statuses.total(), len(indices))
+                parts.write_if_due()
         return statuses
 
     def _completed(
         self, indices: Sequence[int], options: ExecutionOptions, reporter: Reporter
-    ) -> Iterator[tuple[PointChunk, ChunkResult]]:
-        """Yields the results of chunks as they arrive; warns of each reason to refuse some."""
+    ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
+        """Yields the results of chunks as `executors.completed`; warns of each reason to refuse some."""
         expected = WorkerVersions.here(self.spec.models(self.points.points))
         reported = set[str]()
 
@@ -214,10 +226,11 @@ class PreparedStudy:
         with ExitStack() as stack:
             executor, ahead = executors.open_executor(options.engine, options.jobs, self.folder, stack)
             sizes = self.chunk_sizes(options, ahead)
-            for chunk, result in executors.completed(executor, self.chunks(indices, options, sizes), ahead, fault):
-                results = result.results
-                sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
-                yield chunk, result
+            for arrived in executors.completed(executor, self.chunks(indices, options, sizes), ahead, fault):
+                for _, result in arrived:
+                    results = result.results
+                    sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
+                yield arrived
 
     def _check(self, requirements: Sequence[str]) -> Sequence[str]:
         """Raises errors that concern all points before the first is simulated; returns the columns of the metrics."""

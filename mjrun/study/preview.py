@@ -11,7 +11,7 @@ from mjrun.dataclass import dataclass
 from mjrun.options.sweep import ExecutionOptions
 from mjrun.platform.cores import available_cores
 from mjrun.study.chunk_files import part_bytes
-from mjrun.study.executors import QUEUED, process_count
+from mjrun.study.executors import INTERVAL, QUEUED, process_count
 from mjrun.study.isolation import IsolatedSimulator
 from mjrun.study.prepared import PreparedStudy
 from mjrun.study.results import table_bytes
@@ -92,7 +92,8 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
 
     count, design = len(prepared.keys), prepared.points
     ends = sorted({*range(min(SHOWN, count)), *range(max(0, count - SHOWN), count)})
-    part = part_bytes([name for name, _ in prepared.spec.metrics], sizes[0]) * len(sizes) if sizes else 0
+    parts = len(sizes) if wall is None else min(len(sizes), 1 + int(wall / INTERVAL))
+    part = part_bytes([name for name, _ in prepared.spec.metrics], len(missing) // parts) if parts else 0
     return StudyPreview(
         path=str(prepared.folder),
         points=count,
@@ -103,7 +104,7 @@ def preview(prepared: PreparedStudy, options: ExecutionOptions) -> StudyPreview:
         processes=processes,
         point_wall=point_wall,
         wall=wall,
-        disk=prepared.files.size() + part + table_bytes(design, len(prepared.spec.metrics)),
+        disk=prepared.files.size() + parts * part + table_bytes(design, len(prepared.spec.metrics)),
         names=design.names,
         sample=[PointValues(index, design.values(index)) for index in ends],
         message=result.message if result and point_wall is None else "",
