@@ -7,6 +7,7 @@ alone.
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from weakref import WeakKeyDictionary
 
 import mujoco
@@ -15,11 +16,13 @@ import numpy as np
 from mjrun.errors import MjrunError, SimulationError, UnstableError, UsageError, flag, option
 from mjrun.experiment.results_table import metric_columns, parse_metrics
 from mjrun.model import state
+from mjrun.model.copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import BYTES, ModelVariant, ModelVariants, SharedCompilation
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
 from mjrun.physics.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
 from mjrun.physics.engine import Engine, joined
+from mjrun.physics.initial_state import InitialState
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.physics.warp_device import WarpDevice, WarpFields
@@ -31,6 +34,8 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, Status, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
 
+STARTS = [each.name for each in fields(InitialState)]  # options of simulations that their initial states depend on
+NOT_IN_STARTS = frozenset(COPIED.values())  # arrays of models that their initial states do not depend on
 WORLDS = 8192  # most points that Warp simulates at once
 WORLD_BYTES = 2**31  # memory of their models
 NOT_IN_WARP = (
@@ -152,11 +157,15 @@ class PointSimulator:
         started = list[_ReadyPoint]()
         starts = list[np.ndarray]()
         data = mujoco.MjData(batch[0].variant.model)  # all are of one size
+        known = dict[tuple[int, ...], np.ndarray]()
         for ready in batch:
             try:
-                model = ready.variant.model
-                ready.simulation.start.reset(model, data)
-                starts.append(state.save(model, data))
+                start = known.get(ready.start_key)
+                if start is None:
+                    model = ready.variant.model
+                    ready.simulation.start.reset(model, data)
+                    start = known[ready.start_key] = state.save(model, data)
+                starts.append(start)
                 started.append(ready)
             except MjrunError as error:
                 yield self._failed(ready.point, error, 0, ready.wall)
@@ -264,6 +273,14 @@ class _ReadyPoint:
         if self._can_share():
             self.kind = (compiled.structure, self.timeline.steps)
         self.wall = 0.0
+
+    @property
+    def start_key(self) -> tuple[int, ...]:
+        """A key of points that start in the same state, as long as these points exist."""
+        variant, values = self.variant, vars(self.simulation)
+        shares_start = variant.copied <= NOT_IN_STARTS and not variant.is_recompiled and not variant.model.nplugin
+        model = variant.compiled if shares_start else variant.model
+        return (id(model), *(id(values[name]) for name in STARTS))
 
     def result(self, metrics: tuple[float, ...], wall: float) -> PointResult:
         """Returns the result of a simulation that has reached its end, `wall` seconds after it was ready."""
