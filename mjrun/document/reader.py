@@ -8,7 +8,6 @@ from typing import TypeVar, cast
 from mjrun.dataclass import dataclass
 from mjrun.document import tree
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS, merged, without_variables
-from mjrun.document.yaml_parser import DEPTH, LineIndex, compose
 from mjrun.errors import FileError, quoted, suggestion
 from mjrun.formats.input_file import opened
 from mjrun.options.kinds import ReadingContext
@@ -76,6 +75,8 @@ def kind_of_file(path: Path | str) -> DocumentKind | None:
 
 def unchecked_document(path: Path | str, suffixes: Sequence[str] = ()) -> tree.MappingNode | None:
     """Returns the tree of the document at `path`; None if it is unreadable, which its reader reports."""
+    from mjrun.document.yaml_parser import compose
+
     try:
         with opened(Path(path), "document", suffixes) as file:
             text = file.read(LARGEST).decode("utf-8-sig")
@@ -111,6 +112,8 @@ def assign(
       fixed: top-level keys that cannot be set.
       named: places below which all text up to = is one name, which may contain dots: `set.opt.cone` below `set`.
     """  # fmt: skip
+    from mjrun.document.yaml_parser import compose
+
     faults: list[tree.Fault] = []
     for i, assignment in enumerate(assignments):
         mark = tree.Mark(order + i, 0, 0, tree.shortened(assignment, SHOWN))
@@ -139,8 +142,8 @@ def _path(text: str, named: Sequence[str]) -> tree.Place:
     while match := _STEP.match(text, position):
         steps.append(match[1] if match[1] is not None else int(match[2]))
         position = match.end()
-        if len(steps) > DEPTH:
-            raise _InvalidPathError(f"a path can have at most {DEPTH} parts")
+        if len(steps) > tree.DEPTH:
+            raise _InvalidPathError(f"a path can have at most {tree.DEPTH} parts")
     if position < len(text) or not steps or isinstance(steps[0], int):
         raise _InvalidPathError(f"{quoted(tree.shortened(text))} is not a path; write it as in duration, videos[0].fps")
     return tuple(steps)
@@ -234,6 +237,8 @@ class _Reader:
         """Returns the mapping in the file at `path`; None if there is no such mapping."""
         with opened(path, "document", YAML, hint) as file:
             data = file.read(LARGEST + 1)
+        from mjrun.document.yaml_parser import LineIndex, compose  # PyYAML is slow to import
+
         top = tree.Mark(order, 0, 0, str(path))
         if len(data) > LARGEST:
             self.faults.append(tree.Fault(top, "", f"more than {LARGEST // 2**20} MiB are no document for mjrun"))

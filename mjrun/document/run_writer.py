@@ -8,8 +8,7 @@ from mjrun.camera.script import CameraScript, Event, InlineCamera
 from mjrun.document.output_folder import refusal
 from mjrun.document.run import OUTPUTS
 from mjrun.document.tree import Mapped, Plain
-from mjrun.document.yaml_parser import meaning
-from mjrun.document.yaml_writer import exact, number, yaml_text
+from mjrun.document.yaml_scalars import exact, meaning, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.model.sources import source_of
 from mjrun.options.kinds import AnyKind, File, Optional
@@ -47,6 +46,8 @@ def document_text(jobs: Sequence[Job[OutputResult]], command: str = "") -> str:
 
 def text_of(document: Mapped, command: str) -> str:
     """Formats a document, with a comment about the command that made it."""
+    from mjrun.document.yaml_writer import yaml_text  # PyYAML is slow to import
+
     comment = f"# {clean(command)}\n" if command else ""
     return comment + yaml_text(_escaped(document))
 

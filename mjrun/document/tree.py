@@ -11,6 +11,7 @@ from mjrun.options.kinds import Several
 from mjrun.options.option import Options, document_options
 from mjrun.options.schema_validation import TYPES, Misfit
 
+DEPTH = 50  # levels of nested values
 SHOWN = 40  # characters of a document's text that a message shows
 INVALID = object()  # represents a value whose fault is already reported; fits no type
 

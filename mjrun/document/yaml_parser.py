@@ -1,14 +1,11 @@
 """Parsing of YAML text to a tree: the subset of YAML that documents use, with faults for the rest.
 
-Plain scalars are resolved by the core schema of YAML 1.2 (https://yaml.org/spec/1.2.2/, section 10.3.2). PyYAML reads
-YAML 1.1, in which `no` is false, `010` is 8, `12:30:00` is 45000 and `1e-3` is text. Its messages about tokens and
-streams are replaced by messages in terms of documents.
+PyYAML's messages about tokens and streams are replaced by messages in terms of documents.
 """
 
 # PyYAML says little of its types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
-import math
 import re
 from bisect import bisect_right
 from collections.abc import Callable
@@ -18,17 +15,9 @@ import yaml
 from yaml import events
 
 from mjrun.document import tree
+from mjrun.document.yaml_scalars import meaning
 from mjrun.errors import clean, quoted
 
-NOTHING = {"", "~", "null", "Null", "NULL"}
-TRUTH = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
-LONGEST = 309  # digits of the largest float
-
-_INTEGER = re.compile(r"[-+]?[0-9]+")
-_PREFIXED = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
-_REAL = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
-_INFINITY = re.compile(r"([-+]?)\.(?:inf|Inf|INF)")
-_NO_NUMBER = {".nan", ".NaN", ".NAN"}
 NO_DIRECTIVES = "a line that begins with % is a directive, which documents do not support"
 NO_TAGS = "tags (!) are not supported; the type of a value follows from its form"
 NO_ANCHORS = "anchors (&) and aliases (*) are not supported; put such text in quotes"
@@ -69,7 +58,6 @@ PROBLEMS = {
 }
 
 NODES = 50_000  # values per document
-DEPTH = 50  # levels of nested values
 
 MarkAt = Callable[[int], tree.Mark]  # of the character at an index
 
@@ -159,8 +147,8 @@ class _Composer:
         self.nodes += 1
         if self.nodes > NODES:
             self._halt(index, f"more than {NODES:,} values are no document for mjrun")
-        if self.depth >= DEPTH:
-            self._halt(index, f"more than {DEPTH} lists and mappings within each other are no document for mjrun")
+        if self.depth >= tree.DEPTH:
+            self._halt(index, f"more than {tree.DEPTH} lists and mappings within each other are no document for mjrun")
         self._check_properties(event, mark, path)
         if isinstance(event, events.AliasEvent):
             return tree.InvalidNode(mark)
@@ -227,23 +215,6 @@ class _Composer:
 
 def _first(mark: tree.Mark) -> str:
     return f"; first in line {mark.line}" if mark.line else ""
-
-
-def meaning(text: str) -> bool | int | float | str | None:
-    """Returns the value of a plain scalar; integers of more than `LONGEST` digits become floats, usually infinite."""
-    if text in NOTHING:
-        return None
-    if text in TRUTH:
-        return TRUTH[text]
-    if _PREFIXED.fullmatch(text):
-        return int(text, 0) if len(text) <= LONGEST else math.inf
-    if _INTEGER.fullmatch(text) and len(text) <= LONGEST:
-        return int(text)
-    if _REAL.fullmatch(text):
-        return float(text)
-    if infinity := _INFINITY.fullmatch(text):
-        return -math.inf if infinity[1] == "-" else math.inf
-    return math.nan if text in _NO_NUMBER else text
 
 
 def explain(error: yaml.MarkedYAMLError, opened: yaml.Mark | None) -> tuple[str, int]:

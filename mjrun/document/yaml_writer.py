@@ -1,20 +1,18 @@
-"""Conversion of plain values to YAML text that reads as the same values, with short exact numbers and few quotes."""
+"""Conversion of plain values to YAML text that reads as the same values, with few quotes."""
 
 # PyYAML says little of its types.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
-import math
 import re
 from collections.abc import Mapping
-from fractions import Fraction
 from typing import cast
 
 import yaml
 
 from mjrun.document.tree import Plain
-from mjrun.document.yaml_parser import FORBIDDEN, meaning
+from mjrun.document.yaml_parser import FORBIDDEN
+from mjrun.document.yaml_scalars import meaning
 from mjrun.errors import UsageError, quoted
-from mjrun.timeline import rational
 
 WIDTH = 110  # of a line, if it can be broken
 
@@ -22,27 +20,6 @@ _TAGS = {str: "str", int: "int", float: "float", bool: "bool", type(None): "null
 _ESCAPED = re.compile("[\n\r\t]")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _SURROGATE = re.compile("[\ud800-\udfff]")
-
-
-def number(value: float) -> float:
-    """Returns `value` as the shortest equal number.
-
-    Raises:
-      UsageError: the value is not finite.
-    """
-    if not math.isfinite(value):
-        raise UsageError(f"a document cannot contain the number {value}; numbers must be finite")
-    return int(value) if value == int(value) and (isinstance(value, int) or abs(value) < 1e16) else float(value)
-
-
-def exact(value: float | str | Fraction) -> float | str:
-    """Returns `value` as a number if that is exact, or else as text such as `30000/1001`."""
-    meant = rational(value)
-    try:
-        near = number(float(meant))
-        return near if rational(near) == meant else str(meant)
-    except OverflowError:
-        return str(meant)
 
 
 def yaml_text(value: Plain) -> str:

@@ -123,7 +123,7 @@ def _sampled(distributions: Mapping[str, Distribution], count: int, sampler: str
     return Design(tuple(distributions), list(zip(*columns, strict=True)))
 
 
-def _sobol(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
+def _sobol(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
     from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
     # The first of a power of two: points stay the same when there are more of them.
@@ -131,14 +131,14 @@ def _sobol(count: int, dimensions: int, generator: np.random.Generator) -> np.nd
     return qmc.Sobol(dimensions, rng=generator).random_base2(exponent)[:count]
 
 
-def _latin_hypercube(count: int, dimensions: int, generator: np.random.Generator) -> np.ndarray:
+def _latin_hypercube(count: int, dimensions: int, generator: "np.random.Generator") -> np.ndarray:
     from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
     return qmc.LatinHypercube(dimensions, rng=generator).random(count)
 
 
 # Functions that draw `count` points `(count, dimensions)` between 0 and 1, by sampler.
-SAMPLERS: Mapping[str, Callable[[int, int, np.random.Generator], np.ndarray]] = {
+SAMPLERS: Mapping[str, Callable[[int, int, "np.random.Generator"], np.ndarray]] = {
     "sobol": _sobol,
     "lhs": _latin_hypercube,
     "random": lambda count, dimensions, generator: generator.random((count, dimensions)),

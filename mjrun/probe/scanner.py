@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import cached_property
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, quoted
@@ -114,6 +115,16 @@ class Vocabulary:
     def groups(self) -> frozenset[str]:
         return frozenset()
 
+    @cached_property
+    def bare(self) -> frozenset[str]:
+        """The names that may be written without quotes."""
+        return frozenset(filter(is_bare, self.names))
+
+    @cached_property
+    def lengths(self) -> Sequence[int]:
+        """The lengths of these names, the longest first."""
+        return sorted(set(map(len, self.bare)), reverse=True)
+
     def column(self, name: str) -> str | None:
         """Returns the column of the table that is called `name`; None if none is."""
         return self._columns.get(name)
@@ -148,8 +159,8 @@ class Scanner:
         self.source = source
         self.text = source.text
         self.vocabulary = vocabulary
-        self.bare = {name for name in vocabulary.names if is_bare(name)}
-        self.lengths = sorted({len(name) for name in self.bare}, reverse=True)
+        self.bare = vocabulary.bare
+        self.lengths = vocabulary.lengths
 
     def token(self, position: int) -> Token:
         """Returns the token at or after `position`."""

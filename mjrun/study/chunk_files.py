@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, cast, get_args
 
@@ -221,12 +222,14 @@ class PartWriter:
         its_results.extend(results)
 
     def write_if_due(self) -> None:
-        """Writes the part if the last one was written long enough ago.
+        """Writes the part if the last one was written long enough ago; prepares to write if there is none yet.
 
         Raises:
           FileError: the part cannot be written.
         """
-        if time.monotonic() - self._written >= self._interval:
+        if not self._waiting:
+            import_module("pyarrow.parquet")  # while the first points are simulated
+        elif time.monotonic() - self._written >= self._interval:
             self._write()
 
     def __enter__(self) -> Self:

@@ -141,8 +141,9 @@ def process_count(engine: str, jobs: int | str) -> int | None:
 def completed(
     executor: Executor, chunks: Iterator[PointChunk], ahead: int, fault: Callable[[ChunkResult], str]
 ) -> Iterator[Sequence[tuple[PointChunk, ChunkResult]]]:
-    """Yields the results of chunks as they arrive, and nothing after `INTERVAL`; at most `ahead` chunks are in flight.
+    """Yields the results of chunks as they arrive; at most `ahead` chunks are in flight.
 
+    Yields an empty list as soon as the first chunks are submitted, and whenever nothing has arrived for `INTERVAL`.
     A machine without copies of the study's files receives them. Refused results are simulated again; the points of a
     chunk that is refused `REFUSALS` times have failed.
 
@@ -151,11 +152,15 @@ def completed(
     """
     running = dict[Future[ChunkResult], PointChunk]()
     again = deque[PointChunk]()
+    is_first = True
     while True:
         while len(running) < ahead and (chunk := again.popleft() if again else next(chunks, None)):
             running[executor.submit(run_chunk, chunk)] = chunk
         if not running:
             return
+        if is_first:
+            yield []
+            is_first = False
         arrived = list[tuple[PointChunk, ChunkResult]]()
         for future in wait(running, INTERVAL, FIRST_COMPLETED).done:
             chunk = running.pop(future)

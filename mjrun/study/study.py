@@ -235,7 +235,8 @@ def _summary(points: Design, values: Sequence[float]) -> MetricSummary:
     if not len(finite):
         return MetricSummary(0, math.nan, math.nan, [math.nan] * len(QUANTILES), None, None)
     good = numbers[finite]
-    quantiles = np.quantile(good, QUANTILES).tolist()
+    places = np.array(QUANTILES) * (len(good) - 1)
+    quantiles = np.interp(places, np.arange(len(good)), np.sort(good)).tolist()
     extremes = int(finite[good.argmin()]), int(finite[good.argmax()])
     where = (points.values(index) for index in extremes)
     return MetricSummary(len(good), float(good.mean()), float(good.std()), quantiles, *extremes, *where)
