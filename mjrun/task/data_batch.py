@@ -62,7 +62,7 @@ class DataBatch:
         if name not in self._bound:
             values = self._bound[name] = np.zeros((self.nsim, *example.shape), example.dtype)
             if example.ndim:
-                rows: list[np.ndarray] = [*values]
+                rows: Sequence[Any] = [*values]
                 for copies, row in zip(self._copies, rows, strict=True):
                     copies.append(row)
                 for sources, data in zip(self._sources, self._datas, strict=True):
