@@ -12,7 +12,7 @@ from mjrun.outputs.output import SharedRendering
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
-from mjrun.rendering.backend import Backend
+from mjrun.rendering.backend import Backend, lacks_gpu
 from mjrun.rendering.compositor import DrawingCosts, SceneCompositor
 from mjrun.rendering.workers import PainterProcesses, ParallelPainter
 from mjrun.reporter import Reporter
@@ -123,6 +123,14 @@ def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> N
         compositor.open()
         chosen = dict.fromkeys(np.linspace(0, len(states) - 1, DEPTH_SAMPLES).astype(int).tolist())
         compositor.look_ahead({index: states[index] for index in chosen})
+
+
+def start_early(asked: int | str, size: tuple[int, int], panels: int, frames: int, rendering: SharedRendering) -> None:
+    """Starts the processes of a `FrameDrawer` while the backend is being detected, where their number is certain."""
+    if system.PASSES_DESCRIPTORS and lacks_gpu():
+        jobs = jobs_for(asked, True, frames, estimated_cost(size, panels), available_cores())
+        if jobs > 1:
+            rendering.workers(jobs)
 
 
 def estimated_cost(size: tuple[int, int], panels: int = 1) -> float:

@@ -24,7 +24,7 @@ from mjrun.options.option import options
 from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files, panels_of
-from mjrun.outputs.frame_drawer import FrameDrawer
+from mjrun.outputs.frame_drawer import FrameDrawer, start_early
 from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.rendering.compositor import SceneCompositor
@@ -129,6 +129,11 @@ class VideoOutput(FrameOutput[VideoResult]):
 
     def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
         count = None if plan.schedule is None else len(plan.schedule.steps)
+        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
+        jobs = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
+        panels = len(panels_of(job))
+        if count is not None:
+            start_early(jobs, job.size, panels, count, rendering)
         super().__init__(plan, job.encoded_files, {} if count is None else {"frames": count}, stack, rendering)
         self._job, self._draw_wall = job, 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
@@ -140,9 +145,7 @@ class VideoOutput(FrameOutput[VideoResult]):
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
         self.open_calibration(numbers=job.style == "exact")
 
-        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
-        jobs = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
-        self._drawer = FrameDrawer(jobs, self._backend, job.size, len(panels_of(job)), rendering)
+        self._drawer = FrameDrawer(jobs, self._backend, job.size, panels, rendering)
         if count is not None:
             self._drawer.start(count)  # the processes start while the simulation runs
 

@@ -52,6 +52,7 @@ VULKAN = {
     "": "install your distribution's packages for the Vulkan loader and Mesa's software driver (lavapipe)",
 }
 TIMEOUT = 60  # [s], for a driver that hangs
+GPU_DEVICES = ("dri/renderD*", "nvidiactl", "dxg")  # patterns of files in /dev
 
 
 class OpenGLContext(Protocol):
@@ -111,6 +112,11 @@ def candidates() -> tuple[str, ...]:
         return ("glfw",)
     display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return ("egl", "osmesa", "glfw") if display else ("egl", "osmesa")
+
+
+def lacks_gpu() -> bool:
+    """Returns whether a CPU renders for certain, whatever backend is detected; False if that is not known."""
+    return platform.system() == "Linux" and not any(any(Path("/dev").glob(device)) for device in GPU_DEVICES)
 
 
 def requested_backends(requested: str | None = None) -> Sequence[str]:

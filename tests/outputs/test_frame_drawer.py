@@ -9,7 +9,8 @@ import pytest
 
 from mjrun.errors import BadValueError, spelled
 from mjrun.outputs import frame_drawer as video_rendering
-from mjrun.outputs.frame_drawer import estimated_cost, jobs_for
+from mjrun.outputs.frame_drawer import estimated_cost, jobs_for, start_early
+from mjrun.outputs.output import SharedRendering
 from mjrun.outputs.video import Video, VideoResult
 from mjrun.rendering import workers
 from mjrun.rendering.backend import Backend
@@ -186,3 +187,24 @@ def test_a_guess_grows_with_pixels_and_panels() -> None:
 def test_a_number_of_processes_that_is_none_is_refused(asked: int | str) -> None:
     with pytest.raises(BadValueError, match=r"jobs: .* is not a number of processes, at least 1, or auto"):
         jobs_for(asked, True, 100, 0.1, 2)
+
+
+@pytest.mark.parametrize(
+    ("asked", "frames", "lacks_gpu", "started"),
+    [
+        ("auto", 900, True, [2]),
+        ("auto", 900, False, []),
+        ("auto", 3, True, []),
+        (3, 900, True, [3]),
+        (1, 900, True, []),
+    ],
+)
+def test_processes_start_before_the_backend_is_known_where_no_gpu_can_draw(
+    monkeypatch: pytest.MonkeyPatch, asked: int | str, frames: int, lacks_gpu: bool, started: list[int]
+) -> None:
+    monkeypatch.setattr(video_rendering, "available_cores", lambda: 2)
+    monkeypatch.setattr(video_rendering, "lacks_gpu", lambda: lacks_gpu)
+    counts: list[int] = []
+    monkeypatch.setattr(SharedRendering, "workers", lambda self, count: counts.append(count))
+    start_early(asked, (640, 480), 1, frames, SharedRendering())
+    assert counts == started
