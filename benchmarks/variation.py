@@ -8,6 +8,7 @@ those of adjacent runs, and below 1 is faster.
 
     python benchmarks/variation.py
     python benchmarks/variation.py --models ../shared/models/humanoid/humanoid.xml --variants 200
+    python benchmarks/variation.py --models ../shared/models/humanoid/humanoid.xml --element 4
 """
 
 import argparse
@@ -47,28 +48,28 @@ def ours(path: str, target: str, factors: np.ndarray) -> Callable[[], None]:
     return run
 
 
-def compiled(path: str, kind: str, field: str, factors: np.ndarray) -> Callable[[], None]:
+def compiled(path: str, kind: str, field: str, index: int, factors: np.ndarray) -> Callable[[], None]:
     """Returns a function that edits a specification and compiles it."""
     spec = mujoco.MjSpec.from_file(path)
 
     def run() -> None:
         for factor in factors.tolist():
             edited = spec.copy()
-            element = getattr(edited, ELEMENTS[kind])[1]
+            element = getattr(edited, ELEMENTS[kind])[index]
             setattr(element, field, np.array(getattr(element, field)) * factor)
             edited.compile()
 
     return run
 
 
-def written(path: str, array: str, factors: np.ndarray) -> Callable[[], None]:
+def written(path: str, array: str, index: int, factors: np.ndarray) -> Callable[[], None]:
     """Returns a function that writes into the compiled model."""
     model = mujoco.MjModel.from_xml_path(path)
     varied, data = copy.copy(model), mujoco.MjData(model)
 
     def run() -> None:
         for factor in factors.tolist():
-            getattr(varied, array)[1] = getattr(model, array)[1] * factor
+            getattr(varied, array)[index] = getattr(model, array)[index] * factor
             mujoco.mj_setConst(varied, data)
 
     return run
@@ -81,16 +82,16 @@ def seconds(run: Callable[[], None]) -> float:
     return time.process_time() - start
 
 
-def compare(path: Path, name: str, count: int, repeats: int) -> None:
-    """Prints the row of a field of a model."""
+def compare(path: Path, name: str, index: int, count: int, repeats: int) -> None:
+    """Prints the row of a field of an element of a model."""
     kind, field = name.split(".")
     factors = np.random.default_rng(0).uniform(0.9, 1.1, count)
     spec = mujoco.MjSpec.from_file(str(path))
-    element = getattr(spec, ELEMENTS[kind])[1]
+    element = getattr(spec, ELEMENTS[kind])[index]
     runs = [
-        ours(str(path), f"{kind}/{element.name or 1}.{field}", factors),
-        compiled(str(path), kind, field, factors),
-        written(str(path), FIELDS[name], factors),
+        ours(str(path), f"{kind}/{element.name or index}.{field}", factors),
+        compiled(str(path), kind, field, index, factors),
+        written(str(path), FIELDS[name], index, factors),
     ]
     for run in runs:
         run()  # warms up, and proves the first values
@@ -106,13 +107,14 @@ def compare(path: Path, name: str, count: int, repeats: int) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", type=Path, nargs="+", default=MODELS)
+    parser.add_argument("--element", type=int, default=1, help="index of the body, joint and geom that vary")
     parser.add_argument("--variants", type=int, default=100)
     parser.add_argument("--repeats", type=int, default=5)
     given = parser.parse_args()
     with without_log():
         for path in given.models:
             for name in FIELDS:
-                compare(path, name, given.variants, given.repeats)
+                compare(path, name, given.element, given.variants, given.repeats)
 
 
 if __name__ == "__main__":
