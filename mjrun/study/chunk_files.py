@@ -222,7 +222,7 @@ class PartWriter:
         its_results.extend(results)
 
     def write_if_due(self) -> None:
-        """Writes the part if the last one was written long enough ago; prepares to write if there is none yet.
+        """Writes the part if the last one was written long enough ago; without results, prepares to write later.
 
         Raises:
           FileError: the part cannot be written.
