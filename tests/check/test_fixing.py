@@ -13,8 +13,8 @@ from tests.check import fixes
 from tests.check.fixes import fix, fixing
 from tests.check.models import codes, hinged, mjcf, write
 
-SWAPPED = 'range="1 -1"'
-RIGHT = 'range="-1 1"'
+SWAPPED = 'range="9 -9"'
+RIGHT = 'range="-9 9"'
 
 
 def reasons(*models: str, given: list[str] | None = None) -> list[str]:

@@ -98,17 +98,22 @@ def _broken_attached(source: XmlSource, parents: frozenset[Path]) -> Iterator[tu
 def _explain(error: CompileError) -> Findings:
     """Yields missing files, which MuJoCo reports one at a time, and the findings of the first explanation with any."""
     pointers = list(asset_files.lfs_pointers(error.source))
-    files = [*pointers, *asset_files.missing_files(error.source)]
-    yield from files
-    for pattern, explanation in EXPLANATIONS:
-        match = re.search(pattern, error.message)
-        findings = list(explanation(error, match)) if match else []
-        if findings:
-            yield from (finding for finding in findings if finding not in files)
-            return
-    if not pointers:
+    explained = _first_explanation(error)
+    places = {(finding.code, finding.file, finding.line) for finding in explained}
+    files = (*pointers, *asset_files.missing_files(error.source))
+    yield from (finding for finding in files if (finding.code, finding.file, finding.line) not in places)
+    yield from explained
+    if not explained and not pointers:
         remedy = next((remedy for pattern, remedy in REMEDIES if re.search(pattern, error.message)), error.hint)
         yield error.finding(COMPILE_ERROR, f"the model does not load: {error.text}", remedy)
+
+
+def _first_explanation(error: CompileError) -> list[Finding]:
+    for pattern, explanation in EXPLANATIONS:
+        match = re.search(pattern, error.message)
+        if match and (findings := list(explanation(error, match))):
+            return findings
+    return []
 
 
 def _syntax(error: CompileError, match: re.Match[str]) -> Findings:

@@ -9,15 +9,16 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Violation, rule
+from mjrun.check.rules.extents import INFINITE
 from mjrun.check.rules.limits import joints_beyond_range
+from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
 from mjrun.check.rules.physical_fixes import without_contacts
 from mjrun.errors import clean
 
 GRAVITY = 9.81  # [m/s²] for models without gravity
 ROUNDING = 1e-9  # relative, of a timestep
-SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-CYLINDER = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
-INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+MAX_FILLED = 1.5  # volume of a hull relative to that of its mesh
+DECOMPOSE = "replace it by convex parts, as `obj2mjcf --decompose` and CoACD make them, or by primitive geoms"
 
 
 @rule("MJ501", "warning", "initial penetration", fix=UNSAFE)
@@ -42,9 +43,45 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
         bodies = [clean(context.name("body", int(context.model.geom_bodyid[geom]))) for geom in (one, other)]
         exclude = f'<contact><exclude body1="{bodies[0]}" body2="{bodies[1]}"/></contact>'
         remedy = f"move one of them, or exclude their contact: {exclude}"
+        if (mesh := _filled_mesh(context, start, worst)) is not None:
+            message += f"; the convex hull of {context.object('geom', mesh)} fills the cavity between them"
+            remedy = DECOMPOSE
         place = context.place("geom", one) if start is None else context.place("keyframe", start)
         fix = partial(without_contacts, context, start, deep.keys())
         yield Violation(message, remedy, place, context.object("geom", one), fix=fix)
+
+
+@rule("MJ506", "warning", "hull that fills a cavity")
+def filled_cavities(context: LintContext) -> Iterator[Violation]:
+    """Yields meshes that collide as their convex hull, in a cavity of which another geom starts."""
+    reported = set[int]()
+    for start in context.starts:
+        for pair in deep_penetrations(context, start):
+            mesh = _filled_mesh(context, start, pair)
+            if mesh is None or mesh in reported:
+                continue
+            reported.add(mesh)
+            other = pair[0] if mesh == pair[1] else pair[1]
+            inside = f"{context.start_phrase(start)} {context.object('geom', other)} is in a cavity of its mesh"
+            message = f"{inside}, which collides as its convex hull, without cavities"
+            yield context.violation("geom", mesh, message, DECOMPOSE)
+
+
+def _filled_mesh(context: LintContext, start: int | None, pair: tuple[int, int]) -> int | None:
+    """Returns the mesh of two geoms whose hull, but not whose surface, encloses the centre of the other; else None."""
+    model, data = context.model, context.data_at(start)
+    for geom, other in (pair, pair[::-1]):
+        if model.geom_type[geom] != MESH:
+            continue
+        mesh = int(model.geom_dataid[geom])
+        surface, hull = Surface.of(model, mesh), Surface.hull(model, mesh)
+        if hull is None or abs(hull.volume) < MAX_FILLED * abs(surface.volume):
+            continue
+        centre = data.geom_xpos[other] + data.geom_xmat[other].reshape(3, 3) @ model.geom_aabb[other, :3]
+        point = (centre - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
+        if hull.encloses(point) and not surface.encloses(point):
+            return geom
+    return None
 
 
 def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:

@@ -1,6 +1,5 @@
 """Masses and inertias that make a model ill-conditioned, or its motion unintended."""
 
-import itertools
 from collections.abc import Iterator
 from functools import partial
 
@@ -9,6 +8,8 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import UNSAFE, Violation, rule
+from mjrun.check.rules.extents import INFINITE, corners
+from mjrun.check.rules.meshes import geom_mass
 from mjrun.check.rules.physical_fixes import inferred_inertia
 from mjrun.check.rules.unnamed_objects import flex_bodies
 
@@ -16,31 +17,36 @@ from mjrun.check.rules.unnamed_objects import flex_bodies
 MIN_SPREAD = 0.058
 NEGLIGIBLE = 1e-4  # mass and inertia of a body relative to the largest in the model
 EQUAL, LONG = 1e-3, 3.0  # relative difference of equal inertias, and length of a long body relative to its width
-SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
-MASSLESS_TYPES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+MAX_VISUAL_SHARE = 0.3  # of the mass of a body
 
 
 @rule("MJ203", "note", "geom without mass")
 def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
     """Yields geoms that collide and have no mass, on a moving body whose mass comes from its geoms."""
-    model, spec = context.model, context.spec
-    if spec is None:
-        return
-    inferred = {b.id for b in spec.bodies if not b.explicitinertial}
-    if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
-        inferred = {b.id for b in spec.bodies}
-
-    for geom in spec.geoms:
-        if not 0 <= geom.id < model.ngeom or model.geom_type[geom.id] in MASSLESS_TYPES:
+    model, inferred = context.model, _bodies_with_inferred_mass(context)
+    for geom in context.spec.geoms if context.spec else ():
+        if not 0 <= geom.id < model.ngeom or model.geom_type[geom.id] in INFINITE:
             continue
         body = int(model.geom_bodyid[geom.id])
         moves = model.body_weldid[body] != 0
-        collides = model.geom_contype[geom.id] or model.geom_conaffinity[geom.id]
         massless = 0 in (geom.mass, geom.density if np.isnan(geom.mass) else 1)
-        if moves and collides and massless and body in inferred:
+        if moves and _collides(model, geom.id) and massless and body in inferred:
             message = "it collides, but adds no mass to its body"
             remedy = 'give it a density or mass, or contype="0" conaffinity="0" if it is only visual'
             yield context.violation("geom", geom.id, message, remedy)
+
+
+def _bodies_with_inferred_mass(context: LintContext) -> set[int]:
+    """Returns the bodies whose mass and inertia MuJoCo infers from their geoms."""
+    spec = context.spec
+    if spec is None:
+        return set()
+    always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    return {body.id for body in spec.bodies if always or not body.explicitinertial}
+
+
+def _collides(model: mujoco.MjModel, geom: int) -> bool:
+    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
 @rule("MJ204", "warning", "extreme principal inertias")
@@ -98,6 +104,34 @@ def impossible_inertias(context: LintContext) -> Iterator[Violation]:
             yield context.violation("body", body, problem, remedy, fix=fix)
 
 
+@rule("MJ210", "note", "mass of visual geoms")
+def visual_masses(context: LintContext) -> Iterator[Violation]:
+    """Yields the moving body that gets most of its mass from the density of geoms that do not collide, beside others.
+
+    A geom with an explicit mass is meant to have it.
+    """
+    model, shares = context.model, dict[int, float]()
+    inferred = _bodies_with_inferred_mass(context)
+    for body in context.spec.bodies if context.spec else ():
+        geoms = [geom for geom in body.geoms if geom.id < model.ngeom] if body.id in inferred else []
+        colliding = [geom for geom in geoms if _collides(model, geom.id)]
+        visual = [geom for geom in geoms if not _collides(model, geom.id) and np.isnan(geom.mass)]
+        if not (model.body_weldid[body.id] and visual and colliding):
+            continue
+        shown, total = (sum(geom_mass(context, geom) for geom in part) for part in (visual, geoms))
+        if shown > MAX_VISUAL_SHARE * total and any(geom_mass(context, geom) for geom in colliding):
+            shares[body.id] = shown / total
+    if shares:
+        worst = max(shares, key=lambda body: shares[body] * model.body_mass[body])
+        more = f" (and {len(shares) - 1} more)" if len(shares) > 1 else ""
+        message = (
+            f"{100 * shares[worst]:.0f} % of its mass of {model.body_mass[worst]:.3g} kg comes from geoms that do not "
+            f"collide{more}"
+        )
+        remedy = 'write mass="0" for visual geoms, best in their <default class=…>, or give the body an <inertial>'
+        yield context.violation("body", worst, message, remedy)
+
+
 def _inertia_problem(context: LintContext, body: int) -> str:
     """Returns the reason why a body cannot have its inertia, or an empty text."""
     model = context.model
@@ -128,17 +162,10 @@ def _reach(context: LintContext, body: int, selected: np.ndarray) -> np.ndarray:
     """
     model, data = context.model, context.data_at(None)
     geoms = np.flatnonzero(selected)
-    if not geoms.size or np.isin(model.geom_type[geoms], MASSLESS_TYPES).any():
+    if not geoms.size or np.isin(model.geom_type[geoms], INFINITE).any():
         return np.zeros(3)
     axes = data.ximat[body].reshape(3, 3)
-    corners = [_corners(model, data, int(geom)) for geom in geoms]
-    return abs((np.concatenate(corners) - data.xipos[body]) @ axes).max(axis=0)
-
-
-def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarray:
-    """Returns the corners of the bounding box of a geom in the world, `(8, 3)` [m]."""
-    centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-    return data.geom_xpos[geom] + (centre + SIGNS * half) @ data.geom_xmat[geom].reshape(3, 3).T
+    return abs((corners(context, geoms) - data.xipos[body]) @ axes).max(axis=0)
 
 
 def _rotates(model: mujoco.MjModel, dof: int) -> bool:

@@ -10,7 +10,7 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding, Rule
 from mjrun.check.rules.initial_constraints import deep_penetrations
 from mjrun.check.rules.limits import joints_beyond_range
-from mjrun.errors import FailedStepError, SimulationError
+from mjrun.errors import SimulationError, UnstableError
 from mjrun.model import known_bugs
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.physics.stepper import PhysicsStepper
@@ -50,7 +50,7 @@ def _step(context: LintContext, steps: int) -> Iterator[Finding]:
                 passive = passive and not data.actuator_force.any()
         except SimulationError as error:
             message, _, remedy = str(error).partition("\n")
-            rule = FAILED_STEP if isinstance(error, FailedStepError) else UNSTABLE
+            rule = UNSTABLE if isinstance(error, UnstableError) else FAILED_STEP
             yield rule.in_model(context.path, message, remedy)
             return
 

@@ -27,7 +27,7 @@ def test_a_number_of_a_keyframe_of_the_model_is_told_by_its_place() -> None:
 
 @pytest.mark.parametrize("where", ["included", "attaching"])
 def test_a_keyframe_need_not_be_complete_where_other_files_add_joints(where: str) -> None:
-    more = '<body><freejoint name="f"/><geom size=".1" pos="9 0 0"/></body>'
+    more = '<geom size="1" pos="9 9 -9"/><body><freejoint name="f"/><geom size=".1" pos="9 0 0"/></body>'
     key = '<keyframe><key name="k" qpos="1"/></keyframe>'
     if where == "included":
         Path("arm.xml").write_text(hinged(after=key))

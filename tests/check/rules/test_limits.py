@@ -89,5 +89,15 @@ def test_a_range_in_the_other_unit_is_one_that_only_that_unit_explains(
 
 
 def test_the_unit_of_an_attached_model_is_told_of_that_model_alone() -> None:
-    assert lint(arms(attaching("l_"), joint='range="-1.57 1.57"')) == []
+    assert [f.code for f in lint(arms(attaching("l_"), joint='range="-1.57 1.57"'))] == ["MJ308"]
     assert [f.code for f in lint_file(Path("arm.xml"))] == ["MJ305"]
+
+
+@pytest.mark.parametrize(
+    ("span", "found"),
+    [("-2.1 2", []), ("-2 1.9", ["MJ308"]), ("-360 360", []), ("-360 390", ["MJ308"]), ("-1.57 1.57", ["MJ305"])],
+)
+def test_a_hinge_turns_by_4_degrees_to_two_turns(span: str, found: list[str]) -> None:
+    joint = f'range="{span}"'
+    assert [f.code for f in lint(hinged(joint)) if f.code != "MJ304"] == found
+    assert lint(hinged(f'type="slide" {joint}')) == []

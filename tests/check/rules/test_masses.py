@@ -63,6 +63,24 @@ def test_the_geoms_of_a_body_and_of_those_welded_to_it_decide(inner: str, geom: 
     assert [f.object for f in lint(model) if f.code == "MJ206"] == ["body 'b'"] * reported
 
 
+@pytest.mark.parametrize(
+    ("visual", "share", "more"),
+    [
+        ('size="0.1" {} density="420"', 0, ""),
+        ('size="0.1" {} density="440"', 31, ""),
+        ('size="0.1" {} mass="9"', 0, ""),
+        ('size="0.1" {} density="440" group="1"', 0, '<compiler inertiagrouprange="0 0"/>'),
+        ('size="0.1" density="440"', 0, ""),
+    ],
+    ids=["29 %", "31 %", "meant", "left out", "colliding"],
+)
+def test_visual_geoms_give_less_than_a_third_of_the_mass(visual: str, share: int, more: str) -> None:
+    geom = visual.format('contype="0" conaffinity="0"')
+    model = mjcf(body(f"<geom {geom}/>", 'size="0.1"'), before=more)
+    messages = [f.message for f in lint(model) if f.code == "MJ210"]
+    assert [message.partition(" %")[0] for message in messages] == [str(share)] * bool(share)
+
+
 def test_bodies_that_do_not_move_and_negligible_ones_are_left_alone() -> None:
     bad = inertial(1, np.full(3, 0.4))
     assert findings(f'<body name="b">{bad}<geom size="0.1"/></body>') == []

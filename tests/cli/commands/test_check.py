@@ -177,9 +177,9 @@ def test_a_rule_is_explained_without_a_model(models: Command) -> None:
     assert text.endswith(explanation("MJ302"))
     assert json.loads(models("check", "--explain", "MJ302", "--json").stdout)["explanation"] == explanation("MJ302")
 
-    unknown = models("check", "--explain", "MJ309")
+    unknown = models("check", "--explain", "MJ399")
     assert unknown.returncode == 2
-    assert b"no rule 'MJ309' (did you mean" in unknown.stderr
+    assert b"no rule 'MJ399' (did you mean" in unknown.stderr
 
 
 def test_statistics_count_the_findings_of_each_rule(models: Command) -> None:

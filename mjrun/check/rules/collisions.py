@@ -1,0 +1,62 @@
+"""Models in which nothing can collide, or nothing stops a fall."""
+
+import itertools
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Violation, rule
+from mjrun.model.names import FREE
+
+
+@rule("MJ504", "error", "nothing can collide")
+def disjoint_collisions(context: LintContext) -> Iterator[Violation]:
+    """Yields a free body in a scene where no contype has a bit in common with the conaffinity of another geom.
+
+    Models without static geoms are parts of scenes, which may declare the contacts.
+    """
+    model = context.model
+    joint = _falling_joint(model)
+    static = model.body_weldid[model.geom_bodyid] == 0
+    if joint is None or not static.any() or model.npair or model.nflex or _any_collision(model):
+        return
+    body = int(model.jnt_bodyid[joint])
+    message = "it moves freely, but no two geoms of the model can collide: it falls through everything"
+    remedy = 'write contype="1" and conaffinity="1", the default, for geoms that should collide, or <contact><pair …/>'
+    yield context.violation("body", body, message, remedy)
+
+
+@rule("MJ508", "note", "no floor")
+def missing_floor(context: LintContext) -> Iterator[Violation]:
+    """Yields a free body in a model without static geoms."""
+    model = context.model
+    joint = _falling_joint(model)
+    if joint is None or model.nflex or (model.body_weldid[model.geom_bodyid] == 0).any():
+        return
+    message = "it falls freely: the model has no floor"
+    remedy = 'add <geom type="plane" size="0 0 1"/> to the <worldbody>, or include the model in a scene'
+    yield context.violation("body", int(model.jnt_bodyid[joint]), message, remedy)
+
+
+def _falling_joint(model: mujoco.MjModel) -> int | None:
+    """Returns the first free joint of a body that gravity pulls down and contacts could stop; None without one."""
+    disabled = model.opt.disableflags
+    contacts = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    if disabled & (contacts | mujoco.mjtDisableBit.mjDSBL_GRAVITY) or not model.opt.gravity.any():
+        return None
+    falls = model.body_gravcomp[model.jnt_bodyid] == 0
+    joints = np.flatnonzero((model.jnt_type == FREE) & falls)
+    return int(joints[0]) if joints.size else None
+
+
+def _any_collision(model: mujoco.MjModel) -> bool:
+    """Returns whether the bits of any two geoms that can move relative to each other let them collide."""
+    bodies: dict[tuple[int, int], set[int]] = {}  # by contype and conaffinity
+    for geom in range(model.ngeom):
+        bits = int(model.geom_contype[geom]), int(model.geom_conaffinity[geom])
+        bodies.setdefault(bits, set()).add(int(model.body_weldid[model.geom_bodyid[geom]]))
+    return any(
+        one[0] & other[1] and len(bodies[one] | bodies[other]) > 1 for one, other in itertools.product(bodies, repeat=2)
+    )

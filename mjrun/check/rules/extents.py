@@ -1,0 +1,149 @@
+"""Bodies whose size does not fit their mass, its centre, or what they show; boxes around the geoms of welded bodies."""
+
+import itertools
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Violation, rule
+from mjrun.check.rules.unnamed_objects import flex_bodies
+
+# Densities of boxes [kg/m³]: osmium has 22,590, helium 0.18, and a sphere fills half of its box.
+MAX_DENSITY, ABSURD_DENSITY, MIN_DENSITY = 22_000.0, 40_000.0, 0.05
+MIN_DENSE_MASS = 0.05  # [kg]; placeholders between two joints are lighter
+MAX_OFFSET = 0.25  # of the centre of mass beyond the box, relative to the longest side
+MAX_SIZE = 20.0  # [m]
+MIN_OVERLAP = 0.2  # of the boxes of visual and colliding geoms, relative to the smaller one
+TOLERANCE = 0.01  # [m] by which these boxes are larger, so that flat ones overlap
+MAX_GRAVITY = 50.0  # [m/s²]; with more, lengths are in centimetres or millimetres
+SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
+INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
+
+@rule("MJ207", "warning", "density that no material has")
+def impossible_densities(context: LintContext) -> Iterator[Violation]:
+    """Yields moving bodies that are heavier than any metal, or lighter than any gas; the worst of both kinds.
+
+    The volume is that of the box around the geoms, so the density is at most that of the geoms themselves.
+    """
+    model = context.model
+    if np.linalg.norm(model.opt.gravity) > MAX_GRAVITY:
+        return
+    densities = {body: _density(context, body, geoms) for body, geoms in moving_geoms(model).items()}
+    dense = {b: d for b, d in densities.items() if d > MAX_DENSITY and _mass(model, b) > MIN_DENSE_MASS}
+    thin = {b: d for b, d in densities.items() if 0 < d < MIN_DENSITY}
+
+    if dense:
+        worst = max(dense, key=lambda body: dense[body])
+        severity = "error" if dense[worst] > ABSURD_DENSITY else ""
+        yield _density_violation(context, worst, dense[worst], len(dense) - 1, "g or mm", severity)
+    if thin:
+        worst = min(thin, key=lambda body: thin[body])
+        yield _density_violation(context, worst, thin[worst], len(thin) - 1, "t or cm")
+
+
+def _density_violation(
+    context: LintContext, body: int, density: float, others: int, units: str, severity: str = ""
+) -> Violation:
+    more = f" (and {others} more)" if others else ""
+    message = (
+        f"its mass of {_mass(context.model, body):.3g} kg in a box of {_sides(context, body)} m makes "
+        f"{density:.3g} kg/m³; water has 1000, steel 7850{more}"
+    )
+    remedy = f"correct its mass or its size: is one of them in {units}? MuJoCo's units are kg and m"
+    return context.violation("body", body, message, remedy, severity)
+
+
+@rule("MJ208", "warning", "centre of mass outside the body")
+def distant_centres_of_mass(context: LintContext) -> Iterator[Violation]:
+    """Yields moving bodies whose centre of mass is far outside the box around their geoms."""
+    model, data = context.model, context.data_at(None)
+    for body, geoms in moving_geoms(model).items():
+        welded = np.flatnonzero(model.body_weldid == body)
+        mass = model.body_mass[welded]
+        if not mass.sum() > 0:
+            continue
+        centre = (mass @ data.xipos[welded] / mass.sum() - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
+        low, high = box(context, body, geoms)
+        offset = float(np.linalg.norm(np.maximum(0, np.maximum(low - centre, centre - high))))
+        if offset > MAX_OFFSET * (high - low).max():
+            heaviest = int(welded[mass.argmax()])
+            message = (
+                f"its centre of mass is {offset:.3g} m outside its geoms, which fill a box of {_sides(context, body)} m"
+            )
+            remedy = "correct pos of its <inertial>, which is in m relative to the body, or add the missing geoms"
+            yield context.violation("body", heaviest, message, remedy)
+
+
+@rule("MJ209", "note", "body larger than 20 m")
+def large_bodies(context: LintContext) -> Iterator[Violation]:
+    """Yields moving bodies that are larger than a house."""
+    if np.linalg.norm(context.model.opt.gravity) > MAX_GRAVITY:
+        return
+    for body, geoms in moving_geoms(context.model).items():
+        low, high = box(context, body, geoms)
+        if (high - low).max() > MAX_SIZE:
+            message = f"its geoms fill a box of {_sides(context, body)} m"
+            remedy = 'if its lengths are in mm or cm, scale them; meshes by <mesh scale="0.001 0.001 0.001"/>'
+            yield context.violation("body", body, message, remedy)
+
+
+@rule("MJ507", "note", "collisions elsewhere than the visible shape")
+def displaced_collisions(context: LintContext) -> Iterator[Violation]:
+    """Yields moving bodies whose visual and colliding geoms hardly overlap."""
+    model = context.model
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    for body, geoms in moving_geoms(model).items():
+        visual, colliding = geoms[~collides[geoms]], geoms[collides[geoms]]
+        if not (visual.size and colliding.size):
+            continue
+        (low, high), (other_low, other_high) = box(context, body, visual), box(context, body, colliding)
+        common = np.minimum(high, other_high) - np.maximum(low, other_low) + 2 * TOLERANCE
+        volumes = [float(np.prod(sides + 2 * TOLERANCE)) for sides in (high - low, other_high - other_low)]
+        share = float(np.prod(np.maximum(0, common))) / min(volumes)
+        if share < MIN_OVERLAP:
+            message = f"its visual and its colliding geoms share {100 * share:.0f} % of the smaller one's box"
+            yield context.violation("body", body, message, "check pos, quat and size of its colliding geoms")
+
+
+def moving_geoms(model: mujoco.MjModel) -> dict[int, np.ndarray]:
+    """Returns the geoms of each moving body and of those welded to it; no bodies with infinite geoms, and no flexes."""
+    owners = model.body_weldid[model.geom_bodyid]
+    infinite = owners[np.isin(model.geom_type, INFINITE)]
+    left_out = {0, *flex_bodies(model), *(int(body) for body in infinite)}
+    return {body: np.flatnonzero(owners == body) for body in sorted({int(b) for b in owners} - left_out)}
+
+
+def box(context: LintContext, body: int, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the lowest and the highest corner of the box around `geoms` in the frame of a body, `(3,)` [m]."""
+    data = context.data_at(None)
+    points = (corners(context, geoms) - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def corners(context: LintContext, geoms: np.ndarray) -> np.ndarray:
+    """Returns the corners of the bounding boxes of `geoms` in the world, `(8 n, 3)` [m]."""
+    model, data = context.model, context.data_at(None)
+    boxes = model.geom_aabb[geoms].reshape(-1, 2, 3)
+    local = boxes[:, :1] + SIGNS * boxes[:, 1:]
+    frames = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    return (data.geom_xpos[geoms][:, None] + local @ frames.transpose(0, 2, 1)).reshape(-1, 3)
+
+
+def _density(context: LintContext, body: int, geoms: np.ndarray) -> float:
+    """Returns the mass of a body per volume of its box [kg/m³]; 0 without a volume."""
+    low, high = box(context, body, geoms)
+    volume = float(np.prod(high - low))
+    return _mass(context.model, body) / volume if volume > 0 else 0.0
+
+
+def _mass(model: mujoco.MjModel, body: int) -> float:
+    """Returns the mass of a body and of those welded to it [kg]."""
+    return float(model.body_mass[model.body_weldid == body].sum())
+
+
+def _sides(context: LintContext, body: int) -> str:
+    low, high = box(context, body, moving_geoms(context.model)[body])
+    return " × ".join(f"{side:.3g}" for side in high - low)

@@ -1,0 +1,147 @@
+"""Servos, actuators that pull a joint to a position: targets beyond its range, and gains too large for the timestep."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Violation, rule
+from mjrun.check.rules.limits import JOINT_DRIVEN, SCALAR
+
+MAX_EXCESS, ABSURD_EXCESS = 0.1, 5.0  # of targets beyond the range of the joint, relative to that range
+MAX_PHASE = 1.0  # [rad] of the oscillation of a servo in one timestep; explicit integrators are unstable beyond 2
+FIXED, AFFINE = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_AFFINE)
+DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
+EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
+MAX_DECAY = {EULER: 2.0, RK4: 2.785}  # of the velocity in one timestep where kv is explicit; unstable beyond
+
+
+class Servo(NamedTuple):
+    """An actuator with the force `gain · ctrl + bias − kp · length − kv · velocity`, where length = gear · qpos.
+
+    Attributes:
+      id: the actuator.
+      joint: its joint, a hinge or a slide.
+      kp, kv, gear: the gains, and the gear.
+      limits: the joint positions at the ends of its control range, in ascending order; empty if it is unlimited.
+    """
+
+    id: int
+    joint: int
+    kp: float
+    kv: float
+    gear: float
+    limits: tuple[float, ...]
+
+
+@rule("MJ306", "note", "servo beyond its joint")
+def servos_beyond_joints(context: LintContext) -> Iterator[Violation]:
+    """Yields servos whose control range exceeds the range of their joint by a tenth; the worst of each unit.
+
+    It is a warning from five times the range on, as if degrees were meant.
+    """
+    model = context.model
+    excesses = dict[Servo, float]()
+    for servo in _servos(model):
+        low, high = model.jnt_range[servo.joint]
+        if servo.limits and model.jnt_limited[servo.joint] and high > low:
+            excess = max(low - servo.limits[0], servo.limits[1] - high) / (high - low)
+            if excess > MAX_EXCESS:
+                excesses[servo] = float(excess)
+    absurd = [servo for servo, excess in excesses.items() if excess > ABSURD_EXCESS]
+    others = [servo for servo in excesses if servo not in absurd]
+    for servos, severity in ((absurd, "warning"), (others, "")):
+        if servos:
+            worst = max(servos, key=lambda servo: excesses[servo])
+            yield _beyond(context, worst, excesses[worst], len(servos) - 1, severity)
+
+
+def _beyond(context: LintContext, servo: Servo, excess: float, others: int, severity: str) -> Violation:
+    model = context.model
+    low, high = model.jnt_range[servo.joint]
+    start, end = servo.limits
+    more = f" (and {others} more)" if others else ""
+    is_hinge = model.jnt_type[servo.joint] == mujoco.mjtJoint.mjJNT_HINGE
+    unit = ": is one of them in degrees?" if severity and is_hinge else ""
+    joint = context.object("joint", servo.joint)
+    message = (
+        f"its control range corresponds to positions from {start:.4g} to {end:.4g}, but {joint} ends at {low:.4g} and "
+        f"{high:.4g}: {100 * excess:.0f} % of its travel beyond{unit}{more}"
+    )
+    gain, bias = model.actuator_gainprm[servo.id, 0], model.actuator_biasprm[servo.id, 0]
+    first, last = sorted((servo.kp * servo.gear * position - bias) / gain for position in (low, high))
+    remedy = f'write ctrlrange="{first:.4g} {last:.4g}", or inheritrange="1" for a <position>'
+    return context.violation("actuator", servo.id, message, remedy, severity)
+
+
+@rule("MJ307", "warning", "servo too stiff for the timestep")
+def servos_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
+    """Yields servos that oscillate or brake faster than the timestep resolves; the worst of both kinds.
+
+    The inertia of a joint is at most its entry in the inertia matrix at the start, for which h √(kp/M) is the phase of
+    its oscillation in a step of h. The integrator `discrete` is stable for every gain. The implicit ones are for kv,
+    and slow the oscillation down: x' = x + h v', (1 + d) v' = v − φ² x / h is stable while φ² < 4 + 2 d.
+    """
+    model = context.model
+    if model.opt.integrator == DISCRETE:
+        return
+    servos = list(_servos(model))
+    stiff = {servo: ratio for servo in servos if (ratio := _phase(model, servo) / MAX_PHASE) > 1}
+    braking = {servo: ratio for servo in servos if (ratio := _decay(model, servo)) > 1}
+    if stiff:
+        worst = max(stiff, key=lambda servo: stiff[servo])
+        message = f"kp={worst.kp:.4g} makes it oscillate with a period of {2 * np.pi / stiff[worst]:.2g} timesteps"
+        limits = worst.kp / stiff[worst] ** 2, model.opt.timestep / stiff[worst]
+        yield _too_stiff(context, worst, message, f"kp of at most {limits[0]:.3g}", limits[1], len(stiff) - 1)
+    if braking:
+        worst = max(braking, key=lambda servo: braking[servo])
+        message = f"kv={worst.kv:.4g} makes it unstable: it more than reverses the velocity in each timestep"
+        limits = worst.kv / braking[worst], model.opt.timestep / braking[worst]
+        yield _too_stiff(context, worst, message, f"kv of at most {limits[0]:.3g}", limits[1], len(braking) - 1)
+
+
+def _too_stiff(context: LintContext, servo: Servo, message: str, gain: str, step: float, others: int) -> Violation:
+    inertia = context.model.dof_M0[context.model.jnt_dofadr[servo.joint]]
+    joint = context.object("joint", servo.joint)
+    message += f" of {context.model.opt.timestep:g} s, as {joint} has an inertia of {inertia:.3g}"
+    message += f" (and {others} more)" if others else ""
+    integrator = "implicitfast" if gain.startswith("kv") else "discrete"
+    remedy = f"use {gain}, a timestep of at most {step:.2g} s, integrator {integrator}, or more armature of the joint"
+    return context.violation("actuator", servo.id, message, remedy)
+
+
+def _phase(model: mujoco.MjModel, servo: Servo) -> float:
+    """Returns the phase of the oscillation of a servo in one timestep, reduced by damping that is implicit."""
+    step, dof = model.opt.timestep, model.jnt_dofadr[servo.joint]
+    damping = 0.0 if model.opt.integrator == RK4 else float(model.dof_damping[dof])
+    if model.opt.integrator not in MAX_DECAY:
+        damping += servo.kv * servo.gear**2
+    inertia = float(model.dof_M0[dof]) + step * damping / 2
+    return float(step * abs(servo.gear) * np.sqrt(servo.kp / inertia))
+
+
+def _decay(model: mujoco.MjModel, servo: Servo) -> float:
+    """Returns the share of the velocity that kv removes in one timestep, relative to its limit; 0 if kv is implicit."""
+    inertia = float(model.dof_M0[model.jnt_dofadr[servo.joint]])
+    decay = float(model.opt.timestep * servo.kv * servo.gear**2 / inertia)
+    return decay / MAX_DECAY.get(int(model.opt.integrator), np.inf)
+
+
+def _servos(model: mujoco.MjModel) -> Iterator[Servo]:
+    """Yields the servos of hinges and slides."""
+    for i in range(model.nactuator):
+        joint = int(model.actuator_trnid[i, 0])
+        if model.actuator_trntype[i] not in JOINT_DRIVEN or model.jnt_type[joint] not in SCALAR:
+            continue
+        if model.actuator_gaintype[i] != FIXED or model.actuator_biastype[i] != AFFINE:
+            continue
+        bias, kp, kv = model.actuator_biasprm[i, :3] * (1, -1, -1)
+        gear, gain = float(model.actuator_gear[i, 0]), float(model.actuator_gainprm[i, 0])
+        control = int(model.actuator_ctrladr[i])
+        limits = tuple[float, ...]()
+        if kp * gear * gain and model.actuator_ctrlnum[i] == 1 and model.actuator_ctrllimited[control]:
+            targets = (gain * model.actuator_ctrlrange[control] + bias) / kp / gear
+            limits = tuple(sorted(map(float, targets)))
+        yield Servo(i, joint, max(float(kp), 0.0), max(float(kv), 0.0), gear, limits)

@@ -1,0 +1,107 @@
+"""Bodies on the left and on the right that differ, although their names say that they mirror each other."""
+
+import re
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Violation, rule
+from mjrun.errors import clean
+
+# The words for sides: left and right anywhere, L and R alone or beside front, rear, hind, back and middle.
+SIDES = re.compile(r"left|right|(?<![a-z])(?:[frhbm][lr]|[lr][fhbm]|[lr])(?![a-z])", re.IGNORECASE)
+OTHER_SIDE = str.maketrans("lrLR", "rlRL")
+# Relative differences that are not reported: CAD models are not exactly symmetric.
+MAX_MASS, MAX_INERTIA, MAX_GEOM_SIZE, MAX_RANGE = 0.02, 0.05, 0.05, 0.02
+MAX_AXIS = 0.2  # between the components of unit vectors
+
+
+@rule("MJ309", "warning", "left and right differ")
+def unequal_sides(context: LintContext) -> Iterator[Violation]:
+    """Yields moving bodies on the left whose mass, colliding geoms or joints are not those on the right, mirrored."""
+    model = context.model
+    bodies = {context.name("body", body): body for body in range(1, model.nbody) if model.body_weldid[body]}
+    for name, body in bodies.items():
+        other = bodies.get(SIDES.sub(_mirrored_word, name))
+        if other is None or other <= body:
+            continue
+        if differences := list(_differences(context, body, other)):
+            message = f"it differs from {context.object('body', other)}: {'; '.join(differences)}"
+            remedy = "correct the wrong one; ranges and axes may be mirrored"
+            yield context.violation("body", body, message, remedy)
+
+
+def _mirrored_word(match: re.Match[str]) -> str:
+    """Returns the word for the other side: `Left` for `Right`, `FL` for `FR`, `rh` for `lh`."""
+    word = match[0]
+    if len(word) > 2:
+        other = "right" if word.lower() == "left" else "left"
+        return other.upper() if word.isupper() else other.capitalize() if word[0].isupper() else other
+    side = int(word[1:] in tuple("lrLR"))  # `RL` is rear left, `RF` right front
+    return word[:side] + word[side].translate(OTHER_SIDE) + word[side + 1 :]
+
+
+def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
+    """Yields the differences between two bodies."""
+    model = context.model
+    one, other = float(model.body_mass[left]), float(model.body_mass[right])
+    if _difference(one, other) > MAX_MASS:
+        yield f"masses {one:.4g} and {other:.4g} kg"
+
+    inertias = [np.sort(model.body_inertia[body]) for body in (left, right)]
+    if (worst := _difference(*inertias)) > MAX_INERTIA:
+        yield f"principal inertias by {100 * worst:.0f} %"
+
+    sizes = [_colliding_sizes(model, body) for body in (left, right)]
+    if len(sizes[0]) != len(sizes[1]):
+        yield f"{len(sizes[0])} and {len(sizes[1])} colliding geoms"
+    elif sizes[0] and (worst := _difference(np.array(sizes[0]), np.array(sizes[1]))) > MAX_GEOM_SIZE:
+        yield f"sizes of colliding geoms by {100 * worst:.0f} %"
+
+    joints = [_joints(model, body) for body in (left, right)]
+    if [model.jnt_type[j] for j in joints[0]] != [model.jnt_type[j] for j in joints[1]]:
+        yield "other joints"
+        return
+    for pair in zip(*joints, strict=True):
+        yield from _joint_differences(context, *pair)
+
+
+def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
+    model, data = context.model, context.data_at(None)
+    name = clean(context.name("joint", left))
+    home = _common_ancestor(model, int(model.jnt_bodyid[left]), int(model.jnt_bodyid[right]))
+    axes = abs(data.xaxis[[left, right]] @ data.xmat[home].reshape(3, 3))
+    if abs(axes[0] - axes[1]).max() > MAX_AXIS:
+        yield f"axes of {name}"
+    one, other = model.jnt_range[left], model.jnt_range[right]
+    limited = model.jnt_limited[[left, right]]
+    if limited[0] != limited[1]:
+        yield f"only one {name} has a range"
+    elif limited[0] and min(abs(one - other).max(), abs(one + other[::-1]).max()) > MAX_RANGE * np.ptp([one, other]):
+        yield f"ranges of {name}, {one[0]:.4g} to {one[1]:.4g} and {other[0]:.4g} to {other[1]:.4g}"
+
+
+def _common_ancestor(model: mujoco.MjModel, one: int, other: int) -> int:
+    """Returns the lowest body above two bodies."""
+    while one != other:
+        one, other = min(one, other), int(model.body_parentid[max(one, other)])
+    return one
+
+
+def _colliding_sizes(model: mujoco.MjModel, body: int) -> list[list[float]]:
+    """Returns the half sizes of the colliding geoms of a body, in ascending order."""
+    geoms = range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body])
+    colliding = [geom for geom in geoms if model.geom_contype[geom] or model.geom_conaffinity[geom]]
+    return sorted(sorted(map(float, model.geom_aabb[geom, 3:])) for geom in colliding)
+
+
+def _joints(model: mujoco.MjModel, body: int) -> range:
+    return range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+
+
+def _difference(one: np.ndarray | float, other: np.ndarray | float) -> float:
+    """Returns the largest difference relative to the largest number; 0 for zeros."""
+    largest = max(np.max(one), np.max(other))
+    return float(np.max(abs(np.subtract(one, other))) / largest) if largest > 0 else 0.0

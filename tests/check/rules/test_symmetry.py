@@ -1,0 +1,67 @@
+"""Bodies on the left and on the right: mirrored ones, and ones that differ by a little more than is allowed."""
+
+import pytest
+
+from tests.check.models import lint, mjcf
+
+GEOM = '<geom type="box" size=".1 .2 .3" mass="{mass}"/>'
+BODY = '<body name="{name}" pos="0 {y} 0"><joint name="{name}_joint" axis="{axis}" {joint}/>{geom}</body>'
+DEGREES = 'range="-20 50"'
+
+
+def side(name: str, axis: str = "1 1 0", joint: str = DEGREES, mass: float = 1, geom: str = GEOM, y: float = 1) -> str:
+    return BODY.format(name=name, axis=axis, joint=joint, geom=geom.format(mass=mass), y=y)
+
+
+def messages(*sides: str) -> list[str]:
+    """What is found in a trunk, turned in the world, with these sides."""
+    trunk = f'<body name="trunk" euler="10 20 30"><joint name="t"/><geom size=".1"/>{"".join(sides)}</body>'
+    return [f"{f.object}: {f.message}" for f in lint(mjcf(trunk)) if f.code == "MJ309"]
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        *(("left_thigh", "right_thigh"), ("LeftThigh", "RightThigh"), ("THIGH_LEFT", "THIGH_RIGHT")),
+        *(("FL_hip", "FR_hip"), ("RL_hip", "RR_hip"), ("hip_lf", "hip_rf"), ("LH_hip", "RH_hip")),
+        *(("thigh_l", "thigh_r"), ("L1_leg", "R1_leg"), ("l/hip", "r/hip"), ("bl", "br")),
+    ],
+)
+def test_names_of_sides(left: str, right: str) -> None:
+    assert messages(side(left), side(right, y=-1)) == []
+    for pair in ((left, right), (right, left)):
+        (message,) = messages(side(pair[0]), side(pair[1], mass=2))
+        assert message.startswith(f"body '{pair[0]}': it differs from body '{pair[1]}': masses 1 and 2 kg")
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [("left", "lift"), ("hull", "hurr"), ("FL_hip", "RL_hip"), ("front", "rear"), ("hip_1", "hip_2"), ("a", "left")],
+)
+def test_names_of_other_bodies(left: str, right: str) -> None:
+    assert messages(side(left), side(right, mass=2)) == []
+
+
+@pytest.mark.parametrize(
+    ("other", "difference"),
+    [
+        ({"axis": "1 -1 0", "joint": 'range="-50 20"'}, ""),
+        ({"axis": "-1 1 0"}, ""),
+        ({"axis": "1 0.7 0"}, ""),
+        ({"axis": "1 0.5 0"}, "axes of left_joint"),
+        ({"mass": 1.019}, ""),
+        ({"mass": 1.021}, "masses 1 and 1.021 kg"),
+        ({"joint": 'range="-20 51"'}, ""),
+        ({"joint": 'range="-20 52"'}, "ranges of left_joint, -0.3491 to 0.8727 and -0.3491 to 0.9076"),
+        ({"joint": ""}, "only one left_joint has a range"),
+        ({"joint": 'type="slide" range="-20 50"'}, "other joints"),
+        ({"geom": '<geom type="box" size=".1 .2 .306" mass="1"/>'}, ""),
+        ({"geom": '<geom type="box" size=".1 .2 .32" mass="1"/>'}, "inertias by 9 %; sizes of colliding geoms by 6 %"),
+        ({"geom": GEOM.replace("<geom", '<geom contype="0" conaffinity="0"')}, "1 and 0 colliding geoms"),
+    ],
+    ids=lambda value: str(value)[:60],
+)
+def test_differences_beyond_those_of_cad_models_are_reported(other: dict[str, str], difference: str) -> None:
+    found = messages(side("left"), side("right", y=-1, **other))  # type: ignore[arg-type]
+    assert len(found) == bool(difference)
+    assert not difference or found[0].endswith(difference)
