@@ -207,7 +207,7 @@ class _DataColumns:
 class BatchColumns:
     """Columns of the worlds of a batch, as of its last call.
 
-    A `DataBatch` examines the MjData of each world as soon as it is stepped.
+    A `DataBatch` examines the MjData of each world right after its step.
 
     Attributes:
       count: the number of columns.
