@@ -30,7 +30,7 @@ from mjrun.task.worlds import TaskWorlds
 from mjrun.timeline import Timeline, rational
 
 TERMINATED = "terminated"  # the only termination that external environments report
-SIDE_BY_SIDE = 32  # most worlds, unless fewer take `BYTES` of memory
+SIDE_BY_SIDE = 128  # most worlds, unless fewer take `BYTES` of memory
 
 
 class EpisodePlayer(ABC):

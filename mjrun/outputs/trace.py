@@ -166,9 +166,10 @@ class TraceOutput(output.Output[TraceResult]):
         return [Tap(self._steps, self._table.read, self._buffer.add)]
 
     def simulate(self, stepper: Stepper, until: int) -> None:
-        """Steps plain physics in C, block by block, and writes blocks in a thread meanwhile."""
+        """Steps physics in C, block by block, and writes blocks in a thread meanwhile."""
         if isinstance(stepper, PhysicsStepper):
             _stream(self._table.blocks(stepper, self._steps), self._write)
+            stepper.advance(until)
         else:
             super().simulate(stepper, until)
 

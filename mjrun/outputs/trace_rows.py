@@ -14,7 +14,8 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
-from mjrun.physics.c_engine import SLEEP, RecordingBatch
+from mjrun.physics.c_engine import RK4, SLEEP, RecordingBatch, recorded_fields
+from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
@@ -28,7 +29,8 @@ from mjrun.timeline import Timeline, rational, seconds
 TIME = Column("time", "s", "simulated time, exact")
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
 ROWS = 256  # rows of a block that is read instant by instant, and the minimum of all other blocks but the last
-SHORT = 16  # steps; a batch takes longer for fewer than to read each instant
+# The fewest steps that are taken in C; to read each instant of fewer takes less. `LONG` is for RK4 and flexes.
+SHORT, LONG = 3, 16
 
 
 @dataclass(frozen=True)
@@ -305,97 +307,92 @@ def blocks(
     Raises:
       SimulationError: the simulation fails; every valid instant has been yielded before.
     """
-    first, count, waiting = stepper.step, 0, list[Fields]()
-    failure: SimulationError | None = None
-    try:
-        for length, fields in _pieces(stepper, record, stepper.step + steps, size):
-            waiting.append(fields)
-            count += length
-            if count >= min(ROWS, size):
-                yield first, count, _joined(waiting)
-                first, count, waiting = first + count, 0, []
-    except SimulationError as error:
-        failure = error
-    if count:
-        yield first, count, _joined(waiting)
-    if failure:
-        raise failure
-
-
-def _pieces(stepper: PhysicsStepper, record: Sequence[str], end: int, size: int) -> Iterator[tuple[int, Fields]]:
-    """Yields the same instants in pieces of any length, with their lengths."""
-    sleeps, batch = bool(stepper.model.opt.enableflags & SLEEP), None
-    while stepper.step < end:
-        at = stepper.step
-        count = min(size, end - at, stepper.steps_alike())
-        if sleeps or count < SHORT:
-            yield from _single_steps(stepper, record, min(ROWS, size, end - at))
-            continue
-        batch = batch or RecordingBatch([stepper.model], record, size)
-        controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
-        recorded = batch.run(stepper.state()[None], count, controls)
-        if recorded.completed.all():
-            stepper.jump(at + count, recorded.states[0])
-            yield count, recorded.fields
-        else:  # stepping singly names the failing step, or gets past it
-            yield from _single_steps(stepper, record, count)
-    data = stepper.instant()
-    yield 1, {name: np.array(getattr(data, name))[None, None] for name in record}
-
-
-def _single_steps(stepper: PhysicsStepper, record: Sequence[str], count: int) -> Iterator[tuple[int, Fields]]:
-    """Takes `count` steps one by one, and yields the instants before them."""
-    end = stepper.step + count
-    while stepper.step < end:
-        instants = _InstantRows(record, min(ROWS, end - stepper.step))
+    end, is_done, recorder = stepper.step + steps, False, _InstantRecorder(stepper, record)
+    while not is_done:
+        first = stepper.step
+        rows = _InstantRows(recorder.templates, min(size, end + 1 - first))
         try:
-            for step in range(stepper.step, stepper.step + instants.size):
-                instants.add(stepper.instant())
-                stepper.advance(step + 1)
+            while not is_done and rows.count < min(ROWS, rows.size):
+                is_done = recorder.add(rows, end)
         except SimulationError:
-            if instants.count:
-                yield instants.count, instants.fields
+            if rows.count:
+                yield first, rows.count, rows.fields
             raise
-        yield instants.count, instants.fields
+        yield first, rows.count, rows.fields
 
 
 class _InstantRows:
     """Fields of successive instants.
 
     Args:
-      record: names of MjData fields.
+      templates: an instance of each field.
       size: the number of instants for which there is room.
     """
 
-    def __init__(self, record: Sequence[str], size: int) -> None:
+    def __init__(self, templates: Fields, size: int) -> None:
         self.size, self.count = size, 0
-        self._record = record
-        self._fields: dict[str, np.ndarray] = {}
-        self._targets: list[np.ndarray] = []
+        # One more, as a step also records the state after it.
+        self.all = {name: np.empty((1, size + 1, *value.shape), value.dtype) for name, value in templates.items()}
+        filled = [name for name, value in templates.items() if value.size]
+        self._targets = [self.all[name][0] for name in filled]
+        self._read = attrgetter(*filled, "time", "time")  # a tuple in any case
 
     @property
     def fields(self) -> Fields:
         """The fields of the instants so far: `{field: (1, count, …)}`."""
-        return {name: values[None, : self.count] for name, values in self._fields.items()}
+        return {name: values[:, : self.count] for name, values in self.all.items()}
 
     def add(self, data: mujoco.MjData) -> None:
         """Adds an instant."""
-        index = self.count
-        if not index:
-            self._allocate(data)
         for target, value in zip(self._targets, self._read(data), strict=False):
-            target[index] = value
-        self.count = index + 1
-
-    def _allocate(self, data: mujoco.MjData) -> None:
-        values = {name: np.asarray(getattr(data, name)) for name in self._record}
-        self._fields = {name: np.empty((self.size, *value.shape), value.dtype) for name, value in values.items()}
-        filled = [name for name, value in values.items() if value.size]
-        self._targets = [self._fields[name] for name in filled]
-        self._read = attrgetter(*filled, "time", "time")  # a tuple in any case
+            target[self.count] = value
+        self.count += 1
 
 
-def _joined(pieces: Sequence[Fields]) -> Fields:
-    if len(pieces) == 1:
-        return pieces[0]
-    return {name: np.concatenate([piece[name] for piece in pieces], axis=1) for name in pieces[0]}
+class _InstantRecorder:
+    """A stepper that is moved step by step, or in C over steps with the same inputs.
+
+    Args:
+      record: names of MjData fields.
+
+    Attributes:
+      templates: an instance of each field.
+    """
+
+    def __init__(self, stepper: PhysicsStepper, record: Sequence[str]) -> None:
+        model = stepper.model
+        self._stepper, self._record, self._batch = stepper, record, None
+        self.templates = recorded_fields(model, record)
+        # Several states of bodies that sleep, of flexes and of stages of RK4 are not in a record.
+        self._least = SHORT if int(model.opt.integrator) != RK4 and not model.nflex else LONG
+        self._least = NEVER if model.opt.enableflags & SLEEP else self._least
+
+    def add(self, rows: _InstantRows, end: int) -> bool:
+        """Takes some steps, and adds the instants before them; returns whether that at step `end` has been added."""
+        stepper = self._stepper
+        if stepper.step == end:
+            rows.add(stepper.instant())
+            return True
+        count = min(rows.size - rows.count, end - stepper.step, stepper.steps_alike())
+        if count < self._least:
+            self._add_single(rows, 1)
+        elif not self._add_recorded(rows, count):
+            self._add_single(rows, count)  # which names the failing step, or gets past it
+        return False
+
+    def _add_single(self, rows: _InstantRows, count: int) -> None:
+        for _ in range(count):
+            rows.add(self._stepper.instant())
+            self._stepper.advance(self._stepper.step + 1)
+
+    def _add_recorded(self, rows: _InstantRows, count: int) -> bool:
+        """Adds steps that are taken in C; returns False if one of them fails."""
+        stepper, at = self._stepper, self._stepper.step
+        self._batch = self._batch or RecordingBatch([stepper.model], self._record, BLOCK_STEPS)
+        controls = stepper.control.rows(at, count)[None] if stepper.control.varies else None
+        after = self._batch.extend(rows.all, rows.count, stepper.state(), count, controls)
+        if after is None:
+            return False
+        rows.count += count
+        stepper.jump(at + count, after)
+        return True

@@ -10,13 +10,14 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch  # pyright: ignore[reportMissingTypeStubs]
+from mujoco.batch import Batch, RecordItem  # pyright: ignore[reportMissingTypeStubs]
 from mujoco.batch import SimulationError as BatchError  # pyright: ignore[reportMissingTypeStubs]
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedStepError, SimulationError, UsageError
 from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources
+from mjrun.physics.divided_step import is_bounded
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
 from mjrun.physics.stepper import PhysicsStepper
 from mjrun.timeline import rational
@@ -138,6 +139,48 @@ class RecordingBatch:
             fields = {name: moved.get(name, out[name])[:, rows] for name in self._record}
         fields = {name: _spread(values, ids, n) for name, values in fields.items()}
         return StepRecords(fields, np.where(completed[:, None], batch.state, states), completed)
+
+    def extend(
+        self, fields: Fields, at: int, start: np.ndarray, count: int, controls: np.ndarray | None
+    ) -> np.ndarray | None:
+        """Takes `count` steps of the only simulation, and writes the instants before them into `fields`.
+
+        Args:
+          fields: every recorded field, `(1, rows, …)`, as of `recorded_fields`.
+          at: the row of the first instant; the row after the last one is overwritten.
+          start: the state `(nstate,)` at the first instant.
+          controls: as in `run`.
+
+        Returns:
+          The state after the last step, valid until the next call; None if a step failed or warned, and the rows are
+          invalid.
+        """
+        if self._derived:
+            recorded = self.run(start[None], count, controls)
+            for name, values in recorded.fields.items():
+                fields[name][:, at : at + count] = values
+            return recorded.states[0] if recorded.completed[0] else None
+        batch = self._batch
+        batch.state[0], warnings = start, batch.warning.tobytes()
+        rows: dict[RecordItem, np.ndarray] = {}
+        for name, values in fields.items():
+            is_ahead = name in self._states  # of the derived fields in the same record
+            if is_ahead:
+                values[:, at] = self._states[name]
+            rows[name] = values[:, at + is_ahead : at + is_ahead + count]
+        try:
+            batch.rollout(count, controls, record=self._record, out=rows)
+        except BatchError:
+            return None
+        is_stable = batch.warning.tobytes() == warnings and all(is_bounded(each[0]) for each in self._moving)
+        return batch.state[0] if is_stable else None
+
+
+def recorded_fields(model: mujoco.MjModel, record: Sequence[str]) -> Fields:
+    """Returns an instance of each field, with the type of its records."""
+    data = mujoco.MjData(model)
+    values = {name: np.asarray(getattr(data, name)) for name in record}
+    return {name: value if value.ndim else value.astype(np.int32) for name, value in values.items()}
 
 
 class DerivedFields:

@@ -72,7 +72,7 @@ class ActionMap:
             np.concatenate(parts, axis=1) if parts else np.zeros((7, 0))
         )
         self.squashed = self.squashed.astype(bool)
-        self._is_squashed = bool(self.squashed.any())
+        self._is_squashed, self._is_all_squashed = bool(self.squashed.any()), bool(self.squashed.all())
         self._is_scaled = bool((self.scale != 1).any())
         self._is_clipped = bool(np.isfinite([self.low, self.high]).any())
 
@@ -83,7 +83,10 @@ class ActionMap:
 
     def targets(self, actions: np.ndarray) -> np.ndarray:
         """Returns the targets of the actions `(…, nact)`: squashed, clipped, scaled and offset, in that order."""
-        targets = np.where(self.squashed, np.tanh(actions), actions) if self._is_squashed else actions
+        targets = np.tanh(actions) if self._is_squashed else actions
+        targets = (
+            targets if self._is_all_squashed or not self._is_squashed else np.where(self.squashed, targets, actions)
+        )
         targets = targets.clip(self.low, self.high) if self._is_clipped else targets
         targets = targets * self.scale if self._is_scaled else targets
         return targets + self.offset

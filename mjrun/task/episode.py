@@ -1,5 +1,6 @@
 """The course of an episode, whether a task of mjrun's or a Gymnasium environment steps it."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, Protocol, runtime_checkable
 
@@ -93,7 +94,7 @@ def ask(actor: Actor, observation: np.ndarray, names: Sequence[str], step: int, 
       InvalidActionError: a number of the action is not finite.
     """
     action = np.asarray(actor(observation), float).ravel()
-    if not np.isfinite(action).all():
+    if not (math.isfinite(sum(action.tolist())) or np.isfinite(action).all()):
         wrong = {name: value for name, value in zip(names, action.tolist(), strict=False) if not np.isfinite(value)}
         raise InvalidActionError(step, time, policy, wrong)
     return action

@@ -28,6 +28,8 @@ class SingleWorld(TaskWorlds):
 
     Attributes:
       holds_targets: whether controls change at every step, to hold positions or velocities.
+      whole_state: its integration state `(nstate,)`, which may be written.
+      controls: the controls in it `(nu,)`.
 
     Raises:
       UsageError, ModelError, FileError: as `TaskWorlds`.
@@ -51,6 +53,7 @@ class SingleWorld(TaskWorlds):
         self._only_motion, self._only_warnings = self._motion[0], self._warnings[0]
         self._without_timers = without_timers()
         self._shape, self.holds_targets = self._action.shape, self._torques.is_needed
+        self.whole_state, self.controls = self._state[0], self._ctrl[0]
         self._controls = self._torques.controls_alone(self._ctrl[0])
         self._has_inputs = self._has_commands or expressions.reads_actions or self._observations.has_inputs
         self._no_inputs = Inputs(0, self._action, NO_COMMANDS)
@@ -120,10 +123,6 @@ class SingleWorld(TaskWorlds):
         """Updates the controls that hold position and velocity targets from the current state, for the next step."""
         if self.holds_targets:
             self._torques.hold(self._targets, self._qpos, self._qvel, self._ctrl, ALL)
-
-    def put(self, whole: np.ndarray) -> None:
-        """Puts the world into the integration state `whole` `(nstate,)`."""
-        self._state[0] = whole
 
     def advance(self, steps: int) -> None:
         """Takes physics steps under the current action."""

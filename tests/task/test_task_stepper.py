@@ -11,6 +11,7 @@ import pytest
 from mjrun.errors import InvalidActionError, UnstableError
 from mjrun.model import state
 from mjrun.options.push import Push
+from mjrun.outputs.trace_rows import blocks
 from mjrun.physics.observe import Tap, observe
 from mjrun.physics.push_forces import PushForces
 from mjrun.task.episode import Ending
@@ -192,3 +193,48 @@ def test_an_unstable_simulation_is_told_with_its_first_bad_step(every: int) -> N
     steps = [Tap(range(0, 41, every), lambda _: None, id)]
     with pytest.raises(UnstableError, match=r"the simulation became unstable at step 4, .*joint 'shoulder'"):
         observe(stepper, steps, 40)
+
+
+FIELDS = ("qpos", "qvel", "ctrl", "qacc", "sensordata", "energy", "xpos", "qfrc_constraint", "ncon", "xfrc_applied")
+
+
+@pytest.mark.parametrize("option", ['<option timestep="0.01" integrator="RK4"/>', '<option timestep="0.01"/>', ASLEEP])
+@pytest.mark.parametrize("derived", ["current", "lagged"])
+@pytest.mark.parametrize("values", [EVERYTHING, FORCED, {}], ids=["everything", "forced", "plain"])
+def test_rows_in_blocks_are_instants_of_a_bare_loop(
+    tmp_path: Path, values: Mapping[str, object], derived: str, option: str
+) -> None:
+    (tmp_path / "cart.xml").write_text(CART.replace('<option timestep="0.01"/>', option))
+    task = replace_model(cart(**{**values, "derived": derived, "terminations": {}}), tmp_path / "cart.xml")
+    singly, together = (TaskStepper(SingleWorld(task), Wave(), 5) for _ in range(2))
+    data, shown = (mujoco.MjData(singly.model) for _ in range(2))
+    state.restore(singly.model, data, singly.state())
+    expected: dict[str, list[np.ndarray]] = {field: [] for field in FIELDS}
+    for step in range(31):
+        singly.advance(step)
+        inputs = state.save(singly.model, singly.instant(), state.INPUTS)
+        state.restore(singly.model, data, inputs, state.INPUTS)
+        mujoco.mj_copyData(shown, singly.model, data)
+        mujoco.mj_forward(singly.model, shown)
+        for field in FIELDS:
+            expected[field].append(np.array(getattr(shown, field)))
+        mujoco.mj_step(singly.model, data)
+    rows = [fields for _, _, fields in blocks(together, FIELDS, 30, 11)]
+    for field in FIELDS:
+        np.testing.assert_array_equal(np.concatenate([each[field][0] for each in rows]), expected[field], field)
+    np.testing.assert_array_equal(together.now().observation, singly.now().observation)
+    np.testing.assert_array_equal(together.now().total, singly.now().total)
+    assert together.step == 30
+
+
+def test_an_invalid_action_ends_rows_in_blocks_where_it_ends_the_simulation() -> None:
+    stepper = TaskStepper(SingleWorld(arm()), Answers([0, 0], [0, 0], [0, np.nan]), 0, "p.onnx")
+    steps: list[int] = []
+
+    def collect() -> None:
+        for first, count, _ in blocks(stepper, ("qpos",), 40):
+            steps.extend(range(first, first + count))
+
+    with pytest.raises(InvalidActionError, match="at step 8"):
+        collect()
+    assert steps == [*range(8)]
