@@ -21,7 +21,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -37,6 +38,7 @@ MODELS = [
 ]
 TASK = ROOT / "scenes/humanoid_stand.yaml"
 NETWORK = ROOT / "scenes/policies/humanoid_stand.onnx"
+MJRUN = (sys.executable, "-m", "mjrun")
 FEW = 200  # rows that measure start-up
 CONTROLLER = """
 import numpy as np
@@ -85,6 +87,7 @@ def act(observation):
     return np.tanh(WEIGHTS @ observation)
 """
 POLICY_LOOP = """
+import os
 import sys
 import mujoco
 import numpy as np
@@ -95,22 +98,24 @@ ACTUATORS = ["waist_pitch"] + [
     for side in ("left", "right")
 ]
 
-if len(sys.argv) > 3:
+if len(sys.argv) > 4:
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
-    session = onnxruntime.InferenceSession(sys.argv[3], options, ["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(sys.argv[4], options, ["CPUExecutionProvider"])
     feed, fetch = session.get_inputs()[0].name, [session.get_outputs()[0].name]
 
     def act(observation):
-        return session.run(fetch, {feed: observation.astype(np.float32)[None]})[0][0]
+        return session.run(fetch, {feed: observation.astype(np.float32)[None]})[0][0].astype(float)
 
 model = mujoco.MjModel.from_xml_path(sys.argv[1])
 model.opt.timestep = 0.004
 data, qpos, qvel = mujoco.MjData(model), [], []
 mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+data.qvel[:2] = np.loadtxt(sys.argv[3])
+renderer = mujoco.Renderer(model, 240, 320) if "MUJOCO_GL" in os.environ else None
 driven = np.array([model.actuator(name).id for name in ACTUATORS])
 stance = data.ctrl[driven]
 left, right, pelvis = (model.body(name).id for name in ("left_foot", "right_foot", "pelvis"))
@@ -121,6 +126,9 @@ for step in range(int(sys.argv[2])):
         lean = data.subtree_com[0, :2] - feet[:2]
         observation = np.concatenate([lean, data.qvel[:3], data.xmat[pelvis, 6:8], data.qvel[3:6]])
         data.ctrl[driven] = 0.5 * np.tanh(act(observation)) + stance
+    if renderer and step % 10 == 0:
+        renderer.update_scene(data)
+        renderer.render()
     mujoco.mj_step2(model, data)
     qpos.append(data.qpos.copy())
     qvel.append(data.qvel.copy())
@@ -200,23 +208,46 @@ def extras(model: Path, steps: int, repeats: int, folder: Path) -> None:
 
 
 def policies(steps: int, repeats: int, folder: Path) -> None:
-    """Prints the CPU time per row of an episode, and its ratio to that of a step of the loop, for each policy."""
+    """Prints the CPU time per step of an episode, and its ratio to that of the loop, for each policy and output."""
     model, code, loop = ROOT / "scenes/humanoid.xml", folder / "weights.py", folder / "policy_loop.py"
     code.write_text(FUNCTION)
     loop.write_text(f"{FUNCTION}\n{POLICY_LOOP}")
+    start, noise = folder / "start.csv", folder / "noise.txt"
+    run(*MJRUN, "trace", str(TASK), "--policy", "zero", "--steps", "1", "-q", "--probe", "qvel", "-o", str(start))
+    noise.write_text("\n".join(start.read_text().splitlines()[1].split(",")[1:3]))  # of qvel, after the time
+    video = ["video", "--size", "320x240", "--fps", "25", "--jobs", "1", "-o", str(folder / "video.mp4")]
     for name, policy, network in (("ONNX", str(NETWORK), [str(NETWORK)]), ("function", f"{code}:act", [])):
-        ours: list[float] = []
-        theirs: list[float] = []
-        for _ in range(repeats):
-            idle, busy = (trace(TASK, count, "--policy", policy) for count in (FEW, steps))
-            ours.append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
-            idle, busy = (run(sys.executable, str(loop), str(model), str(n), *network) for n in (FEW, steps))
-            theirs.append(1e6 * (busy.cpu - idle.cpu) / (steps - FEW))
-        ratio = statistics.median(one / other for one, other in zip(ours, theirs, strict=True))
-        print(
-            f"{TASK.stem}, policy {name}: {statistics.median(ours):.1f} us/row   "
-            f"loop in Python {statistics.median(theirs):.1f} us/step   ratio {ratio:.2f}"
-        )
+        for command, count in ((["trace"], steps), (video, steps // 5)):
+            ours = [*MJRUN, *command, str(TASK), "--policy", policy, "-q", "--steps"]
+            theirs = [sys.executable, str(loop), str(model)]
+            gl = {"MUJOCO_GL": os.environ.get("MUJOCO_GL", "egl")} if command is video else {}
+            with environment(gl):
+                rows = [
+                    (per_step(ours, [], count), per_step(theirs, [str(noise), *network], count)) for _ in range(repeats)
+                ]
+            one, other = (statistics.median(column) for column in zip(*rows, strict=True))
+            print(
+                f"{TASK.stem}, {command[0]}, policy {name}: {one:.1f} us/step   loop in Python {other:.1f} us/step   "
+                f"ratio {statistics.median(a / b for a, b in rows):.2f}"
+            )
+
+
+def per_step(command: Sequence[str], options: Sequence[str], steps: int) -> float:
+    """Returns the CPU time of a step [us], without that of the start, of a command before their number and options."""
+    idle, busy = (run(*command, str(count), *options) for count in (FEW, steps))
+    return 1e6 * (busy.cpu - idle.cpu) / (steps - FEW)
+
+
+@contextmanager
+def environment(values: dict[str, str]) -> Generator[None]:
+    """Sets environment variables; MUJOCO_GL is absent unless it is among them."""
+    before = os.environ.pop("MUJOCO_GL", None)
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        os.environ.pop("MUJOCO_GL", None)
+        os.environ.update({} if before is None else {"MUJOCO_GL": before})
 
 
 def trace_with(model: Path, options: Sequence[str], steps: int) -> Run:

@@ -143,7 +143,12 @@ def models(draw: st.DrawFn) -> mujoco.MjModel:
     )
 
 
-def instants(model: mujoco.MjModel, controller: Callable, every: int) -> dict[str, list[bytes]]:
+def content(data: mujoco.MjData, field: str) -> bytes:
+    value = getattr(data, field)
+    return (np.int32(value) if isinstance(value, int) else value).tobytes()
+
+
+def instants(model: mujoco.MjModel, controller: Callable, every: int = 1) -> dict[str, list[bytes]]:
     """Returns every instant of a loop of `mj_step`, whose controller works on a copy, every few steps."""
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     data, shown = mujoco.MjData(model), mujoco.MjData(model)
@@ -158,8 +163,7 @@ def instants(model: mujoco.MjModel, controller: Callable, every: int) -> dict[st
         mujoco.mj_copyData(shown, model, data)
         mujoco.mj_forward(model, shown)
         for field in FIELDS:
-            value = getattr(shown, field)
-            rows[field].append((np.int32(value) if isinstance(value, int) else value).tobytes())
+            rows[field].append(content(shown, field))
         mujoco.mj_step(model, data)
     return rows
 
@@ -228,7 +232,7 @@ def test_a_function_that_is_replaced_meanwhile_may_read_everything(monkeypatch: 
     for step in range(1, STEPS):
         run.advance(step)
         for field in FIELDS:
-            found[field].append(np.asarray(getattr(run.instant(), field)).tobytes())
+            found[field].append(content(run.instant(), field))
     assert found == {field: rows[1:STEPS] for field, rows in expected.items()}
 
 
