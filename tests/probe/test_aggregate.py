@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mjrun.errors import UsageError
-from mjrun.probe.aggregate import CHUNK, ChunkBuffer, RowChunk, accumulator, shown
+from mjrun.probe.aggregate import CHUNK, ChunkBuffer, RowChunk, ShareAccumulator, accumulator, shown
 from mjrun.probe.expression import AGGREGATES
 from mjrun.probe.metric import MetricEvaluation, parse_metric
 from tests.probe.expression_oracle import ODD, VALUES, aggregate, judged
@@ -48,6 +48,7 @@ def test_an_accumulator_does_not_depend_on_how_the_rows_are_split(name: str) -> 
     results = []
     for size in (1, 7, CHUNK):
         accumulated = accumulator(name)
+        assert not isinstance(accumulated, ShareAccumulator)
         for first in range(0, len(values), size):
             part = values[first : first + size]
             accumulated.add(part, RowChunk({"time": part}, np.arange(first, first + len(part))))
