@@ -160,7 +160,8 @@ def test_another_package_is_named_when_it_fails(tmp_path: Path) -> None:
 
 
 def test_a_package_that_is_missing_is_named(tmp_path: Path) -> None:
-    done = run_with(hidden(tmp_path, "yaml"), "-c", "import mjrun; mjrun.read_task")
+    task = SCENES / "car_drive.yaml"
+    done = run_with(hidden(tmp_path, "yaml"), "-c", f"import mjrun; mjrun.read_task({str(task)!r})")
     assert (
         "mjrun.errors.MissingExtraError: mjrun needs pyyaml, which is not installed\npip install pyyaml" in done.stderr
     )

@@ -119,6 +119,15 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, (scene, probe) in PLOTTED.items():
         simulation = Simulation(ROOT / f"scenes/{scene}.xml", duration=0.1)
         Trace(simulation, str(folder / name), probe=probe.split(",")).run()
+    scan = [
+        "check",
+        "--scan",
+        str(ROOT / "scenes/arm.xml"),
+        str(ROOT / "scenes/swing.xml"),
+        "--table",
+        "findings.csv",
+    ]
+    subprocess.run([sys.executable, "-m", "mjrun", *scan], cwd=folder, check=True, capture_output=True)
     return folder
 
 

@@ -6,7 +6,6 @@ import signal
 import sys
 import threading
 import time
-import weakref
 from _thread import interrupt_main, start_new_thread
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
 
 NO_MEMORY = "Could not allocate memory"  # MuJoCo's message when it creates an MjData
 BUG = 70  # the exit code
+FINALIZER = "finalize.__call__"  # the qualified name of what calls the finalizers of `weakref`
 RETRY = 0.005  # [s] from a signal in a finalizer to the next attempt
 COMPLETE = "_MJRUN_COMPLETE"  # the environment variable by which a shell asks for completions
 _ended_by: int | None = None  # the signal that ends this process
@@ -223,7 +223,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 def _is_in_finalizer(frame: FrameType | None) -> bool:
     while frame:
-        if frame.f_code.co_qualname == weakref.finalize.__call__.__qualname__:
+        if frame.f_code.co_qualname == FINALIZER:
             return True
         frame = frame.f_back
     return False
@@ -231,7 +231,10 @@ def _is_in_finalizer(frame: FrameType | None) -> bool:
 
 def _interrupt_later(number: int) -> None:
     time.sleep(RETRY)
-    interrupt_main(signal.Signals(number))
+    if hasattr(signal, "pthread_kill"):  # which also ends a wait
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        interrupt_main(signal.Signals(number))
 
 
 def _ending(number: int) -> BaseException:

@@ -58,13 +58,12 @@ KINDS = {
 def kind_of(root: tree.MappingNode) -> DocumentKind | None:
     """Returns the kind of document that `root` is: the only one whose keys it has; None if it is ambiguous.
 
-    An evaluation may have the keys of variations that a study has.
+    An evaluation may have the keys of variations that a study has, and the key `videos` of a run.
     """
-    kinds = [kind for kind in KINDS.values() if not kind.keys.isdisjoint(root.entries)]
-    evaluation = KINDS["Evaluation"]
-    if kinds == [KINDS["Study"], evaluation]:
-        return evaluation
-    return kinds[0] if len(kinds) == 1 else None
+    kinds = [name for name, kind in KINDS.items() if not kind.keys.isdisjoint(root.entries)]
+    if "Evaluation" in kinds and {*kinds} <= {"Run", "Study", "Evaluation"}:
+        return KINDS["Evaluation"]
+    return KINDS[kinds[0]] if len(kinds) == 1 else None
 
 
 def kind_of_file(path: Path | str) -> DocumentKind | None:

@@ -11,12 +11,16 @@ from bisect import bisect_right
 from collections.abc import Callable
 from typing import NoReturn
 
-import yaml
-from yaml import events
-
 from mjrun.document import tree
 from mjrun.document.yaml_scalars import meaning
 from mjrun.errors import clean, quoted
+from mjrun.packages import cause_of
+
+try:
+    import yaml
+    from yaml import events
+except ImportError as error:  # imported late, where nothing else explains that it is missing
+    raise cause_of(error) or error from None
 
 NO_DIRECTIVES = "a line that begins with % is a directive, which documents do not support"
 NO_TAGS = "tags (!) are not supported; the type of a value follows from its form"

@@ -204,7 +204,9 @@ def test_a_study_that_is_killed_is_continued_to_the_same_table(simulation: Simul
     undisturbed, killed = tmp_path / "undisturbed", tmp_path / "killed"
     study(simulation, undisturbed, **options).run()
 
-    command = [sys.executable, "-m", "mjrun", "sweep", str(simulation.model), "--steps", "100", "--jobs", "2"]
+    code = "from mjrun.study import executors; executors.INTERVAL = 0\n"  # a part for each point
+    code += "import sys; from mjrun.cli.main import run; run(sys.argv[1:])"
+    command = [sys.executable, "-c", code, "sweep", str(simulation.model), "--steps", "100", "--jobs", "2"]
     command += ["--vary", "perturb=uniform(0,2)", "--samples", "24", "--chunk", "1", "--metric", "low=min(qpos/ball/z)"]
     moments = random.Random(3)
     for _ in range(2):

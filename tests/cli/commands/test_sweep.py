@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 import pytest
 
+from mjrun.study import executors
 from tests.study.models import BALL
 
 if TYPE_CHECKING:
@@ -65,7 +66,10 @@ def test_failures_are_reported_by_reason_with_a_command_that_shows_them(mjrun_he
 
 
 @pytest.mark.slow
-def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun_here: Command, ball: str) -> None:
+def test_a_study_that_was_interrupted_is_continued_by_its_folder(
+    mjrun_here: Command, ball: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "INTERVAL", 0)  # a part for each point
     assert mjrun_here("sweep", ball, "--steps", "5", "--vary", "seed=1..8:8", *METRIC, "--chunk", "1").returncode == 0
     folder = mjrun_here.folder / "ball_study"
     for name in ("results.csv", "results.parquet"):
