@@ -55,7 +55,7 @@ class PicklableException:
 
     @classmethod
     def of(cls, error: Exception) -> "PicklableException":
-        """Returns the failure that an exception is."""
+        """Returns the picklable form of an exception."""
         trace = "".join(traceback.format_exception(error))
         if isinstance(error, MjrunError):
             return cls(type(error), error.args, dict(vars(error)), trace)

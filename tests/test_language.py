@@ -35,7 +35,7 @@ DIALECT = re.compile(
     r"\b(?<!--)("
     r"told|films?|filmed|so many|as it is|as they are|besides|beyond that|of (its|their|our) own|whoever|somebody"
     r"|at all|anew|(is|are) (?-i:none)|stands? (in|for|where|at|beside|under|there)|worked off|looked at|tells? apart"
-    r"|cannot be (meant|had)|goes on|nobody|(is|are) had|mended|come to the same numbers"
+    r"|cannot be (meant|had)|goes on|nobody|(is|are) had|mend(s|ed)?|come to the same numbers"
     r")\b",
     re.IGNORECASE,
 )

@@ -1,7 +1,6 @@
 """`mjrun check`: checks models for faults, each in a separate process."""
 
 import os
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -81,7 +80,7 @@ class CheckResult:
 
     def count(self, severity: str) -> int:
         """Returns the number of findings of this severity."""
-        return sum(f.severity == severity for model in self.models for f in model.findings)
+        return sum(model.count(severity) for model in self.models)
 
 
 @options
@@ -320,8 +319,7 @@ def worst_first(models: Iterable[ModelResult]) -> list[ModelResult]:
     """Returns models that do not load first, then by their numbers of errors, warnings and notes."""
 
     def badness(model: ModelResult) -> tuple[int, ...]:
-        counts = Counter(finding.severity for finding in model.findings)
-        return (not model.loads, *(counts[severity] for severity in reversed(SEVERITIES)))
+        return (not model.loads, *(model.count(severity) for severity in reversed(SEVERITIES)))
 
     return sorted(models, key=badness, reverse=True)
 

@@ -88,7 +88,7 @@ def _models(result: CheckResult) -> PageFacts:
     rows: list[tuple[str, ...]] = []
     faulty = [model for model in worst_first(result.models) if model.findings or not model.loads]
     for model in faulty[:MAX_CARDS]:
-        counts = [str(sum(f.severity == each for f in model.findings) or "") for each in reversed(SEVERITIES)]
+        counts = [str(model.count(severity) or "") for severity in reversed(SEVERITIES)]
         rows.append((clean(model.model), *counts, "" if model.loads else "does not load"))
     return PageFacts(
         "Models", "Models with findings, the worst first", ("Model", "Errors", "Warnings", "Notes", ""), rows, (1, 2, 3)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Finding
+from mjrun.check.rules.extents import INFINITE
 from mjrun.formats.image_encoding import ImageData, jpeg
 from mjrun.model.names import COUNTS
 from mjrun.model.sources import source_of
@@ -21,7 +22,6 @@ DRAWN = ("geom", "body", "joint", "site", "actuator")  # kinds whose objects bel
 MAX_OBJECTS = 5000  # of one kind; the names of more take long to look for
 OTHERS, STATIC = (0.62, 0.65, 0.7, 0.35), (0.62, 0.65, 0.7, 0.15)
 FLOOR, MARKED_FLOOR = (0.8, 0.82, 0.85, 1.0), (0.62, 0.76, 0.93, 1.0)
-INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 COLOURS = ((0.89, 0.29, 0.16, 1.0), (0.12, 0.45, 0.85, 1.0))  # of the object, and of others that the message names
 CONTACTS = "5"  # the topic of contacts: contact points are drawn, and what touches is transparent
 CONTACT_ALPHA = 0.6

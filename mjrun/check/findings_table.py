@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from mjrun.check.check import CheckResult, worst_first
-from mjrun.check.model_result import ModelResult
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.formats.table_writer import TableWriter
 from mjrun.formats.tables import output_format
@@ -50,7 +49,7 @@ def write_findings(path: str, result: CheckResult) -> None:
     add_texts("model", [model.model for _, model, _ in rows])
     add("loads", "1 if the model loads", [model.loads for _, model, _ in rows])
     for severity in reversed(SEVERITIES):
-        numbers = [_count(model, severity) for _, model, _ in rows]
+        numbers = [model.count(severity) for _, model, _ in rows]
         add(f"{severity}s", f"findings of this severity in the model: {severity}", numbers)
     add("line", "line in the file, 0 if unknown", [finding.line or 0 for finding in found])
     for name, text in TEXTS.items():
@@ -60,7 +59,3 @@ def write_findings(path: str, result: CheckResult) -> None:
     with TableWriter(str(Path(path)), output_format(path).name, columns) as writer:
         writer.write(table)
         writer.publish()
-
-
-def _count(model: ModelResult, severity: str) -> int:
-    return sum(finding.severity == severity for finding in model.findings)

@@ -26,6 +26,10 @@ class ModelResult:
     suppressed: int = 0
     known: int = 0
 
+    def count(self, severity: str) -> int:
+        """Returns the number of findings of this severity."""
+        return sum(finding.severity == severity for finding in self.findings)
+
 
 @dataclass(frozen=True)
 class FixedFile:

@@ -135,7 +135,10 @@ class ResultCache:
 
 def _folder() -> Path:
     chosen = os.environ.get(VARIABLE)
-    return Path(chosen) if chosen else system.cache_home() / "mjrun" / "check"
+    if chosen:
+        return Path(chosen)
+    home = system.cache_home()
+    return home / "mjrun" / "check" if home.is_absolute() else Path(os.devnull)  # a user without a home stores nothing
 
 
 def _source_files(folder: str) -> list[tuple[str, int, int]]:

@@ -111,8 +111,7 @@ def scan_lines(result: CheckResult) -> Iterator[str]:
     """Yields a line per model with findings, worst first: its numbers of errors, warnings and notes, and its codes."""
     for model in worst_first(result.models):
         if model.findings:
-            counts = Counter(finding.severity for finding in model.findings)
-            numbers = " ".join(f"{counts[severity]:4}" for severity in reversed(SEVERITIES))
+            numbers = " ".join(f"{model.count(severity):4}" for severity in reversed(SEVERITIES))
             codes = " ".join(sorted({finding.code for finding in model.findings}))
             yield f"{numbers}  {clean(model.model)}  {codes}" + ("" if model.loads else "  (does not load)")
 

@@ -13,7 +13,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError
 from mjrun.evaluation.episode import EpisodeSpec, PlayedEpisodes
 from mjrun.evaluation.prepared import PreparedEvaluation
-from mjrun.options.evaluation import FilmOptions
+from mjrun.options.evaluation import EpisodeVideoOptions
 from mjrun.outputs.perform import perform, preview
 from mjrun.outputs.video import Video
 from mjrun.reporter import Reporter, WarningReporter
@@ -90,7 +90,7 @@ class VideoMaker:
       UsageError: a camera is unknown, or the size is not supported.
     """
 
-    def __init__(self, options: FilmOptions, prepared: PreparedEvaluation, seed: int) -> None:
+    def __init__(self, options: EpisodeVideoOptions, prepared: PreparedEvaluation, seed: int) -> None:
         self._options, self._prepared = options, prepared
         if options.videos:
             preview([self._video(prepared.groups[0].spec, seed, "video.mp4")], WarningReporter())

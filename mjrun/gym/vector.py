@@ -86,15 +86,15 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Takes a step in which some worlds begin their next episode instead."""
-        begin, go_on = np.flatnonzero(self._over), np.flatnonzero(~self._over)
+        begin, running = np.flatnonzero(self._over), np.flatnonzero(~self._over)
         rewards, (terminated, truncated) = np.zeros(self.num_envs), np.zeros((2, self.num_envs), bool)
         self.worlds.reset([self._draw(world) for world in begin.tolist()], begin)
         infos: dict[str, Any] = {}
-        if len(go_on):
-            step = self.worlds.step(actions[go_on], go_on)
-            rewards[go_on] = step.rewards
-            terminated[go_on], truncated[go_on] = step.terminated, step.truncated
-            infos = self._infos(step, go_on)
+        if len(running):
+            step = self.worlds.step(actions[running], running)
+            rewards[running] = step.rewards
+            terminated[running], truncated[running] = step.terminated, step.truncated
+            infos = self._infos(step, running)
         self._over = terminated | truncated
         return self.worlds.observations, rewards, terminated, truncated, infos
 

@@ -50,7 +50,7 @@ class Thresholds(NamedNumbers):
 
 
 @options
-class FilmOptions(Options):
+class EpisodeVideoOptions(Options):
     """Videos of selected episodes."""
 
     section: ClassVar[str] = "Videos"
@@ -72,7 +72,7 @@ class FilmOptions(Options):
 
 
 @options
-class EvaluationOptions(FilmOptions, VariationOptions, PolicyOptions, ModelOptions):
+class EvaluationOptions(EpisodeVideoOptions, VariationOptions, PolicyOptions, ModelOptions):
     """An evaluation.
 
     Args:

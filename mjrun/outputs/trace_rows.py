@@ -14,10 +14,10 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import SimulationError, option
 from mjrun.model.table_column import Column
-from mjrun.physics.c_engine import RK4, SLEEP, RecordingBatch, recorded_fields
+from mjrun.physics.c_engine import RecordingBatch, recorded_fields
 from mjrun.physics.control import NEVER
 from mjrun.physics.engine import BLOCK_STEPS, RolloutBlock
-from mjrun.physics.stepper import PhysicsStepper, Stepper
+from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper, Stepper
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.episode_columns import EpisodeColumns, EpisodeProbe
 from mjrun.probe.fields import FieldProbe, Fields

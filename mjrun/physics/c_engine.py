@@ -19,13 +19,11 @@ from mjrun.model import state
 from mjrun.physics.control import ControlArray, ControlSources
 from mjrun.physics.divided_step import is_bounded
 from mjrun.physics.engine import Fields, RolloutBlock, block_steps, models_of
-from mjrun.physics.stepper import PhysicsStepper
+from mjrun.physics.stepper import RK4, SLEEP, PhysicsStepper
 from mjrun.timeline import rational
 
-RK4 = int(mujoco.mjtIntegrator.mjINT_RK4)
 AUTORESET = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 ENERGY = int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-SLEEP = int(mujoco.mjtEnableBit.mjENBL_SLEEP)
 # Fields of the integration state that a step changes: all except the inputs.
 STATE_FIELDS = ("qpos", "qvel", "act", "history", "qacc_warmstart", "plugin_state", "plastic")
 

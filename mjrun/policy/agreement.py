@@ -158,13 +158,13 @@ class _Comparison:
         elements = [_last(number.source) for number in numbers if number.delay == numbers[-1].delay]
         in_task = [element for element in elements if element in self._joints]
         in_file = [joint for joint in self._joints if joint in in_task]
-        is_told = any(part.name == name and part.elements for part in self._facts.observations or ())
-        if in_task != in_file and sorted(in_task) == sorted(in_file) and not is_told:
+        is_declared = any(part.name == name and part.elements for part in self._facts.observations or ())
+        if in_task != in_file and sorted(in_task) == sorted(in_file) and not is_declared:
             yield f"order of joints in {clean(name)}: {_both(listing(in_file), listing(in_task))}"
         order = self._facts.quaternion_order
         runs = [elements[start : start + 4] for start in range(len(elements) - 3)]
         for written, components in QUATERNIONS.items():
-            if order not in (None, written) and components in runs and not is_told:
+            if order not in (None, written) and components in runs and not is_declared:
                 yield f"quaternion in {clean(name)}: {_both(str(order), written)}"
 
     # --- actions -----------------------------------------------------------------------------------

@@ -20,11 +20,11 @@ from mjrun.model.copied_fields import COPIED
 from mjrun.model.mujoco_globals import collected_warnings, without_timers
 from mjrun.model.variants import BYTES, ModelVariant, ModelVariants, SharedCompilation
 from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer
-from mjrun.physics.c_engine import AUTORESET, ENERGY, SLEEP, CEngine
+from mjrun.physics.c_engine import AUTORESET, ENERGY, CEngine
 from mjrun.physics.engine import Engine, joined
 from mjrun.physics.initial_state import InitialState
 from mjrun.physics.observe import Tap, observe
-from mjrun.physics.stepper import PhysicsStepper
+from mjrun.physics.stepper import SLEEP, PhysicsStepper
 from mjrun.physics.warp_device import WarpDevice, WarpFields
 from mjrun.physics.warp_engine import WarpEngine
 from mjrun.probe.episode_columns import EpisodeColumns

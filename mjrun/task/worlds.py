@@ -20,8 +20,8 @@ from mjrun.model.mujoco_globals import without_timers
 from mjrun.model.source import Source
 from mjrun.model.variants import ModelVariants
 from mjrun.options.task import CURRENT, LAGGED
-from mjrun.physics.c_engine import AUTORESET, ENERGY, RK4, SLEEP
-from mjrun.physics.stepper import BAD
+from mjrun.physics.c_engine import AUTORESET, ENERGY
+from mjrun.physics.stepper import BAD, RK4, SLEEP
 from mjrun.platform.cores import available_cores
 from mjrun.probe.task_expression import TaskColumns
 from mjrun.task.action_map import ActionMap, TargetTorques

@@ -127,6 +127,17 @@ def test_damaged_entries_and_folders_that_cannot_be_written_are_no_hindrance(
     assert blocked.read(name) is None
 
 
+def test_nothing_is_stored_for_a_user_without_a_home_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as where the user has no entry either
+    write("a.xml", mjcf())
+    before = {*Path().iterdir()}
+    cache = ResultCache({})
+    cache.write(cache.key(TASK), TASK, DONE)
+    assert {*Path().iterdir()} == before
+
+
 def test_the_entries_used_least_recently_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write("a.xml", mjcf())
     folder.mkdir()
