@@ -76,7 +76,7 @@ def require(use: str, extra: str, *modules: str) -> dict[str, str]:
     for module, package in zip(modules, packages, strict=True):
         if importlib.util.find_spec(module) is None:
             raise MissingExtraError(use, package, extra)
-    versions = {package: _version(package) for package in packages}
+    versions = {package: installed_version(package) for package in packages}
     for error in wrong_versions(versions):
         raise error
     return versions
@@ -105,7 +105,7 @@ def computing_versions() -> dict[str, str]:
     Raises:
       WrongVersionError: a version is not supported.
     """
-    versions = {package: _version(package) for package in COMPUTING}
+    versions = {package: installed_version(package) for package in COMPUTING}
     for error in wrong_versions(versions):
         raise error
     return versions
@@ -113,7 +113,9 @@ def computing_versions() -> dict[str, str]:
 
 def installed_wrong() -> Iterator[WrongVersionError]:
     """Yields an error for each always required package with a wrong version."""
-    return wrong_versions({each.package: _version(each.package) for each in _requirements() if not each.marker})
+    return wrong_versions(
+        {each.package: installed_version(each.package) for each in _requirements() if not each.marker}
+    )
 
 
 def wrong_versions(versions: Mapping[str, str]) -> Iterator[WrongVersionError]:
@@ -137,7 +139,7 @@ def cause_of(error: BaseException) -> MjrunError | None:
         if not each.marker and importlib.util.find_spec(each.module) is None:
             return MissingExtraError("mjrun", each.package)
         if place == [each.module]:  # it raised the error as it was imported
-            return DamagedPackageError(each.package, _version(each.package), str(error))
+            return DamagedPackageError(each.package, installed_version(each.package), str(error))
     return None
 
 
@@ -190,7 +192,7 @@ def _normalized(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def _version(package: str) -> str:
+def installed_version(package: str) -> str:
     """Returns the version of a package; empty if it is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 

@@ -53,6 +53,7 @@ LIBRARIES = {
         "formats.video_reader",
     ),
     "matplotlib": ("plotting",),
+    "coacd": ("check.rules.convex_parts",),
     "h5py": ("formats.tables.hdf5",),
     "skimage": ("diff",),
     "orjson": ("formats.number_text", "formats.tables"),

@@ -25,11 +25,11 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, Spelling, UsageError, clean, option, spelled
 from mjrun.formats.input_file import is_file, is_folder
 from mjrun.model.xml_source import scan
-from mjrun.options.check import CheckOptions
+from mjrun.options.check import EXTRAS, CheckOptions
 from mjrun.options.number_kinds import AUTO
 from mjrun.options.option import options
 from mjrun.options.policy import PolicyOptions
-from mjrun.packages import computing_versions
+from mjrun.packages import computing_versions, installed_version
 from mjrun.platform.cores import available_cores
 from mjrun.platform.mirrored_paths import with_original_paths
 from mjrun.reporter import Reporter, WarningReporter
@@ -172,7 +172,7 @@ class Check(PolicyOptions, CheckOptions):
             finished(new)
             return new
 
-        workers, cache = CheckProcesses(), ResultCache(computing_versions()) if self.cache else None
+        workers, cache = CheckProcesses(), ResultCache(self._versions()) if self.cache else None
         try:
             fixing = self._fixing(paths, workers, spelling)
             results: list[ModelResult] = []
@@ -196,6 +196,11 @@ class Check(PolicyOptions, CheckOptions):
         code = self._exit_code(results) or int(self.dry_run and bool(files))
         written = bool(files) and not self.dry_run
         return CheckResult(tuple(results), skipped, code, gone, found - len(paths), files, written)
+
+    def _versions(self) -> dict[str, str]:
+        """Returns the versions of the packages that results depend on."""
+        libraries = [name for libraries, _ in EXTRAS.values() for name in libraries] if self.unsafe_fixes else []
+        return computing_versions() | {name: installed_version(name) for name in libraries}
 
     def _fixing(self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling) -> "Fixing | None":
         """Returns the fixes of models, which are checked by `workers`; None without any."""

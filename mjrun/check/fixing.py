@@ -2,7 +2,7 @@
 
 Models that share a file are fixed together. The edits that their findings propose are made on copies, in rounds, until
 none is left; each model must then load, and differ from the original only in what the fixes are about. All files of
-these models are replaced together, or none.
+these models are replaced together with the files that fixes add, or none.
 """
 
 import difflib
@@ -57,7 +57,7 @@ class _Attempt(NamedTuple):
     """The outcome of fixes by some rules.
 
     Attributes:
-      texts: the new bytes of each XML file, by its real path.
+      texts: the new bytes of each XML file, and those of new files, by its real path.
       fixes: the fixes that were made, each with the code of its rule.
       results: the results for the models with these texts.
       problem: the reason why the fixes must not be made, with the model; empty without one.
@@ -110,8 +110,9 @@ class Fixing:
         attempt, refused = self._proved(group, results)
         problems += [(group.models[0], problem) for problem in refused]
 
-        changed = [file for file, text in attempt.texts.items() if text != group.texts[file]]
-        obstacles = [] if dry_run else [(_shown(group, f), reason) for f in changed if (reason := _obstacle(f))]
+        changed = [file for file, text in attempt.texts.items() if text != (group.texts.get(file) or _now(file))]
+        reasons = {} if dry_run else {file: _obstacle(file, file not in group.texts) for file in changed}
+        obstacles = [(_shown(group, file), reason) for file, reason in reasons.items() if reason]
         if changed and not obstacles and not dry_run:
             obstacles = list(_replace(group, attempt.texts))
         if obstacles:
@@ -137,7 +138,8 @@ class Fixing:
 
     def _attempt(self, group: _Group, results: Sequence[ModelResult], codes: Collection[str] | None) -> _Attempt:
         """Fixes violations of some rules, or of all, in copies, until none is left."""
-        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [Checked(result) for result in results]
+        texts, places = dict(group.texts), dict(group.places)
+        fixes, checked = list[tuple[str, Fix]](), [Checked(result) for result in results]
         with ExitStack() as stack:
             mirror, original = stack.enter_context(_Mirror(group)), None
             for _ in range(MAX_ROUNDS):
@@ -149,11 +151,12 @@ class Fixing:
                     return _Attempt(texts, fixes, [each.result for each in checked], problem)
                 texts = new
                 fixes += [proposed[edits] for edits in chosen]
-                mirror.write(texts)
+                places |= {Path(e.file).absolute(): os.path.realpath(e.file) for _, fix in fixes for e in fix.edits}
+                mirror.write(texts, places)
                 checked = self._check([*mirror.copies(original)])
                 if original is None and all(each.result.loads and each.changes is None for each in checked):
                     original = stack.enter_context(_Mirror(group))  # the first version that loads
-                    original.write(texts)
+                    original.write(texts, places)
         return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
 
     def _proposed(
@@ -189,10 +192,12 @@ class _Mirror:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def write(self, texts: Mapping[str, bytes]) -> None:
-        """Writes the XML files."""
-        for place, real in self._group.places.items():
-            mirrored(self._root, place).write_bytes(texts[real])
+    def write(self, texts: Mapping[str, bytes], places: Mapping[Path, str]) -> None:
+        """Writes texts, given by real paths, to the places of these paths."""
+        for place, real in places.items():
+            copy = mirrored(self._root, place)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_bytes(texts[real])
 
     def copies(self, original: "_Mirror | None") -> Iterator[Copy]:
         """Yields the copies of the models, to be compared with those in another mirror, or with the models."""
@@ -251,7 +256,8 @@ def _real_edits(fix: Fix) -> tuple[TextEdit, ...]:
 
 def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...]]) -> dict[str, bytes]:
     edits = dict.fromkeys(edit for group in groups for edit in group)
-    return {file: edited(text, [edit for edit in edits if edit.file == file]) for file, text in texts.items()}
+    files = dict.fromkeys([*texts, *(edit.file for edit in edits)])
+    return {file: edited(texts.get(file, b""), [edit for edit in edits if edit.file == file]) for file in files}
 
 
 def _problem(before: Sequence[ModelResult], after: Sequence[Checked], fixes: Sequence[tuple[str, Fix]]) -> str:
@@ -270,11 +276,14 @@ def _problem(before: Sequence[ModelResult], after: Sequence[Checked], fixes: Seq
     return ""
 
 
-def _obstacle(file: str) -> str:
-    """Returns the reason why a file must not be replaced; empty without one."""
+def _obstacle(file: str, is_new: bool) -> str:
+    """Returns the reason why a file must not be replaced or created; empty without one."""
     path = Path(file)
     if not is_writable(file):
         return f"{option('untrusted')} does not allow to write it"
+    if is_new:
+        exists = "it exists already, with other content" if os.path.lexists(file) else ""
+        return exists or ("" if os.access(path.parent, os.W_OK) else "its folder is read-only")
     if not (path.stat().st_mode & 0o222 and os.access(file, os.W_OK) and os.access(path.parent, os.W_OK)):
         return "it is read-only"
     editors = [name for name in (f".{path.name}.swp", f".#{path.name}") if os.path.lexists(path.with_name(name))]
@@ -285,16 +294,16 @@ def _obstacle(file: str) -> str:
 
 def _replace(group: _Group, texts: Mapping[str, bytes]) -> Iterator[tuple[str, str]]:
     """Replaces all files whose text is new, together; yields the file and the reason if that is not possible."""
-    changed = [Path(file) for file, text in group.texts.items() if _now(file) != text]
+    changed = [file for file, text in texts.items() if _now(file) not in (text, group.texts.get(file))]
     if changed:
-        yield _shown(group, str(changed[0])), f"it changed meanwhile; {RUN_AGAIN}"
+        yield _shown(group, changed[0]), f"it changed meanwhile; {RUN_AGAIN}"
         return
     try:
         with ExitStack() as stack:
             writers = [
                 stack.enter_context(_rewritten(Path(_shown(group, file)), text))
                 for file, text in texts.items()
-                if text != group.texts[file]
+                if text != _now(file)
             ]
             publish_together(writers)
     except FileError as error:
@@ -304,8 +313,8 @@ def _replace(group: _Group, texts: Mapping[str, bytes]) -> Iterator[tuple[str, s
 @contextmanager
 def _rewritten(path: Path, text: bytes) -> Generator[OutputWriter]:
     with written_file(path, text) as output:
-        new, mode = Path(output.destination.path), path.stat().st_mode
-        if new.stat().st_mode != mode:
+        new, mode = Path(output.destination.path), path.stat().st_mode if path.exists() else 0
+        if mode and new.stat().st_mode != mode:
             with output.writing():  # a confined process may not set it
                 new.chmod(mode & 0o7777)
         yield output
@@ -327,19 +336,23 @@ def _shown(group: _Group, file: str) -> str:
 
 
 def _fixed_file(group: _Group, attempt: _Attempt, file: str) -> FixedFile:
-    shown = _shown(group, file)
+    shown, is_new = _shown(group, file), file not in group.texts
+    diff = _diff(os.devnull if is_new else shown, shown, group.texts.get(file, b""), attempt.texts[file])
+    if is_new:
+        return FixedFile(shown, {}, diff, is_new)
     counts = Counter(code for code, fix in attempt.fixes if file in {edit.file for edit in _real_edits(fix)})
-    return FixedFile(shown, dict(sorted(counts.items())), _diff(shown, group.texts[file], attempt.texts[file]))
+    return FixedFile(shown, dict(sorted(counts.items())), diff)
 
 
-def _diff(name: str, old: bytes, new: bytes) -> str:
+def _diff(old_name: str, name: str, old: bytes, new: bytes) -> str:
+    """Returns the change of a file as a unified diff; of a new one, from an empty text."""
     before, after = ([f"{line}\n" for line in text.decode(errors="replace").split("\n")] for text in (old, new))
     for lines in (before, after):
         if lines[-1] == "\n":
             lines.pop()
         else:
             lines[-1] += "\\ No newline at end of file\n"
-    return "".join(difflib.unified_diff(before, after, name, name))
+    return "".join(difflib.unified_diff(before, after, old_name, name))
 
 
 def _with_problems(results: Sequence[ModelResult], problems: Sequence[tuple[str, str]]) -> list[ModelResult]:

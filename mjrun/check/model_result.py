@@ -33,17 +33,19 @@ class ModelResult:
 
 @dataclass(frozen=True)
 class FixedFile:
-    """A file that was fixed, or would be.
+    """A file that was fixed or created, or would be.
 
     Attributes:
       file: the path of the file.
       fixes: the number of faults that were fixed in it, by the code of their rule.
       diff: the change as a unified diff.
+      is_new: true if the file was created.
     """
 
     file: str
     fixes: Mapping[str, int]
     diff: str
+    is_new: bool = False
 
 
 class Checked(NamedTuple):

@@ -22,7 +22,7 @@ class Fix:
     """A fix of a fault by edits of the text of the model.
 
     Attributes:
-      edits: the edits, which are made together or left out together.
+      edits: the edits, which are made together or left out together; some may create files.
       fields: the fields of the compiled model that it may change, with wildcards: `jnt_range`, `geom_*`.
     """
 

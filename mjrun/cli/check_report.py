@@ -46,9 +46,10 @@ def lines(result: CheckResult) -> Iterator[str]:
         yield f"{place}: {finding.severity} {finding.code}: {clean(full_message(finding, model))}"
         if finding.remedy:
             yield from (f"    {clean(line)}" for line in finding.remedy.splitlines())
-    verb = "fixed" if result.written else "would fix"
-    for fixed in result.fixed:
-        yield f"{clean(fixed.file)}: {verb} {', '.join(f'{count} {code}' for code, count in fixed.fixes.items())}"
+    fixed, created = ("fixed", "created") if result.written else ("would fix", "would be created")
+    for file in result.fixed:
+        counts = ", ".join(f"{count} {code}" for code, count in file.fixes.items())
+        yield f"{clean(file.file)}: {created if file.is_new else f'{fixed} {counts}'}"
 
 
 def summary(result: CheckResult) -> str:
@@ -58,8 +59,10 @@ def summary(result: CheckResult) -> str:
     unloaded = sum(not model.loads for model in result.models)
     parts = [f"{_counted(len(result.models), 'model') or 'no model'}: {findings}"]
     if fixed := sum(sum(file.fixes.values()) for file in result.fixed):
-        files = _counted(len(result.fixed), "file")
+        files = _counted(sum(not file.is_new for file in result.fixed), "file")
         parts.append(f"{fixed} {'fixed' if result.written else 'would be fixed'} in {files}")
+    if created := sum(file.is_new for file in result.fixed):
+        parts.append(f"{_counted(created, 'file')} {'created' if result.written else 'would be created'}")
     if fixable := sum(len(finding.fixes) for finding, _ in _all(result)):
         parts.append(f"{fixable} can be fixed with --fix")
     if unloaded:

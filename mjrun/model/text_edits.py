@@ -1,7 +1,7 @@
 """Edits of the text of XML files: each replaces a span of bytes, and every other byte stays unchanged."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import escape
@@ -21,6 +21,8 @@ UNICODE = (b"utf-8", b"utf8", b"ascii", b"us-ascii")
 class TextEdit:
     """A replacement of a span of a file; an empty span is a place to insert text.
 
+    An edit at the start of a file that does not exist creates it.
+
     Attributes:
       file: the path of the file.
       start, end: the span in bytes; the end is exclusive.
@@ -33,8 +35,9 @@ class TextEdit:
     text: str
 
     def overlaps(self, other: "TextEdit") -> bool:
-        """Returns whether both change the same bytes."""
-        return self.file == other.file and self.start < other.end and other.start < self.end
+        """Returns whether both change the same bytes, or create the same file."""
+        overlap = self.start < other.end and other.start < self.end
+        return self.file == other.file and (overlap or self.end == other.end == 0)
 
 
 class UneditableError(ValueError):
@@ -115,6 +118,23 @@ class ElementEditor:
             start, end = line_start, rest.end()
         return self._edit(element, (start, end), "")
 
+    def followed_by(self, element: Element, others: Sequence[str]) -> TextEdit:
+        """Returns the edit that adds elements after another one, each on a separate line.
+
+        Raises:
+          UneditableError: the element cannot be edited.
+        """
+        end = self._end(element)
+        return self._edit(element, (end, end), "".join(f"{self._new_line(element)}{other}" for other in others))
+
+    def replaced_by(self, element: Element, others: Sequence[str]) -> TextEdit:
+        """Returns the edit that replaces an element by others, each on a separate line.
+
+        Raises:
+          UneditableError: the element cannot be edited.
+        """
+        return self._edit(element, (element.offset, self._end(element)), self._new_line(element).join(others))
+
     def with_child(self, element: Element, child: str) -> TextEdit:
         """Returns the edit that adds an element at the end of another one, indented like its last child.
 
@@ -125,7 +145,7 @@ class ElementEditor:
         own = self._indent(element)
         last = element.children[-1] if element.children else None
         indent = self._indent(last) if last and last.file == element.file else f"{own}  "
-        newline = "\r\n" if b"\r\n" in text else "\n"
+        newline = self._newline(element)
         if tag[0].endswith(b"/>"):
             end = self._end_of_attributes(element)
             inner = f">{newline}{indent}{child}{newline}{own}</{element.tag}>"
@@ -136,6 +156,13 @@ class ElementEditor:
             return self._edit(element, (place, place), f"{newline}{indent}{child}{newline}{own}")
         start = place - len(before)
         return self._edit(element, (start, start), f"{indent}{child}{newline}")
+
+    def _new_line(self, element: Element) -> str:
+        """Returns the text between an element and the next one, on a separate line."""
+        return self._newline(element) + self._indent(element)
+
+    def _newline(self, element: Element) -> str:
+        return "\r\n" if b"\r\n" in self._texts[element.file] else "\n"
 
     def _indent(self, element: Element) -> str:
         text = self._texts[element.file]

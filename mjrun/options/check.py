@@ -8,6 +8,8 @@ from mjrun.options.number_kinds import AUTO, ExactNumber, Integer, Processes
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.setting_kinds import Settings
 
+# The extra, with the libraries that it installs and the feature that needs them.
+EXTRAS = {"coacd": (("coacd",), "a convex decomposition")}
 SEVERITIES = ("error", "warning", "note")
 
 

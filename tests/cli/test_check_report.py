@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from mjrun.check.check import CheckResult, ModelResult
+from mjrun.check.model_result import FixedFile
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.cli import check_report
@@ -69,6 +70,24 @@ def finding(code: str, file: str = "a.xml", name: str = "") -> Finding:
 )
 def test_the_summary_counts_in_plain_english(checked: CheckResult, text: str) -> None:
     assert check_report.summary(checked) == text
+
+
+@pytest.mark.parametrize(
+    ("written", "total", "each"),
+    [
+        (True, "1 fixed in 1 file; 1 file created", ["a.xml: fixed 1 MJ506", "b.obj: created"]),
+        (
+            False,
+            "1 would be fixed in 1 file; 1 file would be created",
+            ["a.xml: would fix 1 MJ506", "b.obj: would be created"],
+        ),
+    ],
+)
+def test_files_that_fixes_create_are_listed_and_counted(written: bool, total: str, each: list[str]) -> None:
+    files = (FixedFile("a.xml", {"MJ506": 1}, ""), FixedFile("b.obj", {}, "", is_new=True))
+    checked = CheckResult((ModelResult("a.xml", True, ()),), 0, 0, fixed=files, written=written)
+    assert check_report.summary(checked) == f"1 model: nothing found; {total}"
+    assert list(check_report.lines(checked)) == each
 
 
 @pytest.mark.parametrize(

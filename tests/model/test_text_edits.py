@@ -45,6 +45,12 @@ def test_each_edit_changes_what_it_says_and_no_other_byte(tmp_path: Path, text: 
         ([editor.without_element(element(tmp_path, "body"))], '    <body name="a"></body>\n', ""),
         ([editor.with_child(element(tmp_path, "body"), "<x/>")], '"a"><', '"a">\r\n      <x/>\r\n    <'),
         ([editor.with_child(element(tmp_path, "worldbody"), "<x/>")], "  </worldbody>", "    <x/>\r\n  </worldbody>"),
+        ([editor.followed_by(geom, ["<x/>", "<y/>"])], '1"/>\r', '1"/>\r\n    <x/>\r\n    <y/>\r'),
+        (
+            [editor.replaced_by(element(tmp_path, "body"), ["<x/>", "<y/>"])],
+            '<body name="a"></body>',
+            "<x/>\r\n    <y/>",
+        ),
     ):
         assert TRICKY.count(old) == 1
         assert edited(text, edits).decode() == TRICKY.replace(old, new)
@@ -79,3 +85,5 @@ def test_groups_of_edits_are_made_whole_and_once() -> None:
         (a, insertion),
     ]
     assert edited(b"0123", [insertion, c, a]) == b"xyx"
+    new, other = (TextEdit("new", 0, 0, text) for text in "xy")
+    assert list(disjoint([(a, new), (b, other), (c, new)])) == [(a, new), (c, new)]  # a file is created once

@@ -52,10 +52,22 @@ def lfs_pointers(source: xml_source.XmlSource) -> Iterator[Finding]:
     folders = asset_folders(source)
     for element in (e for e in source.elements() if e.tag in FOLDER_ATTRIBUTES):
         for name in _file_names(element):
-            path = next(filter(xml_source.is_regular, _paths(element, name, source, folders)), None)
+            path = _found(element, name, source, folders)
             if path and _starts_with(path, xml_source.LFS_POINTER):
                 message = f"{quoted(name)} of {element} is a Git LFS pointer, not the file itself"
                 yield MISSING_FILE.in_element(element, message, xml_source.LFS_REMEDY)
+
+
+def file_of(element: xml_source.Element, source: xml_source.XmlSource) -> Path | None:
+    """Returns the file that MuJoCo opens for an element; None without one."""
+    found = (_found(element, name, source, asset_folders(source)) for name in _file_names(element))
+    return next(found, None)
+
+
+def _found(
+    element: xml_source.Element, name: str, source: xml_source.XmlSource, folders: dict[str, str]
+) -> Path | None:
+    return next(filter(xml_source.is_regular, _paths(element, name, source, folders)), None)
 
 
 def _starts_with(path: Path, prefix: bytes) -> bool:

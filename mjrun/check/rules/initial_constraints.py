@@ -1,6 +1,6 @@
 """Constraints at the start: geoms that overlap, forces that launch bodies, springs too stiff for the timestep."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -8,16 +8,15 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import UNSAFE, Violation, rule
-from mjrun.check.rules.extents import INFINITE
+from mjrun.check.rule import UNSAFE, Fix, Violation, rule
+from mjrun.check.rules.convex_parts import decomposed, obstacle
 from mjrun.check.rules.limits import joints_beyond_range
-from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
+from mjrun.check.rules.penetrations import deep_penetrations, filled_mesh
 from mjrun.check.rules.physical_fixes import without_contacts
 from mjrun.errors import clean
 
 GRAVITY = 9.81  # [m/s²] for models without gravity
 ROUNDING = 1e-9  # relative, of a timestep
-MAX_FILLED = 1.5  # volume of a hull relative to that of its mesh
 DECOMPOSE = "replace it by convex parts, as `obj2mjcf --decompose` and CoACD make them, or by primitive geoms"
 
 
@@ -43,79 +42,44 @@ def initial_penetrations(context: LintContext) -> Iterator[Violation]:
         bodies = [clean(context.name("body", int(context.model.geom_bodyid[geom]))) for geom in (one, other)]
         exclude = f'<contact><exclude body1="{bodies[0]}" body2="{bodies[1]}"/></contact>'
         remedy = f"move one of them, or exclude their contact: {exclude}"
-        if (mesh := _filled_mesh(context, start, worst)) is not None:
+        if (mesh := filled_mesh(context, start, worst)) is not None:
             message += f"; the convex hull of {context.object('geom', mesh)} fills the cavity between them"
-            remedy = DECOMPOSE
+            remedy = _decompose(context)
         place = context.place("geom", one) if start is None else context.place("keyframe", start)
-        fix = partial(without_contacts, context, start, deep.keys())
+        fix = partial(_separated, context, start, worst, deep.keys())
         yield Violation(message, remedy, place, context.object("geom", one), fix=fix)
 
 
-@rule("MJ506", "warning", "hull that fills a cavity")
+def _separated(
+    context: LintContext, start: int | None, worst: tuple[int, int], pairs: Collection[tuple[int, int]]
+) -> Fix | None:
+    """Returns the fix of the worst of several pairs if the hull of a mesh causes it, or else of the others."""
+    if (geom := filled_mesh(context, start, worst)) is not None and (fix := decomposed(context, start, geom, worst)):
+        return fix
+    return without_contacts(context, start, {pair for pair in pairs if filled_mesh(context, start, pair) is None})
+
+
+def _decompose(context: LintContext) -> str:
+    """Returns the remedy for a hull that fills a cavity."""
+    reason = obstacle() if context.unsafe else ""
+    return f"{DECOMPOSE}\n{reason}" if reason else DECOMPOSE
+
+
+@rule("MJ506", "warning", "hull that fills a cavity", fix=UNSAFE)
 def filled_cavities(context: LintContext) -> Iterator[Violation]:
     """Yields meshes that collide as their convex hull, in a cavity of which another geom starts."""
     reported = set[int]()
     for start in context.starts:
         for pair in deep_penetrations(context, start):
-            mesh = _filled_mesh(context, start, pair)
+            mesh = filled_mesh(context, start, pair)
             if mesh is None or mesh in reported:
                 continue
             reported.add(mesh)
             other = pair[0] if mesh == pair[1] else pair[1]
             inside = f"{context.start_phrase(start)} {context.object('geom', other)} is in a cavity of its mesh"
             message = f"{inside}, which collides as its convex hull, without cavities"
-            yield context.violation("geom", mesh, message, DECOMPOSE)
-
-
-def _filled_mesh(context: LintContext, start: int | None, pair: tuple[int, int]) -> int | None:
-    """Returns the mesh of two geoms whose hull, but not whose surface, encloses the centre of the other; else None."""
-    model, data = context.model, context.data_at(start)
-    for geom, other in (pair, pair[::-1]):
-        if model.geom_type[geom] != MESH:
-            continue
-        mesh = int(model.geom_dataid[geom])
-        surface, hull = Surface.of(model, mesh), Surface.hull(model, mesh)
-        if hull is None or abs(hull.volume) < MAX_FILLED * abs(surface.volume):
-            continue
-        centre = data.geom_xpos[other] + data.geom_xmat[other].reshape(3, 3) @ model.geom_aabb[other, :3]
-        point = (centre - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
-        if hull.encloses(point) and not surface.encloses(point):
-            return geom
-    return None
-
-
-def deep_penetrations(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
-    """Returns the pairs of geoms that penetrate each other deeply at a start, as `penetration_depths` does."""
-    model, deep = context.model, dict[tuple[int, int], tuple[float, float]]()
-    for pair, (depth, share) in penetration_depths(context, start).items():
-        is_static = (model.body_weldid[model.geom_bodyid[list(pair)]] == 0).any()
-        deepest = context.thresholds.static_penetration if is_static else context.thresholds.penetration
-        if share > context.thresholds.penetration_share and depth > deepest:
-            deep[pair] = (depth, share)
-    return deep
-
-
-def penetration_depths(context: LintContext, start: int | None) -> dict[tuple[int, int], tuple[float, float]]:
-    """Returns the depth [m] of each pair of geoms in contact, and its ratio to the smaller geom's half size."""
-    depths: dict[tuple[int, int], float] = {}
-    for contact in context.data_at(start).contact:
-        pair = (int(contact.geom[0]), int(contact.geom[1]))
-        if min(pair) >= 0 and contact.efc_address >= 0:
-            depths[pair] = max(depths.get(pair, 0.0), -float(contact.dist))
-    sizes = {pair: min(_half_size(context.model, geom) for geom in pair) for pair in depths}
-    return {pair: (depth, depth / sizes[pair]) for pair, depth in depths.items() if sizes[pair] > 0}
-
-
-def _half_size(model: mujoco.MjModel, geom: int) -> float:
-    """Returns half of a geom's smallest extent [m]; infinite for planes and height fields."""
-    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-    if kind in INFINITE:
-        return np.inf
-    if kind == SPHERE:
-        return float(size[0])
-    if kind in (CAPSULE, CYLINDER):
-        return float(size[0] if kind == CAPSULE else min(size[:2]))
-    return float(min(model.geom_aabb[geom, 3:]))
+            fix = partial(decomposed, context, start, mesh, pair)
+            yield context.violation("geom", mesh, message, _decompose(context), fix=fix)
 
 
 @rule("MJ502", "warning", "violent initial forces")

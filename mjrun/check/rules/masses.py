@@ -22,10 +22,13 @@ MAX_VISUAL_SHARE = 0.3  # of the mass of a body
 
 @rule("MJ203", "note", "geom without mass")
 def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
-    """Yields geoms that collide and have no mass, on a moving body whose mass comes from its geoms."""
-    model, inferred = context.model, _bodies_with_inferred_mass(context)
-    for geom in context.spec.geoms if context.spec else ():
-        if not 0 <= geom.id < model.ngeom or model.geom_type[geom.id] in INFINITE:
+    """Yields geoms that collide and have no mass, on a moving body whose mass comes from geoms that collide."""
+    model, inferred = context.model, bodies_with_inferred_mass(context)
+    geoms = [geom for geom in context.spec.geoms if 0 <= geom.id < model.ngeom] if context.spec else []
+    visual = [geom for geom in geoms if not _collides(model, geom.id)]
+    inferred -= {int(model.geom_bodyid[geom.id]) for geom in visual if geom_mass(context, geom)}
+    for geom in geoms:
+        if model.geom_type[geom.id] in INFINITE:
             continue
         body = int(model.geom_bodyid[geom.id])
         moves = model.body_weldid[body] != 0
@@ -36,7 +39,7 @@ def geoms_without_mass(context: LintContext) -> Iterator[Violation]:
             yield context.violation("geom", geom.id, message, remedy)
 
 
-def _bodies_with_inferred_mass(context: LintContext) -> set[int]:
+def bodies_with_inferred_mass(context: LintContext) -> set[int]:
     """Returns the bodies whose mass and inertia MuJoCo infers from their geoms."""
     spec = context.spec
     if spec is None:
@@ -111,7 +114,7 @@ def visual_masses(context: LintContext) -> Iterator[Violation]:
     A geom with an explicit mass is meant to have it.
     """
     model, shares = context.model, dict[int, float]()
-    inferred = _bodies_with_inferred_mass(context)
+    inferred = bodies_with_inferred_mass(context)
     for body in context.spec.bodies if context.spec else ():
         geoms = [geom for geom in body.geoms if geom.id < model.ngeom] if body.id in inferred else []
         colliding = [geom for geom in geoms if _collides(model, geom.id)]

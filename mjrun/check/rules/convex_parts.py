@@ -1,0 +1,200 @@
+"""The fix of a hull that fills a cavity: the geom collides as convex parts of its mesh, each in a file beside its own.
+
+Mass and inertia stay: the parts have no mass, and the geom itself stays if it has some, or if it is visible.
+"""
+
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+from xml.sax.saxutils import quoteattr
+
+import mujoco
+import numpy as np
+
+from mjrun.check.context import LintContext
+from mjrun.check.rule import Fix
+from mjrun.check.rules.asset_files import asset_folders, file_of
+from mjrun.check.rules.masses import bodies_with_inferred_mass
+from mjrun.check.rules.meshes import MESH, Surface, geom_mass
+from mjrun.check.rules.penetrations import deep_penetrations
+from mjrun.errors import MissingExtraError, WrongVersionError
+from mjrun.model.class_defaults import default_holder
+from mjrun.model.text_edits import TextEdit
+from mjrun.model.xml_source import Element
+from mjrun.options.check import EXTRAS
+from mjrun.packages import require_all
+
+FINENESS = (0.05, 0.02, 0.01)  # of the parts, tried in turn: their largest concavity relative to half the mesh's size
+HIDDEN = 3  # the first group of geoms that viewers hide by default
+FIELDS = ("geom", "geom_*", "mesh", "mesh_*")
+CONTACTS, OTHERS = ("geom1", "geom2"), ("geom", "objname", "refname")  # attributes that refer to geoms
+OWN = ("name", "mesh", "mass", "density")  # attributes of a geom that its parts do not share
+
+
+class _Elements(NamedTuple):
+    geom: Element
+    mesh: Element
+
+
+def obstacle() -> str:
+    """Returns the reason why no mesh can be decomposed, with the remedy; empty if it can."""
+    try:
+        require_all(EXTRAS)
+    except (MissingExtraError, WrongVersionError) as error:
+        return str(error)
+    return ""
+
+
+def decomposed(context: LintContext, start: int | None, geom: int, pair: tuple[int, int]) -> Fix | None:
+    """Returns the fix that makes room, in the mesh of `geom`, for the other one of two geoms at a start."""
+    elements = _elements(context, geom)
+    if elements is None or context.spec is None or obstacle():
+        return None
+    mesh, other = int(context.model.geom_dataid[geom]), pair[0] if geom == pair[1] else pair[1]
+    for fineness in FINENESS:
+        parts = _parts(context, mesh, fineness)
+        if _make_room(context, context.spec.copy(), start, geom, other, parts):
+            return _fix(context, geom, elements, parts)
+    return None
+
+
+def _elements(context: LintContext, geom: int) -> _Elements | None:
+    """Returns the elements of a geom and of its mesh; None if they cannot be replaced by those of parts."""
+    element = context.element("geom", geom)
+    mesh = context.name("mesh", int(context.model.geom_dataid[geom]))
+    meshes = [e for e in context.source.elements() if e.tag == "mesh" and not e.within("default") and _name(e) == mesh]
+    if element is None or element.tag != "geom" or element.children or context.place("geom", geom).origin:
+        return None
+    if len(meshes) != 1 or _is_referred_to(context, element, CONTACTS):
+        return None
+    return _Elements(element, meshes[0])
+
+
+def _name(mesh: Element) -> str:
+    file = mesh.attributes.get("file", "").replace("\\", "/")
+    return mesh.attributes.get("name") or Path(file).stem
+
+
+def _is_referred_to(context: LintContext, geom: Element, attributes: Sequence[str]) -> bool:
+    name = geom.attributes.get("name")
+    return name is not None and any(
+        e.attributes.get(attribute) == name for e in context.source.elements() for attribute in attributes
+    )
+
+
+@lru_cache(maxsize=8)
+def _parts(context: LintContext, mesh: int, fineness: float) -> list[Surface]:
+    """Returns convex parts of a mesh, in the frame of its principal axes, along which CoACD cuts it."""
+    import coacd
+
+    surface = Surface.of(context.model, mesh)
+    faces = surface.faces if surface.volume > 0 else surface.faces[:, ::-1]
+    coacd.set_log_level("error")
+    return [Surface(*part) for part in coacd.run_coacd(coacd.Mesh(surface.vertices, faces), threshold=fineness)]
+
+
+def _make_room(
+    context: LintContext, spec: mujoco.MjSpec, start: int | None, geom: int, other: int, parts: Sequence[Surface]
+) -> bool:
+    """Returns whether a geom no longer penetrates another one deeply if it collides as parts of its mesh, in `spec`."""
+    whole, neighbour = (next(each for each in spec.geoms if each.id == index) for index in (geom, other))
+    pose = context.model.geom_pos[geom], context.model.geom_quat[geom]
+    bits = {"contype": whole.contype, "conaffinity": whole.conaffinity}
+    added: list[mujoco.MjsGeom] = []
+    for i, part in enumerate(parts):
+        name = f"{whole.meshname}/{i}/{context.model.nmesh}"
+        spec.add_mesh(name=name, uservert=part.vertices.ravel(), userface=part.faces.ravel(), scale=np.ones(3))
+        added.append(whole.parent.add_geom(type=MESH, meshname=name, mass=0, pos=pose[0], quat=pose[1], **bits))
+    whole.contype = whole.conaffinity = 0
+    try:
+        model = spec.compile()
+    except ValueError:
+        return False
+    deep = deep_penetrations(LintContext(context.path, model, spec, context.source, context.thresholds), start)
+    return not any(neighbour.id in pair and piece.id in pair for pair in deep for piece in added)
+
+
+def _fix(context: LintContext, geom: int, elements: _Elements, parts: Sequence[Surface]) -> Fix:
+    edits = list(_files(context, geom, elements.mesh, parts))
+    names = [Path(edit.file).stem for edit in edits]
+    edits.append(context.editor.followed_by(elements.mesh, [*_meshes(elements.mesh, names)]))
+    stays = _stays(context, geom, elements.geom)
+    pieces = [*_pieces(elements.geom, names, HIDDEN if stays and context.model.geom_group[geom] < HIDDEN else None)]
+    if stays:
+        edits += [context.editor.with_value(elements.geom, name, "0") for name in ("contype", "conaffinity")]
+        edits.append(context.editor.followed_by(elements.geom, pieces))
+    else:
+        edits.append(context.editor.replaced_by(elements.geom, pieces))
+    return Fix(tuple(edits), FIELDS)
+
+
+def _files(context: LintContext, geom: int, mesh: Element, parts: Sequence[Surface]) -> Iterator[TextEdit]:
+    """Yields the edits that create the files of the parts, named after the mesh, but not like another file or mesh."""
+    source, stem = context.source, _name(mesh)
+    file = file_of(mesh, source) or context.path.parent / asset_folders(source).get("meshdir", "") / stem
+    texts = [_obj(_placed(context, geom, part), i, len(parts), stem) for i, part in enumerate(parts, 1)]
+    taken = {context.name("mesh", i) for i in range(context.model.nmesh)}
+    for number in itertools.count(1):
+        prefix = f"{stem}_part" if number == 1 else f"{stem}_{number}_part"
+        places = [file.with_name(f"{prefix}{i}.obj") for i in range(1, len(parts) + 1)]
+        if not any(place.stem in taken or _differs(place, text) for place, text in zip(places, texts, strict=True)):
+            yield from (TextEdit(str(place), 0, 0, text) for place, text in zip(places, texts, strict=True))
+            return
+
+
+def _differs(place: Path, text: str) -> bool:
+    """Returns whether something else than `text` is at a path."""
+    try:
+        return place.read_text() != text
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError):
+        return True
+
+
+def _placed(context: LintContext, geom: int, part: Surface) -> Surface:
+    """Returns a part of the mesh of a geom in the frame in which the text of the model places the mesh."""
+    mesh, rotation = int(context.model.geom_dataid[geom]), np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, context.model.mesh_quat[mesh])
+    return Surface(part.vertices @ rotation.reshape(3, 3).T + context.model.mesh_pos[mesh], part.faces)
+
+
+def _obj(part: Surface, number: int, count: int, mesh: str) -> str:
+    """Returns a part as a Wavefront file."""
+    vertices = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in part.vertices.tolist()]
+    faces = [f"f {a} {b} {c}" for a, b, c in (part.faces + 1).tolist()]
+    title = f"# convex part {number} of {count} of the mesh {mesh!a}, made by CoACD"
+    return "\n".join([title, *vertices, *faces, ""])
+
+
+def _meshes(mesh: Element, names: Sequence[str]) -> Iterator[str]:
+    """Yields the elements of the meshes of the parts, which have the scale of the model already."""
+    folder = mesh.attributes.get("file", "")
+    folder = folder[: max(folder.rfind("/"), folder.rfind("\\")) + 1]
+    scaled = default_holder(Element("mesh", {}, mesh.file, mesh.line, mesh.parent), "scale")
+    scale = ' scale="1 1 1"' if scaled else ""
+    for name in names:
+        yield f"<mesh name={quoteattr(name)} file={quoteattr(f'{folder}{name}.obj')}{scale}/>"
+
+
+def _stays(context: LintContext, geom: int, element: Element) -> bool:
+    """Returns whether a geom that no longer collides has another use: it is visible, has mass, or is referred to."""
+    model, body = context.model, int(context.model.geom_bodyid[geom])
+    others = np.flatnonzero((model.geom_bodyid == body) & (model.geom_dataid == model.geom_dataid[geom]))
+    shown = [int(each) for each in others if each != geom and model.geom_group[each] < HIDDEN]
+    own = [each for each in context.spec.geoms if each.id == geom] if context.spec else []
+    has_mass = body in bodies_with_inferred_mass(context) and any(geom_mass(context, each) for each in own)
+    visible = model.geom_group[geom] < HIDDEN and not shown
+    return bool(visible or has_mass or _is_referred_to(context, element, OTHERS))
+
+
+def _pieces(geom: Element, names: Sequence[str], group: int | None) -> Iterator[str]:
+    """Yields the elements of the geoms of the parts."""
+    own = geom.attributes.get("name")
+    shared = {key: value for key, value in geom.attributes.items() if key not in OWN}
+    shared |= {} if group is None else {"group": str(group)}
+    for i, mesh in enumerate(names, 1):
+        attributes = ({} if own is None else {"name": f"{own}_part{i}"}) | shared | {"mesh": mesh, "mass": "0"}
+        yield f"<geom{''.join(f' {name}={quoteattr(value)}' for name, value in attributes.items())}/>"

@@ -1,0 +1,9 @@
+from collections.abc import Sequence
+
+import numpy as np
+
+class Mesh:
+    def __init__(self, vertices: np.ndarray = ..., indices: np.ndarray = ...) -> None: ...
+
+def run_coacd(mesh: Mesh, threshold: float = ...) -> Sequence[tuple[np.ndarray, np.ndarray]]: ...
+def set_log_level(level: str) -> None: ...
