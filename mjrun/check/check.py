@@ -181,7 +181,8 @@ class Check(PolicyOptions, CheckOptions):
                 results.append(checked.result if fixing else reported(checked.result))
                 reporter.progress("models", len(results), len(paths))
             if fixing:
-                results = [*map(reported, fixing.fixed(results, dry_run=self.dry_run))]
+                fixed = fixing.fixed(results, dry_run=self.dry_run)
+                results = [reported(_in_spelling(result, spelling)) for result in fixed]
         finally:
             workers.end()
             if cache:
@@ -252,7 +253,7 @@ class Check(PolicyOptions, CheckOptions):
         if self._accepted:
             reported = [replace(each, fixes=()) if self._accepted.contains(each) else each for each in reported]
         suppressed = sum(message.get("suppressed", 0) for message in output.messages)
-        result = ModelResult(task.model, loads, tuple(_spelled(finding, spelling) for finding in reported), suppressed)
+        result = _in_spelling(ModelResult(task.model, loads, tuple(reported), suppressed), spelling)
         changes = next((message["changes"] for message in output.messages if "changes" in message), None)
         return Checked(result, changes)
 
@@ -333,8 +334,10 @@ def _is_known_not_to_load(result: ModelResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
 
 
-def _spelled(finding: Finding, spelling: Spelling) -> Finding:
-    return replace(finding, message=spelled(finding.message, spelling), remedy=spelled(finding.remedy, spelling))
+def _in_spelling(result: ModelResult, spelling: Spelling) -> ModelResult:
+    """Returns a result in whose texts mjrun's options are spelled."""
+    texts = ((each, spelled(each.message, spelling), spelled(each.remedy, spelling)) for each in result.findings)
+    return replace(result, findings=tuple(replace(each, message=one, remedy=two) for each, one, two in texts))
 
 
 def _of_original(finding: Finding, task: WorkerTask) -> Finding:

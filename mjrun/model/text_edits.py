@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import escape
@@ -210,10 +211,17 @@ class ElementEditor:
         return name.end() if name else 0
 
     def _edit(self, element: Element, span: tuple[int, int], text: str) -> TextEdit:
-        encoding = DECLARED_ENCODING.match(self._texts[element.file])
-        if not text.isascii() and encoding and encoding[1].lower() not in UNICODE:
-            raise UneditableError(f"{element.file} is encoded in {encoding[1].decode()}; only ASCII is added to it")
+        if not text.isascii() and not _is_unicode(self._texts[element.file]):
+            raise UneditableError(f"{element.file} is not encoded in UTF-8; only ASCII is added to it")
         return TextEdit(str(element.file), *span, text)
+
+
+def _is_unicode(text: bytes) -> bool:
+    """Returns whether UTF-8 can be added to a text."""
+    declared = DECLARED_ENCODING.match(text)
+    with suppress(UnicodeDecodeError):
+        return bool(text.decode()) and (declared is None or declared[1].lower() in UNICODE)
+    return False
 
 
 def number_word(value: float) -> str:

@@ -19,6 +19,7 @@ from mjrun.suffixes import XML
 MAX_DEPTH = 50  # levels of nested includes
 MAX_FILES = 500  # beyond these, includes and attached models are not followed
 START_TAG = re.compile(rb"<(?:[^\"'>]|\"[^\"]*\"|'[^']*')*>")
+ASCII = 127  # the largest byte of ASCII
 LFS_POINTER = b"version https://git-lfs"  # the first bytes of the pointer that Git LFS leaves in place of a file
 LFS_REMEDY = "fetch the file itself: git lfs pull"
 
@@ -201,8 +202,11 @@ def attached_files(elements: Iterator[Element], path: Path) -> list[Path]:
     return [file for paths in candidates if (file := next(filter(is_regular, paths), None))]
 
 
-def _parsed(source: XmlSource, path: Path) -> Element | None:
-    """Parses one file; returns its root up to the first error, and adds the error and the comments to `source`."""
+def _parsed(source: XmlSource, path: Path, encoding: str | None = None) -> Element | None:
+    """Parses one file; returns its root up to the first error, and adds the error and the comments to `source`.
+
+    Like MuJoCo, it accepts bytes in an encoding that the file does not declare; as Latin-1, each is a character.
+    """
     if not is_regular(path):
         return None
     try:
@@ -210,10 +214,12 @@ def _parsed(source: XmlSource, path: Path) -> Element | None:
     except OSError:
         return None
     source.texts[path] = text
-    parser = XmlParser(path)
+    parser = XmlParser(path, encoding)
     try:
         parser.expat.Parse(text, True)
     except expat.ExpatError as error:
+        if error.code == _INVALID_TOKEN and text[parser.expat.ErrorByteIndex] > ASCII and encoding is None:
+            return _parsed(source, path, "iso-8859-1")
         source.errors.append(parser.explain(error, text))
     except (ValueError, LookupError) as error:  # an encoding unknown to Python
         source.errors.append(XmlError(path, 1, f"its text cannot be read: {error}", "save the file as UTF-8"))
@@ -316,6 +322,7 @@ class XmlParser:
 
 
 _UNQUOTED_VALUE = re.compile(rb"\A[^>]*\s([\w:.-]+)\s*=\s*\Z")  # the text before it
+_INVALID_TOKEN = expat.errors.codes[expat.errors.XML_ERROR_INVALID_TOKEN]
 _NO_ELEMENT = expat.errors.codes[expat.errors.XML_ERROR_NO_ELEMENTS]
 _REMEDIES = {
     expat.errors.XML_ERROR_DUPLICATE_ATTRIBUTE: "an element has each attribute only once; remove one of the two",

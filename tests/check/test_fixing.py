@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import mujoco
@@ -32,6 +33,13 @@ def test_only_the_words_at_fault_change_in_a_file_of_any_form() -> None:
 
 def test_a_comment_in_another_encoding_keeps_its_bytes() -> None:
     text = f"<?xml version='1.0' encoding='iso-8859-1'?><!-- \u00e9 -->{hinged(SWAPPED)}".encode("iso-8859-1")
+    Path("model.xml").write_bytes(text)
+    fix("model.xml")
+    assert Path("model.xml").read_bytes() == text.replace(SWAPPED.encode(), RIGHT.encode())
+
+
+def test_a_file_in_an_encoding_that_it_does_not_declare_keeps_its_bytes() -> None:
+    text = f"<!-- \u00e9 -->{hinged(SWAPPED)}".encode("iso-8859-1")
     Path("model.xml").write_bytes(text)
     fix("model.xml")
     assert Path("model.xml").read_bytes() == text.replace(SWAPPED.encode(), RIGHT.encode())
@@ -139,6 +147,21 @@ def test_a_model_that_would_still_not_load_is_left_alone() -> None:
     assert Path(model).read_text() == text
 
 
+@pytest.mark.parametrize("suffix", [".zip", ".mjz", ".mjb"])
+def test_a_model_without_text_is_reported_and_not_fixed(suffix: str) -> None:
+    path = Path(f"model{suffix}")
+    if suffix == ".mjb":
+        mujoco.mj_saveModel(mujoco.MjModel.from_xml_string(hinged(SWAPPED)), str(path))
+    else:
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("model.xml", hinged(SWAPPED))
+    content = path.read_bytes()
+    result = Check([path], fix=True, steps=0).run()
+    (finding,) = result.models[0].findings
+    assert (finding.code, result.fixed, path.read_bytes()) == ("MJ302", (), content)
+    assert finding.remedy.endswith("fix changes the text of MJCF, not that of URDF, archives and compiled models")
+
+
 def test_a_urdf_is_reported_and_not_fixed() -> None:
     limit = '<limit lower="1" upper="-1" effort="1" velocity="1"/>'
     inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -160,6 +183,15 @@ def test_fixes_of_the_command_are_those_of_the_processes() -> None:
     assert [path.name for path in Path().iterdir()] == [model]
 
 
+def test_reasons_name_options_as_the_caller_does() -> None:
+    Path("robots").mkdir()
+    write("model.xml", hinged(SWAPPED))
+    Path("robots/model.xml").symlink_to("../model.xml")
+    result = Check(["robots"], fix=True, steps=0).run(spelling=lambda name: f"--{name}")
+    (reason,) = (finding.message for finding in result.models[0].findings if finding.code == "MJ007")
+    assert reason.endswith("with --fix")
+
+
 def test_known_findings_are_not_fixed() -> None:
     model = write("model.xml", text := hinged(SWAPPED))
     Check([model], baseline="known.json", update_baseline=True, steps=0).run()
@@ -171,4 +203,4 @@ def test_known_findings_are_not_fixed() -> None:
 def test_a_model_of_a_collection_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "package").mkdir()
     model = write(str(tmp_path / "package/model.xml"), hinged(SWAPPED))
-    assert "outside the folders" in reasons(model, given=["gym:Model"])[0]
+    assert "belongs to a collection" in reasons(model, given=["gym:Model"])[0]

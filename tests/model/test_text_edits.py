@@ -71,6 +71,9 @@ def test_text_that_the_file_cannot_hold_is_refused(tmp_path: Path) -> None:
     assert editor.with_value(root, "model", "y").text == "y"
     with pytest.raises(UneditableError, match="only ASCII"):
         editor.with_value(root, "model", "\u00e9")
+    path.write_bytes("<mujoco><!-- \u00e9 --></mujoco>".encode("latin-1"))
+    with pytest.raises(UneditableError, match="only ASCII"):
+        ElementEditor({path: path.read_bytes()}).with_value(element(tmp_path, "mujoco"), "model", "\u00e9")
     path.write_bytes("<mujoco/>".encode("utf-16"))
     with pytest.raises(UneditableError, match="encoding"):
         ElementEditor({path: path.read_bytes()}).with_value(root, "model", "y")
