@@ -50,6 +50,7 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._over = np.zeros(num_envs, bool)
         self._all = np.arange(num_envs)
         self._rewards = [f"reward/{name}" for name in self.worlds.reward_names]
+        self._masks = [f"_{name}" for name in self._rewards]
         self._skips_ended = self.autoreset_mode == AutoresetMode.SAME_STEP
 
     def reset(  # type: ignore[override]
@@ -118,17 +119,17 @@ class TaskVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _arrays(self, step: TaskStep, rows: np.ndarray, worlds: np.ndarray) -> dict[str, Any]:
         """Returns the infos of some rows `(r,)` of a step, whose worlds are `worlds`, as arrays with their masks."""
-        mask, terms = np.zeros(self.num_envs, bool), np.zeros((len(self._rewards), self.num_envs))
-        mask[worlds] = True
-        terms[:, worlds] = step.reward_terms[rows].T
+        shape = len(self._rewards), self.num_envs
+        masks, terms = np.zeros(shape, bool), np.zeros(shape)
+        masks[:, worlds], terms[:, worlds] = True, step.reward_terms[rows].T
         infos = dict[str, Any](zip(self._rewards, terms, strict=True))
-        infos |= {f"_{name}": mask.copy() for name in self._rewards}
+        infos |= zip(self._masks, masks, strict=True)
 
         codes: np.ndarray = step.codes[rows]
         ended = worlds[codes != RUNNING]
         if not len(ended):
             return infos
-        mask, success, names = np.zeros_like(mask), np.zeros_like(mask), np.full(self.num_envs, None, object)
+        (mask, success), names = np.zeros((2, self.num_envs), bool), np.full(self.num_envs, None, object)
         mask[ended] = True
         for world, code in zip(ended.tolist(), codes[codes != RUNNING], strict=True):
             info = ending_info(step.endings[int(code)])

@@ -224,7 +224,7 @@ class TaskWorlds:
         self._call(lambda: self._batch.forward(chosen, self._stage_at_start))
         self._measurement.begin(rows)
 
-        measured, inputs = self._measure(rows), self._inputs(worlds)
+        measured, inputs = self._measure(rows), self._inputs(rows)
         columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
         self._start_codes[worlds] = self._expressions.begin(columns, some, len(worlds))
         values = self._expressions.values(columns, some, first=True) if self._expressions.has_values else NOTHING
@@ -375,7 +375,7 @@ class TaskWorlds:
         measured = self._measure(rows)
         in_force = self.commands.at(worlds, self._instants[rows]) if self.commands.names else None
         self._instants[rows] += 1
-        inputs = after = self._inputs(worlds)
+        inputs = after = self._inputs(rows)
         if in_force is not None:
             inputs = after._replace(commands=in_force)
         columns = self._expressions.columns(measured[:, self._of_terms :], inputs)
@@ -400,8 +400,9 @@ class TaskWorlds:
 
     def _is_surely_stable(self, rows: Rows) -> bool:
         """Returns True only if all of these worlds are stable; where False, `_unstable` decides for each."""
-        motion = self._motion[rows]
-        return np.vdot(motion, motion) < SQUARE and not self._has_failed and not self._warnings[rows].any()
+        states = self._state[rows]  # contiguous, unlike the motion in them
+        is_bounded = -mujoco.mjMAXVAL <= states.min() and states.max() <= mujoco.mjMAXVAL
+        return bool(is_bounded) and not self._has_failed and not self._warnings[rows].any()
 
     def _unstable(self, rows: Rows) -> np.ndarray:
         """Returns, as a mask `(k,)`, the worlds that MuJoCo reported, or whose numbers exceed its limit."""
@@ -414,13 +415,11 @@ class TaskWorlds:
         self._measurement.read(rows, measured)
         return measured
 
-    def _inputs(self, worlds: np.ndarray) -> Inputs:
-        instants = self._instants[worlds]
-        return Inputs(instants, self._actions[worlds], self.commands.at(worlds, instants))
+    def _inputs(self, rows: Rows) -> Inputs:
+        instants = self._instants[rows]
+        return Inputs(instants, self._actions[rows], self.commands.at(self._all[rows], instants))
 
     def _require_finite(self, actions: np.ndarray, rows: Rows) -> None:
-        if math.isfinite(np.vdot(actions, actions)):  # a sum of squares is finite only if every number is
-            return
         finite = np.isfinite(actions)
         if finite.all():
             return
