@@ -5,7 +5,6 @@ a bit of it. At control instant k a policy observes and acts; the action holds f
 terminations are computed at instant k+1, with the action and the commands of that period.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 
@@ -86,6 +87,17 @@ def test_all_actions_of_an_episode_are_bit_for_bit_those_of_onnxruntime(tmp_path
     actor = OnnxPolicy(path, "a.onnx").episode(0, LEFT_RIGHT)
     actions = [actor(row) for row in rows]
     assert np.array_equal(actions, expected)
+
+
+def test_episodes_of_a_network_of_any_size_are_independent_in_any_thread(tmp_path: Path) -> None:
+    nodes = [helper.make_node("Neg", ["obs"], ["actions"])]
+    path = write(tmp_path / "a.onnx", nodes, [value("obs", [1, "n"])], [value("actions", [1, "n"])])
+    policy = OnnxPolicy(path, "a.onnx")
+    with ThreadPoolExecutor(4) as pool:
+        actors = [policy.start(seed, LEFT_RIGHT) for seed in range(4)]
+        rows = [np.full(1 + index % 3, index) for index in range(400)]
+        actions = pool.map(lambda index: actors[index % 4](rows[index]), range(400))
+        assert [action.tolist() for action in actions] == [(-row).tolist() for row in rows]
 
 
 def test_an_action_whose_shape_changes_within_an_episode_is_reported(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
@@ -221,8 +222,11 @@ class OnnxPolicy(Policy):
             for size, shape in [(tensor.size or 0, (*tensor.one[:-1], -1))]
         ]
 
+        # Without states, all episodes share its arrays, which stay in the processor's cache.
+        self._stateless = None if self.states else _Inference(self)
+
     def start(self, seed: int, actions: ActionSpace) -> Actor:
-        return _Inference(self)
+        return self._stateless or _Inference(self)
 
     def parts(self, observation: np.ndarray) -> dict[str, np.ndarray]:
         """Splits `observation` into the inputs of the network.
@@ -283,7 +287,7 @@ class OnnxPolicy(Policy):
 
 
 class _Inference:
-    """A network in one episode, as an actor.
+    """A network in one episode, or in all episodes if it has no states, as an actor.
 
     Its first call shows the shapes of the outputs; later ones read and write arrays of these shapes, in half the time.
     """
@@ -295,15 +299,18 @@ class _Inference:
         self._states = [*self._inputs.values()]
         self._names = [policy.action.name, *(end.name for _, end in policy.states)]
         self._outputs: list[np.ndarray] = []
-        self._compute: Callable[[], object] | None = None
+        self._compute: Callable[[], object] = lambda: None
+        self._size = -1  # of the observation in these arrays
+        self._lock = Lock()  # episodes may be played in several threads
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        if not (self._compute and self._computes_in_place(self._compute, observation)):
-            self._allocate(observation)
-        action, *ends = self._outputs
-        for state, end in zip(self._states, ends, strict=True):
-            state[...] = end
-        return action.astype(np.float64).reshape(-1)
+        with self._lock:
+            if not (len(observation) == self._size and self._computes_in_place(observation)):
+                self._allocate(observation)
+            action, *ends = self._outputs
+            for state, end in zip(self._states, ends, strict=True):
+                state[...] = end
+            return action.astype(np.float64).reshape(-1)
 
     def _allocate(self, observation: np.ndarray) -> None:
         """Computes the outputs in new arrays."""
@@ -311,14 +318,15 @@ class _Inference:
         self._inputs |= parts
         self._outputs = self._model.run(self._inputs, self._names)
         self._targets = [part.reshape(-1) for part in parts.values()]
+        self._size = len(observation)
         self._compute = self._model.bound(self._inputs, dict(zip(self._names, self._outputs, strict=True)))
 
-    def _computes_in_place(self, compute: Callable[[], object], observation: np.ndarray) -> bool:
+    def _computes_in_place(self, observation: np.ndarray) -> bool:
         """Computes the outputs in the arrays of the previous call; returns False if this fails."""
         for target, place in zip(self._targets, self._places, strict=True):
             target[:] = observation[place]
         try:
-            compute()
+            self._compute()
         except Exception:  # an output of another shape, or an error that is reported by a call without these arrays
             return False
         return True
