@@ -37,7 +37,7 @@ from mjrun.suffixes import CHECKED, XML, is_yaml
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
-    from mjrun.check.fixing import Fixing
+    from mjrun.check.fixing import BeforeFix, Fixing
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 HEAD = 2**16  # bytes that must contain the start of the root of an XML file
@@ -147,6 +147,7 @@ class Check(PolicyOptions, CheckOptions):
         reporter: Reporter | None = None,
         spelling: Spelling = str,
         finished: Callable[[ModelResult], object] = lambda result: None,
+        before_fix: "BeforeFix | None" = None,
     ) -> CheckResult:
         """Checks all models.
 
@@ -154,6 +155,8 @@ class Check(PolicyOptions, CheckOptions):
           reporter: the reporter of the progress.
           spelling: the spelling of mjrun's options in remedies.
           finished: a function called with each result, in the order of the models.
+          before_fix: a function called with the copy of each model that is fixed, or would be, and its findings that
+            are, before the model is replaced.
 
         Raises:
           UsageError: `models` are folders without any model.
@@ -174,7 +177,7 @@ class Check(PolicyOptions, CheckOptions):
 
         workers, cache = CheckProcesses(), ResultCache(self._versions()) if self.cache else None
         try:
-            fixing = self._fixing(paths, workers, spelling)
+            fixing = self._fixing(paths, workers, spelling, before_fix)
             results: list[ModelResult] = []
             tasks = [self._task(path) for path in paths]
             for checked in self._check_all(tasks, workers, cache, spelling):
@@ -203,7 +206,9 @@ class Check(PolicyOptions, CheckOptions):
         libraries = [name for libraries, _ in EXTRAS.values() for name in libraries] if self.unsafe_fixes else []
         return computing_versions() | {name: installed_version(name) for name in libraries}
 
-    def _fixing(self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling) -> "Fixing | None":
+    def _fixing(
+        self, paths: Sequence[str], workers: CheckProcesses, spelling: Spelling, before: "BeforeFix | None"
+    ) -> "Fixing | None":
         """Returns the fixes of models, which are checked by `workers`; None without any."""
         if not self.fix:
             return None
@@ -216,7 +221,7 @@ class Check(PolicyOptions, CheckOptions):
             ]
             return [*self._check_all(tasks, workers, None, spelling)]
 
-        return Fixing(self.models, paths, check)
+        return Fixing(self.models, paths, check, before)
 
     def _check_all(
         self, tasks: Sequence[WorkerTask], workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling

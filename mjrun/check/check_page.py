@@ -1,10 +1,10 @@
-"""The page about a check: a card per finding, with a picture of the objects that it is about."""
+"""The page about a check: a card per finding, with a picture of the objects that it is about, and a card per fix."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.finding_pictures import PicturedModel, data_uri
-from mjrun.check.model_result import ModelResult
+from mjrun.check.model_result import Copy, ModelResult
 from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import ModelError, NoRendererError, clean, counted
@@ -14,6 +14,7 @@ from mjrun.reporter import Reporter
 
 MAX_CARDS = 300
 MAX_PICTURES = 100
+VISIBLE = ("geom", "key_qpos")  # the beginnings of fields whose changes can be seen
 
 
 class FindingCards:
@@ -21,37 +22,43 @@ class FindingCards:
 
     Args:
       reporter: the reporter of what is left out.
+
+    Attributes:
+      fixes: the cards of fixes.
     """
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
+        self.fixes: list[PageCard] = []
         self._pictures = 0
         self._can_render = True
 
     def of(self, result: ModelResult) -> Iterator[PageCard]:
         """Yields a card for each finding of a model, the worst first."""
-        model = self._pictured(result)
+        model = self._pictured(result.model) if result.loads and result.findings else None
         for finding in sorted(result.findings, key=lambda each: -SEVERITIES.index(each.severity)):
-            place = finding.file + (f":{finding.line}" if finding.line else "")
-            image = self._picture(model, finding) if model else b""
-            yield PageCard(
-                f"{finding.code} {RULES[finding.code].title}",
-                finding.severity,
-                tuple(filter(None, (clean(place), clean(finding.object)))),
-                (clean(finding.message), *(clean(line) for line in finding.remedy.splitlines())),
-                data_uri(image) if image else "",
-            )
+            image = self._picture(model, finding)
+            yield _card(finding, finding.severity, finding.remedy.splitlines(), [image] if image else [])
 
-    def _pictured(self, result: ModelResult) -> PicturedModel | None:
-        if not (result.loads and result.findings and self._can_render and self._pictures < MAX_PICTURES):
+    def add_fixes(self, copy: Copy, findings: Sequence[Finding]) -> None:
+        """Adds a card for each finding that is fixed in the copy of a model, with pictures of both if it is visible."""
+        visible = [f for f in findings if any(name.startswith(VISIBLE) for fix in f.fixes for name in fix.fields)]
+        models = [self._pictured(str(path)) for path in (copy.original, copy.path)] if visible else []
+        for finding in findings:
+            images = [self._picture(model, finding) for model in models] if finding in visible else []
+            caption = ["The pictures show it before and after the fix."] if images and all(images) else []
+            self.fixes.append(_card(finding, "fix", caption, images if caption else []))
+
+    def _pictured(self, path: str) -> PicturedModel | None:
+        if not self._can_render or self._pictures >= MAX_PICTURES:
             return None
         try:
-            return PicturedModel(result.model)
+            return PicturedModel(path)
         except ModelError:  # changed since, or a task
             return None
 
-    def _picture(self, model: PicturedModel, finding: Finding) -> bytes:
-        if not self._can_render or self._pictures >= MAX_PICTURES:
+    def _picture(self, model: PicturedModel | None, finding: Finding) -> bytes:
+        if model is None or not self._can_render or self._pictures >= MAX_PICTURES:
             return b""
         try:
             image = model.picture(finding)
@@ -63,17 +70,18 @@ class FindingCards:
         return image
 
 
-def write_check_page(path: str, result: CheckResult, summary: str, reporter: Reporter) -> None:
-    """Writes the page.
+def write_check_page(path: str, result: CheckResult, summary: str, makers: FindingCards) -> None:
+    """Writes the page, with the cards of fixes at the end.
 
     Raises:
       BadValueError: `path` does not end with .html.
       FileError: the page cannot be written.
     """
-    cards, makers = list[PageCard](), FindingCards(reporter)
+    cards = list[PageCard]()
     for model in worst_first(result.models):
         if len(cards) < MAX_CARDS:
             cards += makers.of(model)
+    cards += makers.fixes
     found = sum(len(model.findings) for model in result.models)
     notes = [summary] + ([f"{counted(found - MAX_CARDS, 'more finding')} …"] if found > MAX_CARDS else [])
     page = Page(
@@ -82,6 +90,17 @@ def write_check_page(path: str, result: CheckResult, summary: str, reporter: Rep
     with PageWriter(path) as writer:
         writer.write(page)
         writer.publish()
+
+
+def _card(finding: Finding, level: str, others: Sequence[str], images: Sequence[bytes]) -> PageCard:
+    place = finding.file + (f":{finding.line}" if finding.line else "")
+    return PageCard(
+        f"{finding.code} {RULES[finding.code].title}",
+        level,
+        tuple(filter(None, (clean(place), clean(finding.object)))),
+        tuple(clean(text) for text in (finding.message, *others)),
+        tuple(map(data_uri, images)),
+    )
 
 
 def _models(result: CheckResult) -> PageFacts:

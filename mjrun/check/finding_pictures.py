@@ -23,7 +23,7 @@ MAX_OBJECTS = 5000  # of one kind; the names of more take long to look for
 OTHERS, STATIC = (0.62, 0.65, 0.7, 0.35), (0.62, 0.65, 0.7, 0.15)
 FLOOR, MARKED_FLOOR = (0.8, 0.82, 0.85, 1.0), (0.62, 0.76, 0.93, 1.0)
 COLOURS = ((0.89, 0.29, 0.16, 1.0), (0.12, 0.45, 0.85, 1.0))  # of the object, and of others that the message names
-CONTACTS = "5"  # the topic of contacts: contact points are drawn, and what touches is transparent
+CONTACTS = "5"  # the topic of contacts: contact points and hulls are drawn, and what touches is transparent
 CONTACT_ALPHA = 0.6
 DISTANCE = 3.2  # of the camera, relative to the radius of what is coloured
 CLOSEST = 0.15  # radius relative to the extent of the model, so that its surroundings are visible
@@ -70,7 +70,8 @@ class PicturedModel:
 
         touches = finding.code[2] == CONTACTS
         self._colour(geoms, CONTACT_ALPHA if touches else 1.0)
-        visual = Visual(show=("contactpoint",) if touches else (), hide=("skybox",), groups={"geom": tuple(range(6))})
+        shown = ("contactpoint", "convexhull") if touches else ()
+        visual = Visual(show=shown, hide=("skybox",), groups={"geom": tuple(range(6))})
         camera = self._camera([geom for part in geoms for geom in part])
         pixels = render(self._model, self._data, camera, SIZE, visual=visual)
         is_empty = np.isinf(render(self._model, self._data, camera, SIZE, "depth", visual)) & ~pixels.any(axis=2)

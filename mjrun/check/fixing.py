@@ -19,7 +19,7 @@ from typing import NamedTuple
 import mujoco
 
 from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
-from mjrun.check.rule import Fix, short_path
+from mjrun.check.rule import Finding, Fix, short_path
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules.process_failures import NOT_FIXED
 from mjrun.confinement.confinement import is_within, is_writable
@@ -41,6 +41,9 @@ RUN_AGAIN = "run the command again"
 OUTSIDE = f"it is outside the folders of the models; give a folder that contains both, with {option('fix')}"
 IN_COLLECTION = f"it belongs to a collection of models; copy its folder, and give that, with {option('fix')}"
 TEXT_ONLY = f"{option('fix')} changes the text of MJCF, not that of URDF, archives and compiled models"
+
+
+BeforeFix = Callable[[Copy, Sequence[Finding]], object]
 
 
 @dataclass(eq=False)
@@ -81,6 +84,8 @@ class Fixing:
       given: the files and folders that the user named.
       models: the models to fix, as given.
       check: checks copies of models, in their order.
+      before: is called before files are replaced, if that is possible, or would be in a dry run: with the copy of each
+        fixed model, and its findings that are fixed.
 
     Attributes:
       files: the files that were fixed, or would be in a dry run.
@@ -91,8 +96,9 @@ class Fixing:
         given: Sequence[str | Path],
         models: Sequence[str],
         check: Callable[[Sequence[Copy]], Sequence[Checked]],
+        before: BeforeFix | None = None,
     ) -> None:
-        self._check = check
+        self._check, self._before = check, before
         named = [path for path in map(Path, given) if path.exists()]  # the models of a collection are not
         self._trees = {os.path.realpath(path if is_folder(path) else path.parent) for path in named}
         self._groups = _groups(models)
@@ -117,12 +123,23 @@ class Fixing:
         changed = [file for file, text in attempt.texts.items() if text != (group.texts.get(file) or _now(file))]
         reasons = {} if dry_run else {file: _obstacle(file, file not in group.texts) for file in changed}
         obstacles = [(_shown(group, file), reason) for file, reason in reasons.items() if reason]
+        if changed and not obstacles and self._before:
+            self._report(group, attempt, results, self._before)
         if changed and not obstacles and not dry_run:
             obstacles = list(_replace(group, attempt.texts))
         if obstacles:
             attempt, changed = _Attempt(group.texts, [], list(results)), []
         self.files += [_fixed_file(group, attempt, file) for file in changed]
         return _with_problems(attempt.results, [*problems, *obstacles])
+
+    @staticmethod
+    def _report(group: _Group, attempt: _Attempt, results: Sequence[ModelResult], before: BeforeFix) -> None:
+        """Reports fixed models while both they and their copies exist."""
+        fixed = {code for code, _ in attempt.fixes}
+        with _Mirror(group) as mirror:
+            mirror.write(attempt.texts, _places(group, attempt.fixes))
+            for copy, result in zip(mirror.copies(None), results, strict=True):
+                before(copy, [finding for finding in result.findings if finding.fixes and finding.code in fixed])
 
     def _proved(self, group: _Group, results: Sequence[ModelResult]) -> tuple[_Attempt, list[str]]:
         """Returns the fixes that pass the proof, all or those of some rules, and the reasons against the others."""
@@ -142,8 +159,7 @@ class Fixing:
 
     def _attempt(self, group: _Group, results: Sequence[ModelResult], codes: Collection[str] | None) -> _Attempt:
         """Fixes violations of some rules, or of all, in copies, until none is left."""
-        texts, places = dict(group.texts), dict(group.places)
-        fixes, checked = list[tuple[str, Fix]](), [Checked(result) for result in results]
+        texts, fixes, checked = dict(group.texts), list[tuple[str, Fix]](), [Checked(result) for result in results]
         with ExitStack() as stack:
             mirror, original = stack.enter_context(_Mirror(group)), None
             for _ in range(MAX_ROUNDS):
@@ -155,12 +171,11 @@ class Fixing:
                     return _Attempt(texts, fixes, [each.result for each in checked], problem)
                 texts = new
                 fixes += [proposed[edits] for edits in chosen]
-                places |= {Path(e.file).absolute(): os.path.realpath(e.file) for _, fix in fixes for e in fix.edits}
-                mirror.write(texts, places)
+                mirror.write(texts, _places(group, fixes))
                 checked = self._check([*mirror.copies(original)])
                 if original is None and all(each.result.loads and each.changes is None for each in checked):
                     original = stack.enter_context(_Mirror(group))  # the first version that loads
-                    original.write(texts, places)
+                    original.write(texts, _places(group, fixes))
         return _Attempt(texts, fixes, [], f"the fixes do not end after {MAX_ROUNDS} rounds; please report it")
 
     def _proposed(
@@ -256,6 +271,11 @@ def _edited_files(results: Sequence[ModelResult]) -> Iterator[str]:
 
 def _real_edits(fix: Fix) -> tuple[TextEdit, ...]:
     return tuple(replace(edit, file=os.path.realpath(edit.file)) for edit in fix.edits)
+
+
+def _places(group: _Group, fixes: Sequence[tuple[str, Fix]]) -> dict[Path, str]:
+    """Returns the real path of each XML file and of each file that fixes create, by its absolute path."""
+    return group.places | {Path(e.file).absolute(): os.path.realpath(e.file) for _, fix in fixes for e in fix.edits}
 
 
 def _with_edits(texts: Mapping[str, bytes], groups: Sequence[tuple[TextEdit, ...]]) -> dict[str, bytes]:

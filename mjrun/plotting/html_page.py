@@ -93,21 +93,21 @@ class PageFacts:
 
 @dataclass(frozen=True)
 class PageCard:
-    """A finding, with a picture of what it is about.
+    """A finding or a fix, with pictures of what it is about.
 
     Attributes:
       title: its heading.
-      level: `error`, `warning` or `note`.
+      level: `error`, `warning`, `note` or `fix`.
       places: where it was found.
       texts: paragraphs, of which the first is the message.
-      image: the address of a picture; empty without one.
+      images: the addresses of pictures.
     """
 
     title: str
     level: str
     places: Sequence[str]
     texts: Sequence[str]
-    image: str = ""
+    images: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class Page:
       title: title of the page.
       maker: the program, with its version.
       facts: the main findings, shown first.
-      cards: findings with pictures, shown after the facts.
+      cards: findings and fixes with pictures, shown after the facts.
       notes: paragraphs below the title.
       verdicts: verdicts of assertions, each with its file.
     """
@@ -249,8 +249,8 @@ def _card(card: PageCard) -> Markup:
         message,
         *(element("div", *others, class_="note") for _ in others[:1]),
     )
-    picture = [element("img", src=card.image, alt=f"The objects of {card.title}", loading="lazy")] if card.image else []
-    return element("article", words, *picture)
+    pictures = [element("img", src=image, alt=f"The objects of {card.title}", loading="lazy") for image in card.images]
+    return element("article", words, *(element("div", *pictures) for _ in pictures[:1]))
 
 
 def _figure(figure: PageFigure, index: int) -> Markup:

@@ -9,13 +9,14 @@ import pytest
 from PIL import Image
 
 from mjrun.check.check import Check, CheckResult
-from mjrun.check.check_page import write_check_page
+from mjrun.check.check_page import FindingCards, write_check_page
 from mjrun.check.finding_pictures import PicturedModel
 from mjrun.check.model_result import ModelResult
 from mjrun.check.rule import Finding
 from mjrun.errors import NoRendererError, UsageError
 from mjrun.reporter import WarningReporter
-from tests.check.models import hinged, mjcf, write
+from tests.check.models import hinged, keyed, mjcf, write
+from tests.check.rules.test_meshes import TRAY, TRAY_FACES, asset
 
 PAIR = mjcf(
     '<geom name="floor" type="plane" size="2 2 .1"/>\n<body name="left"><geom name="l" size=".1"/></body>\n'
@@ -33,9 +34,9 @@ class Warnings(WarningReporter):
         self.warnings.append(text)
 
 
-def colours(object_: str, message: str = "") -> tuple[float, float]:
+def colours(object_: str, message: str = "", code: str = "MJ206") -> tuple[float, float]:
     """The shares of a picture that are red, for the object, and blue, for others that the message names."""
-    image = PicturedModel("pair.xml").picture(Finding("MJ206", "warning", message, "pair.xml", 1, object_))
+    image = PicturedModel("pair.xml").picture(Finding(code, "warning", message, "pair.xml", 1, object_))
     red, green, blue = np.moveaxis(np.asarray(Image.open(io.BytesIO(image)), float), 2, 0)
     return float((red > 1.5 * np.maximum(green, blue)).mean()), float((blue > 1.5 * red).mean())
 
@@ -56,12 +57,34 @@ def test_a_page_has_a_card_for_each_finding_the_worst_first() -> None:
     write("broken.xml", hinged("limited='true'"))
     result = Check(["a.xml", "broken.xml"], steps=0).run()
     reporter = Warnings()
-    write_check_page("page.html", result, "2 models", reporter)
+    write_check_page("page.html", result, "2 models", FindingCards(reporter))
     page = Path("page.html").read_text()
     assert re.findall(r"</span> (MJ\d+)", page) == ["MJ303", "MJ302"]
     assert re.findall(r"<code>([^<]*xml:\d+)</code>", page) == ["broken.xml:5", "a.xml:5"]
     assert len(re.findall(r'<img src="data:image/jpeg;base64,', page)) == 1
     assert reporter.warnings == []
+
+
+def test_a_hull_is_drawn_where_a_mesh_collides_as_it() -> None:
+    before = asset(TRAY, TRAY_FACES)
+    write("pair.xml", mjcf('<geom name="tray" type="mesh" mesh="m"/>', before=before))
+    assert colours("geom 'tray'", code="MJ506")[0] > 1.02 * colours("geom 'tray'")[0]
+
+
+@pytest.mark.parametrize("dry_run", [True, False])
+def test_a_fix_has_a_card_with_pictures_of_both_models_if_it_can_be_seen(dry_run: bool) -> None:
+    write(
+        "a.xml",
+        keyed('qpos="1.5"', 'range="-1 1" actuatorfrcrange="9 -9"').replace('size=".1"', 'size=".1" pos=".3 0 0"'),
+    )
+    cards = FindingCards(Warnings())
+    result = Check(["a.xml"], steps=0, fix=True, unsafe_fixes=True, dry_run=dry_run).run(before_fix=cards.add_fixes)
+    write_check_page("page.html", result, "", cards)
+    page = Path("page.html").read_text()
+    assert re.findall(r"fix</span> (MJ\d+)", page) == ["MJ302", "MJ402"]
+    before, after = re.findall(r'<img src="data:image/jpeg;base64,([^"]*)', page)
+    assert before != after
+    assert page.count("before and after the fix") == 1
 
 
 def test_names_are_escaped_and_a_page_without_a_renderer_has_no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,10 +95,11 @@ def test_names_are_escaped_and_a_page_without_a_renderer_has_no_pictures(monkeyp
     monkeypatch.setattr(PicturedModel, "picture", fail)
     finding = Finding("MJ302", "warning", "<script>\x1b", "a.xml", 5, "joint 'j'", "<b>")
     reporter = Warnings()
-    write_check_page("page.html", CheckResult((ModelResult("a.xml", True, (finding, finding)),), 0, 0), "", reporter)
+    result = CheckResult((ModelResult("a.xml", True, (finding, finding)),), 0, 0)
+    write_check_page("page.html", result, "", FindingCards(reporter))
     page = Path("page.html").read_text()
     assert "&lt;script&gt;\\x1b" in page
     assert "<img" not in page
     assert len(reporter.warnings) == 1
     with pytest.raises(UsageError, match="a file that ends with"):
-        write_check_page("page.txt", CheckResult((), 0, 0), "", reporter)
+        write_check_page("page.txt", CheckResult((), 0, 0), "", FindingCards(reporter))

@@ -14,6 +14,7 @@ from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
 if TYPE_CHECKING:
+    from mjrun.check.check_page import FindingCards
     from mjrun.check.rule import Rule
 
 FIXED_BY = {"safe": "--fix", "unsafe": "--fix --unsafe-fixes"}
@@ -70,23 +71,33 @@ def check(console: Console, command_line: CommandLine) -> None:
         import_mujoco()
     job = command_line.make(Check, models=command_line.arguments("models"))
     _require_outputs(options)
-    if options.json_lines:
-        result = job.run(console, flag, lambda each: console.result(model_line(each)))
-    else:
-        result = job.run(console, flag)
+    cards = _cards(console) if options.html else None
+    result = job.run(
+        console,
+        flag,
+        lambda each: console.result(model_line(each)) if options.json_lines else None,
+        cards.add_fixes if cards else None,
+    )
     if options.table:
         from mjrun.check.findings_table import write_findings
 
         write_findings(options.table, result)
     report = check_report(result)
-    if options.html:
-        import_mujoco()
+    if options.html and cards:
         from mjrun.check.check_page import write_check_page
 
-        write_check_page(options.html, result, report.summary(), console)
+        write_check_page(options.html, result, report.summary(), cards)
     console.answer(report, form)
     if result.code:
         console.fail(result.code, "FailedCheck", report.summary())
+
+
+def _cards(console: Console) -> "FindingCards":
+    """Returns the maker of the cards of a page, which imports MuJoCo."""
+    import_mujoco()
+    from mjrun.check.check_page import FindingCards
+
+    return FindingCards(console)
 
 
 def _require_outputs(options: CheckReportOptions) -> None:
