@@ -149,7 +149,7 @@ class CheckReportOptions(Options):
         converter=Optional(File(written=True)),
         default=None,
         places=FrontEnd.COMMAND,
-        help="Self-contained page (.html) with all findings and fixes, and pictures of the bodies and contacts at fault.",
+        help="Self-contained page (.html) with all findings, fixes, and pictures of the bodies and contacts at fault.",
     )
     json_lines: bool = option(
         converter=Flag(),
