@@ -18,6 +18,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_index
+from mjrun.model.stage import add_ground, add_to_stage
 from mjrun.options.model import ModelOptions
 
 
@@ -44,6 +45,8 @@ ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "compiler": lambda spec: spec.compiler,
     "size": _Sizes,
 }
+# Options that add elements, with an empty path.
+ADDITIONS: dict[str, Callable[[mujoco.MjSpec, str], None]] = {"ground": add_ground, "stage": add_to_stage}
 # The list of MjSpec with the elements of each kind.
 ELEMENTS = {
     kind: PLURALS.get(kind, f"{kind}s")
@@ -86,7 +89,10 @@ INERTIAL = {"mass", "inertia", "fullinertia", "ipos", "iquat"}
 
 @dataclass(frozen=True)
 class Override:
-    """An override: the `path` in the source, the `value` as text, and the `option` that it comes from."""
+    """An override: the `path` in the source, the `value` as text, and the `option` that it comes from.
+
+    The path is empty if the option adds elements.
+    """
 
     path: str
     value: str
@@ -141,6 +147,8 @@ def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
     overrides = [Override(path, text) for path, text in options.set]
     if options.integrator is not None:
         overrides.append(Override("opt.integrator", options.integrator, "integrator"))
+    if options.ground is not None:
+        overrides.append(Override("", repr(options.ground), "ground"))
     if options.timestep is not None:
         overrides.append(Override("opt.timestep", repr(float(options.timestep)), "timestep"))
     return tuple(overrides)
@@ -153,6 +161,9 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
       UnknownNameError: the path refers to nothing; the message lists similar and valid names.
       BadValueError: the value does not fit the field.
     """
+    if override.option in ADDITIONS:
+        ADDITIONS[override.option](spec, override.value)
+        return
     kind, slash, _ = override.target.partition("/")
     if slash and kind in ELEMENTS:
         elements, fields = elements_at(spec, override)

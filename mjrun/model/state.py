@@ -55,6 +55,12 @@ def restore(model: mujoco.MjModel, data: mujoco.MjData, state: np.ndarray, spec:
     mujoco.mj_setState(model, data, state, spec)
 
 
+def widened(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
+    """Returns a state for `model` from that of the same model without its last bodies, on which no force acts."""
+    missing = size(model) - len(state)
+    return np.insert(state, part(model, APPLIED_FORCES).stop - missing, np.zeros(missing)) if missing else state
+
+
 def part(model: mujoco.MjModel, spec: int) -> slice:
     """Returns the position in an integration state of the parts `spec`: adjacent `mjtState` bits."""
     lowest = spec & -spec

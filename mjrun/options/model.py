@@ -4,7 +4,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, Flag, Optional
-from mjrun.options.number_kinds import ExactNumber
+from mjrun.options.number_kinds import ExactNumber, Real
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.setting_kinds import Settings
 
@@ -22,6 +22,11 @@ class ModelOptions(Options):
     )
     timestep: Fraction | None = option(
         converter=Optional(ExactNumber("SECONDS")), default=None, help="Timestep [s], instead of the model's."
+    )
+    ground: float | None = option(
+        converter=Optional(Real(least=None, metavar="HEIGHT")),
+        default=None,
+        help="Add a horizontal floor that collides, at this height [m].",
     )
     set: tuple[tuple[str, str], ...] = option(
         converter=Settings(),

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mjrun.options.kinds import Camera, Choice, File, Flag, Ghost, MujocoName, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Groups, Range, Size
-from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 
 VIEWS = ("rgb", "depth", "seg")
 LAYOUTS = ("row", "column", "grid")
@@ -21,6 +21,8 @@ CORNERS = ("top-left", "top", "top-right", "bottom-left", "bottom", "bottom-righ
 GHOST_MOTIONS = ("key", "trace", "recording")  # settings that determine how a ghost moves
 NO_MAP = "none"  # disables the map for the table of a ghost
 QUALITIES = ("draft", "model", "high")
+STAGE = ("auto", "none", "floor", "light", "sky")
+GEOMS = ("visual", "collision", "both")
 RENDERERS = ("classic", "filament")
 CALIBRATION_FORMATS = ("mjrun", "nerfstudio", "bop", "ros")
 BACKENDS = "auto, egl, osmesa or glfw"
@@ -72,6 +74,7 @@ class ViewOptions(RendererOptions):
     """Cameras, views, visible objects and additions to the image."""
 
     section: ClassVar[str] = "View"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("geoms", "geomgroup"), "both choose the geoms to show"),)
 
     size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
     camera: tuple[object, ...] = option(
@@ -105,6 +108,18 @@ class ViewOptions(RendererOptions):
         converter=MujocoName("KIND", of="segmentation"),
         default="object",
         help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
+    )
+    stage: tuple[str, ...] = option(
+        converter=Several(Choice(STAGE), commas=True),
+        default="auto",
+        help="Surroundings to add to the image: a floor that nothing collides with, light, sky, or none; auto adds "
+        "what a model without a floor and a sky lacks.",
+    )
+    geoms: str | None = option(
+        converter=Optional(Choice(GEOMS)),
+        default=None,
+        usual="visual where both have about the same place",
+        help="Geoms to show of bodies that have some for looks and others for collisions.",
     )
     show: tuple[str, ...] = option(
         converter=Several(MujocoName("FLAG", of="visual flag"), commas=True),

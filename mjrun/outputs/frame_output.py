@@ -34,6 +34,7 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Decoration
+from mjrun.rendering.drawn_model import drawn_model, place_stage
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
@@ -82,6 +83,7 @@ class FramePlan:
       probes: the measurement of the values in a text and in plots, or None.
       overlay: the overlay without content, whose size is known.
       decorations: trails, ghosts and the like.
+      drawn_model: the model that is drawn.
       conditions: the conditions of the events that the schedule depends on.
       schedule: the schedule of the frames; None if events decide.
     """
@@ -93,6 +95,7 @@ class FramePlan:
     decorations: Sequence[PlannedDecoration]
     probes: OverlayProbes | None
     overlay: Overlay
+    drawn_model: mujoco.MjModel
     conditions: Sequence[str]
     schedule: FrameSchedule | None = None
 
@@ -134,6 +137,9 @@ def plan_frames(
         probes = overlay_probes(model, context.timeline, job.text, plots, context.episode)
         corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
         overlay = empty_overlay(frame_size(job), corner, plots, side)
+    drawn, remark = drawn_model(job, model, context.simulation.source)
+    if remark:
+        context.reporter.note(remark)
     plan = FramePlan(
         job=job,
         context=context,
@@ -142,6 +148,7 @@ def plan_frames(
         decorations=planned_decorations(job, model, context.simulation),
         probes=probes,
         overlay=overlay,
+        drawn_model=drawn,
         conditions=conditions(events, model, context.episode) if events else (),
     )
     return plan if plan.conditions else replace(plan, schedule=plan.scheduled({}))
@@ -219,7 +226,9 @@ class FrameOutput(Output[R_co]):
         if plan.probes:
             overlay = plan.probes.overlay(overlay, self._values, schedule.steps, schedule.speeds, plan.context.timeline)
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
-        return scene_compositor(plan.job, plan.context.model, self._backend, streams, self.poses, decorations)
+        if plan.drawn_model is not plan.context.model:
+            place_stage(plan.drawn_model, self.states[0])
+        return scene_compositor(plan.job, plan.drawn_model, self._backend, streams, self.poses, decorations)
 
     def open_calibration(self, numbers: bool) -> None:
         """Opens the calibration file if requested; `numbers` states that depth is stored as 16-bit images."""
@@ -248,7 +257,7 @@ def check_view(options: ViewOptions) -> None:
     """Checks everything that does not depend on the model.
 
     Raises:
-      UsageError: MuJoCo has no such name, a view is repeated, or a depth range is invalid.
+      UsageError: MuJoCo has no such name, a view is repeated, or a depth range or a stage is invalid.
     """
     visual_of(options)
     with concerning("seg_by"):
@@ -256,6 +265,8 @@ def check_view(options: ViewOptions) -> None:
     if options.depth_range is not None and options.depth_range[0] < 0:
         near, far = options.depth_range
         raise BadValueError(option("depth_range"), f"{near:g}..{far:g}", "two depths in metres, the nearer first")
+    if len(options.stage) > 1 and {"auto", "none"} & {*options.stage}:
+        raise BadValueError(option("stage"), ", ".join(options.stage), "auto, none, or parts: floor, light, sky")
     _check_once("camera", options.camera)
     _check_once("view", options.view)
 

@@ -14,6 +14,7 @@ from mjrun.camera.pose import Pose
 from mjrun.dataclass import dataclass
 from mjrun.formats.image_encoding import depth_millimetres, segment_numbers
 from mjrun.model.rendered_image import RenderedView
+from mjrun.model.state import widened
 from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer
 from mjrun.rendering.colormaps import colors_of, colour_bar, depth_colors, depth_range, in_view, legend, seg_colors
@@ -227,7 +228,7 @@ class SceneCompositor:
     def see(self, state: np.ndarray, index: int, views: Sequence[str] | None = None) -> list[RenderedView]:
         """Renders the view of each camera in a state: the views that its panels show, or `views`."""
         assert self._open_renderer
-        self._open_renderer.look(state, index)
+        self._open_renderer.look(widened(self.model, state), index)
         by_camera = []
         for camera, pose in enumerate(self.poses[index]):
             shown = [panel.view for stream in self.streams for panel in stream.panels if panel.camera == camera]

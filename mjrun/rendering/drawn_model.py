@@ -1,0 +1,171 @@
+"""The model that is drawn: the simulated one on a stage, and with some of its geoms hidden.
+
+The states of both models are interchangeable, and so are the ids of everything that the simulated model has.
+"""
+
+import copy
+import itertools
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import CompiledOverrideError, option
+from mjrun.model.fields import arrays, is_layout
+from mjrun.model.override import Override
+from mjrun.model.source import Source
+from mjrun.model.stage import FLOOR, GROUND, LIGHT, SLANT
+from mjrun.model.state import restore, widened
+from mjrun.options.rendering import ViewOptions
+
+TILES = 3.0  # tiles of the floor per extent of the model
+AWAY = 2.0  # distance of the light and reach of its shadows, in extents of the model
+COVERED = (
+    0.7  # share of the box of a body's colliding geoms that the box of its visual ones covers if they replace them
+)
+VISIBLE_GROUPS = np.flatnonzero(mujoco.MjvOption().geomgroup)
+FAR = 1e6  # [m] beyond which no distance from the floor is measured
+HIDDEN_GROUP = mujoco.mjNGROUP - 1
+GROUNDS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
+
+
+def drawn_model(options: ViewOptions, model: mujoco.MjModel, source: Source) -> tuple[mujoco.MjModel, str]:
+    """Returns the model to draw, and a remark about a stage that the user has not requested.
+
+    Args:
+      source: the source of the model, whose numbers may differ.
+
+    Raises:
+      CompiledOverrideError: a stage is requested for a compiled model.
+    """
+    parts, remark = stage_parts(options, model), ""
+    staged = model
+    if parts:
+        try:
+            staged = _with_stage(source, model, parts)
+        except CompiledOverrideError:
+            if "auto" not in options.stage:
+                raise
+        else:
+            remark = _remark(options, parts) if "auto" in options.stage else ""
+    return (staged if options.geomgroup is not None else _with_geoms(staged, options.geoms)), remark
+
+
+def stage_parts(options: ViewOptions, model: mujoco.MjModel) -> Sequence[str]:
+    """Returns the parts of the stage to add: `floor`, `light` and `sky`.
+
+    `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure something, and
+    beneath what would fall through it.
+    """
+    if "none" in options.stage:
+        return ()
+    if "auto" not in options.stage:
+        return options.stage
+    planes = np.isin(model.geom_type, GROUNDS)
+    added = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, GROUND)
+    if planes.sum() > (added >= 0) or np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
+        return ()
+    falls = added < 0 and np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    lacks = {"floor": options.view == ("rgb",) and not falls, "light": not model.nlight, "sky": True}
+    return [part for part, is_lacking in lacks.items() if is_lacking]
+
+
+def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
+    """Adapts a stage to the size of the model, and places its floor under the lowest point of the model in a state."""
+    extent = model.stat.extent
+    material = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_MATERIAL, FLOOR)
+    floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
+    light = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, LIGHT)
+    if material >= 0:
+        model.mat_texrepeat[material] = 1 / (2 * _tile(extent))
+    if light >= 0:
+        model.light_dir0[light] = SLANT / np.linalg.norm(SLANT)
+        model.light_poscom0[light] = -AWAY * extent * model.light_dir0[light]
+        model.vis.map.shadowclip = AWAY
+    if floor >= 0:
+        data = mujoco.MjData(model)
+        restore(model, data, widened(model, state))
+        mujoco.mj_kinematics(model, data)
+        others = np.flatnonzero(~np.isin(model.geom_type, GROUNDS))
+        lowest = min((mujoco.mj_geomDistance(model, data, floor, geom, FAR, None) for geom in others), default=0.0)
+        model.body_pos[model.geom_bodyid[floor], 2] += lowest
+
+
+def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:
+    """Returns a model with a stage and all numbers of `model`."""
+    staged = source.with_overrides([Override("", part, "stage") for part in parts]).load()
+    for name in arrays():
+        old, new = getattr(model, name), getattr(staged, name)
+        if isinstance(old, np.ndarray) and old.dtype.kind == "f" and not is_layout(name):
+            new[: len(old)] = old
+    staged.opt, staged.vis, staged.stat = model.opt, model.vis, model.stat
+    return staged
+
+
+def _remark(options: ViewOptions, parts: Sequence[str]) -> str:
+    *some, last = (f"a {part}" for part in parts)
+    added = f"{', '.join(some)} and {last}" if some else last
+    remark = f"{added} added, which the model lacks; {option('stage')} none omits {'them' if some else 'it'}"
+    falls = "floor" not in parts and options.view == ("rgb",)
+    return f"{remark}, {option('ground')} 0 adds a floor to stand on" if falls else remark
+
+
+def _tile(extent: float) -> float:
+    """Returns the side of a tile of the floor [m], 1, 2 or 5 times a power of ten, for a model of this extent [m]."""
+    power = 10 ** math.floor(math.log10(extent / TILES))
+    return max(step * power for step in (1, 2, 5) if step * power <= extent / TILES)
+
+
+def _with_geoms(model: mujoco.MjModel, geoms: str | None) -> mujoco.MjModel:
+    """Returns the model with only these geoms in groups that are visible by default."""
+    by_default = np.isin(model.geom_group, VISIBLE_GROUPS)
+    visible = _visible(model, geoms, by_default)
+    if np.array_equal(visible, by_default):
+        return model
+    changed = copy.copy(model)
+    changed.geom_group[visible & ~by_default] = VISIBLE_GROUPS[0]
+    changed.geom_group[by_default & ~visible] = HIDDEN_GROUP
+    return changed
+
+
+def _visible(model: mujoco.MjModel, geoms: str | None, by_default: np.ndarray) -> np.ndarray:
+    """Returns which geoms are visible, `(ngeom,)`.
+
+    Visual geoms collide with nothing; they replace the colliding ones of their body. `None` hides only colliding geoms
+    that have about the same place.
+    """
+    colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    colliding[[*model.pair_geom1, *model.pair_geom2]] = True
+    if geoms == "collision":
+        return colliding
+    if geoms == "both":
+        return by_default | colliding
+    visible = by_default.copy()
+    for body in np.unique(model.geom_bodyid[by_default & ~colliding]):
+        own = by_default & (model.geom_bodyid == body)
+        if geoms == "visual" or _covers(model, own & ~colliding, own & colliding):
+            visible &= ~(own & colliding)
+    return visible
+
+
+def _covers(model: mujoco.MjModel, some: np.ndarray, others: np.ndarray) -> bool:
+    """Returns whether the box around some geoms of a body covers most of the box around others."""
+    if not others.any() or np.isin(model.geom_type[some | others], GROUNDS).any():
+        return False
+    (low, high), (other_low, other_high) = _box(model, some), _box(model, others)
+    common = np.clip(np.minimum(high, other_high) - np.maximum(low, other_low), 0, None)
+    return bool(common.prod() >= COVERED * (other_high - other_low).prod())
+
+
+def _box(model: mujoco.MjModel, geoms: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the lowest and the highest corner of the box around geoms of one body [m], in its frame."""
+    points = []
+    for geom in np.flatnonzero(geoms):
+        matrix = np.empty(9)
+        mujoco.mju_quat2Mat(matrix, model.geom_quat[geom])
+        centre, half = model.geom_aabb[geom].reshape(2, 3)
+        points.append(model.geom_pos[geom] + (centre + CORNERS * half) @ matrix.reshape(3, 3).T)
+    corners = np.concatenate(points)
+    return corners.min(axis=0), corners.max(axis=0)

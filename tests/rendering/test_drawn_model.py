@@ -1,0 +1,178 @@
+"""The drawn model: a stage that changes nothing else, and the choice between visual and colliding geoms."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import mjrun
+from mjrun.errors import BadValueError, CompiledOverrideError
+from mjrun.model.fields import arrays
+from mjrun.model.sources import source_of
+from mjrun.model.state import save, widened
+from mjrun.options.rendering import ViewOptions
+from mjrun.rendering.drawn_model import drawn_model, place_stage, stage_parts
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <geom name="plinth" type="box" size=".1 .1 .05" pos="0 0 .05"/>
+    <body name="arm" pos="0 0 .3">
+      <joint name="hinge" axis="0 1 0"/>
+      <geom name="rod" type="capsule" fromto="0 0 0 .3 0 0" size=".03"/>
+      <body pos=".3 0 0"><joint axis="0 0 1"/><geom type="sphere" size=".05"/></body>
+    </body>
+  </worldbody>
+  <keyframe><key name="raised" qpos="-1 0"/></keyframe>
+</mujoco>
+"""
+CLOSE = '<body><geom name="a" size=".1"/><geom name="b" type="box" size=".1 .1 .1" contype="0" conaffinity="0"/></body>'
+APART = '<body><geom name="a" size=".1"/><geom name="b" size=".1" pos="1 0 0" contype="0" conaffinity="0"/></body>'
+
+
+def model_file(folder: Path, text: str) -> Path:
+    path = folder / "model.xml"
+    path.write_text(text)
+    return path
+
+
+def drawn(path: Path, **options: object) -> tuple[mujoco.MjModel, mujoco.MjModel, str]:
+    """Returns the simulated model, the drawn one and the remark."""
+    source = source_of(path)
+    model = source.load()
+    return model, *drawn_model(ViewOptions(**options), model, source)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_stage_leaves_all_ids_numbers_and_accelerations_alone(tmp_path: Path) -> None:
+    model, staged, _ = drawn(model_file(tmp_path, ARM), stage=("floor", "light", "sky"))
+    for kind, count in (("body", model.nbody), ("geom", model.ngeom), ("jnt", model.njnt)):
+        assert getattr(staged, f"n{kind}") == count + (kind != "jnt")
+    for name in arrays():
+        if name.startswith(("body_", "geom_", "jnt_", "dof_")) and not name.endswith("adr"):
+            values = getattr(model, name)
+            assert np.array_equal(getattr(staged, name)[: len(values)], values), name
+
+    data, copied = mujoco.MjData(model), mujoco.MjData(staged)
+    for _ in range(200):
+        mujoco.mj_step(model, data)
+        mujoco.mj_step(staged, copied)
+    assert data.ncon
+    assert np.array_equal(save(staged, copied), widened(staged, save(model, data)))
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, -0.7, math.pi / 2])
+def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: float) -> None:
+    rod = f'<geom type="capsule" size=".1 .4" pos="0 0 3" euler="0 {math.degrees(angle)} 0"/>'
+    model, staged, _ = drawn(model_file(tmp_path, f"<mujoco><worldbody>{rod}</worldbody></mujoco>"))
+    for _ in range(2):  # placing it again changes nothing
+        place_stage(staged, save(model, mujoco.MjData(model)))
+        assert staged.body("stage floor").pos[2] == pytest.approx(3 - 0.1 - 0.4 * math.cos(angle))
+
+
+@pytest.mark.parametrize(
+    ("world", "options", "parts"),
+    [
+        ('<geom size=".1"/>', {}, ["floor", "light", "sky"]),
+        ('<geom size=".1"/>', {"view": ("rgb", "depth")}, ["light", "sky"]),
+        ('<geom size=".1"/>', {"stage": ("none",)}, []),
+        ('<geom size=".1"/><light/>', {}, ["floor", "sky"]),
+        ('<geom size=".1"/><light/>', {"stage": ("light",)}, ["light"]),
+        ('<body><freejoint/><geom size=".1"/></body>', {}, ["light", "sky"]),
+        ('<geom type="plane" size="1 1 1"/>', {}, []),
+    ],
+)
+def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[str, ...]], parts: list[str]) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{world}</worldbody></mujoco>")
+    assert [*stage_parts(replace(ViewOptions(), **options), model)] == parts
+
+
+def test_a_model_on_a_ground_gets_tiles_light_and_sky(tmp_path: Path) -> None:
+    path = model_file(tmp_path, '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>')
+    source = mjrun.Simulation(path, ground=-1).source
+    model = source.load()
+    staged, remark = drawn_model(ViewOptions(), model, source)
+    assert staged.ngeom == model.ngeom == 2
+    assert staged.geom("ground").matid >= 0
+    assert remark.startswith("a floor, a light and a sky added, which the model lacks; ")
+
+
+def test_what_falls_gets_advice(tmp_path: Path) -> None:
+    path = model_file(tmp_path, '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>')
+    assert drawn(path)[2].endswith(" 0 adds a floor to stand on")
+
+
+def test_a_compiled_model_has_no_stage_unless_one_is_requested() -> None:
+    source = source_of(mujoco.MjModel.from_xml_string(ARM))
+    model = source.load()
+    assert drawn_model(ViewOptions(), model, source) == (model, "")
+    with pytest.raises(CompiledOverrideError, match="stage"):
+        drawn_model(ViewOptions(stage=("sky",)), model, source)
+
+
+def test_a_stage_shows_changed_numbers_of_the_model(tmp_path: Path) -> None:
+    source = source_of(model_file(tmp_path, ARM))
+    model = source.load()
+    model.geom("rod").size[0] = 0.07
+    staged, _ = drawn_model(ViewOptions(), model, source)
+    assert staged.geom("rod").size[0] == 0.07
+
+
+@pytest.mark.parametrize(
+    ("bodies", "geoms", "visible"),
+    [
+        (CLOSE, None, "b"),
+        (APART, None, "ab"),
+        (APART, "visual", "b"),
+        (CLOSE, "collision", "a"),
+        (CLOSE, "both", "ab"),
+        ('<body><geom name="a" size=".1"/></body>', "visual", "a"),
+        (CLOSE.replace('"a"', '"a" group="3"'), None, "b"),
+        (CLOSE.replace('"a"', '"a" group="3"'), "collision", "a"),
+        (CLOSE.replace('"a"', '"a" group="3"'), "both", "ab"),
+    ],
+)
+def test_visual_geoms_replace_the_colliding_ones_of_their_body(
+    tmp_path: Path, bodies: str, geoms: str | None, visible: str
+) -> None:
+    text = f"<mujoco><worldbody>{bodies}</worldbody></mujoco>"
+    _, model, _ = drawn(model_file(tmp_path, text), stage=("none",), geoms=geoms)
+    scene = mujoco.MjvScene(model, 20)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mujoco.mjv_updateScene(
+        model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL.value, scene
+    )
+    assert "".join(sorted(model.geom(geom.objid).name for geom in scene.geoms[: scene.ngeom])) == visible
+
+
+def test_a_stage_is_automatic_or_absent_or_consists_of_parts(tmp_path: Path) -> None:
+    with pytest.raises(BadValueError, match="none, floor"):
+        mjrun.Image(mjrun.Simulation(model_file(tmp_path, ARM)), output="arm.png", stage=("none", "floor"))
+
+
+def test_groups_that_are_requested_are_shown_as_they_are(tmp_path: Path) -> None:
+    path = model_file(tmp_path, f"<mujoco><worldbody>{CLOSE}</worldbody></mujoco>")
+    model, shown, _ = drawn(path, stage=("none",), geomgroup=(0,))
+    assert shown is model
+
+
+def test_a_video_shows_the_stage_and_the_simulation_does_not_notice(tmp_path: Path) -> None:
+    path = model_file(tmp_path, ARM)
+    simulation = mjrun.Simulation(path, duration=0.2)
+    alone = mjrun.Trace(
+        simulation,
+        output=str(tmp_path / "alone.csv"),
+    ).run()
+    together = mjrun.Trace(simulation, output=str(tmp_path / "together.csv"))
+    image = mjrun.Image(simulation, output=str(tmp_path / "arm.png"), size=(64, 48), time=0)
+    plain = replace(image, output=str(tmp_path / "plain.png"), stage=("none",))
+    mjrun.perform([together, image, plain])
+    assert Path(alone.path).read_bytes() == (tmp_path / "together.csv").read_bytes()
+
+    import imageio.v3 as iio
+
+    assert iio.imread(tmp_path / "plain.png")[0, 0].max() == 0
+    assert iio.imread(tmp_path / "arm.png")[0, 0].min() > 50
