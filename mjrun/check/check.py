@@ -17,7 +17,7 @@ from mjrun.check.codes import codes, matching_codes
 from mjrun.check.model_result import Checked, Copy, FixedFile, ModelResult
 from mjrun.check.result_cache import ResultCache
 from mjrun.check.rule import SEVERITIES, Finding
-from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, OUT_OF_MEMORY, TIMEOUT
+from mjrun.check.rules.process_failures import CRASH, INTERNAL_ERROR, NOT_FIXED, OUT_OF_MEMORY, TIMEOUT
 from mjrun.check.thresholds import threshold_values
 from mjrun.check.worker_pool import MEMORY_REMEDY, CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
@@ -241,9 +241,13 @@ class Check(PolicyOptions, CheckOptions):
         self, task: WorkerTask, workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
     ) -> Checked:
         output = self._output(task, workers, cache)
+        is_done = any(message.get("done") for message in output.messages)
+        if task.unsafe and not is_done:
+            checked = self._check(replace(task, unsafe=False), workers, cache, spelling)
+            return _without_unsafe(checked, self._failure(Path(task.model), output), spelling)
         findings = [Finding.read(message["finding"]) for message in output.messages if "finding" in message]
         loads = any(message.get("loaded") for message in output.messages)
-        if not any(message.get("done") for message in output.messages):
+        if not is_done:
             findings.append(self._failure(Path(task.path), output))
             loads = False
         loads = loads and all(finding.code != OUT_OF_MEMORY.code for finding in findings)
@@ -337,6 +341,14 @@ def worst_first(models: Iterable[ModelResult]) -> list[ModelResult]:
 
 def _is_known_not_to_load(result: ModelResult) -> bool:
     return result.known > 0 and all(finding.severity != "error" for finding in result.findings)
+
+
+def _without_unsafe(checked: Checked, failure: Finding, spelling: Spelling) -> Checked:
+    """Returns a model that was checked without unsafe fixes, with their failure as the reason if that succeeded."""
+    message = f"{option('unsafe_fixes')} is left out: {failure.message}"
+    reason = NOT_FIXED.in_model(Path(failure.file), message, failure.remedy)
+    result = replace(checked.result, findings=(*checked.result.findings, reason))
+    return checked._replace(result=_in_spelling(result, spelling)) if checked.result.loads else checked
 
 
 def _in_spelling(result: ModelResult, spelling: Spelling) -> ModelResult:

@@ -116,13 +116,13 @@ class Fixing:
     def _fix(self, group: _Group, results: Sequence[ModelResult], dry_run: bool) -> list[ModelResult]:
         """Fixes models that share files, and returns the results for them."""
         outside = dict.fromkeys(file for file in _edited_files(results) if not self._is_inside(file))
-        problems = [(_shown(group, file), OUTSIDE if self._trees else IN_COLLECTION) for file in outside]
+        problems = _shown_once(group, dict.fromkeys(outside, OUTSIDE if self._trees else IN_COLLECTION))
         attempt, refused = self._proved(group, results)
         problems += [(group.models[0], problem) for problem in refused]
 
         changed = [file for file, text in attempt.texts.items() if text != (group.texts.get(file) or _now(file))]
         reasons = {} if dry_run else {file: _obstacle(file, file not in group.texts) for file in changed}
-        obstacles = [(_shown(group, file), reason) for file, reason in reasons.items() if reason]
+        obstacles = _shown_once(group, reasons)
         if changed and not obstacles and self._before:
             self._report(group, attempt, results, self._before)
         if changed and not obstacles and not dry_run:
@@ -305,9 +305,10 @@ def _obstacle(file: str, is_new: bool) -> str:
     path = Path(file)
     if not is_writable(file):
         return f"{option('untrusted')} does not allow to write it"
+    if is_new and os.path.lexists(file):
+        return "it exists already, with other content"
     if is_new:
-        exists = "it exists already, with other content" if os.path.lexists(file) else ""
-        return exists or ("" if os.access(path.parent, os.W_OK) else "its folder is read-only")
+        return "" if os.access(path.parent, os.W_OK) else "its folder is read-only or does not exist"
     if not (path.stat().st_mode & 0o222 and os.access(file, os.W_OK) and os.access(path.parent, os.W_OK)):
         return "it is read-only"
     editors = [name for name in (f".{path.name}.swp", f".#{path.name}") if os.path.lexists(path.with_name(name))]
@@ -357,6 +358,15 @@ def _shown(group: _Group, file: str) -> str:
     here = Path.cwd()
     is_relative = place.is_relative_to(here) and not Path(group.models[0]).is_absolute()
     return short_path(place.relative_to(here) if is_relative else place)
+
+
+def _shown_once(group: _Group, reasons: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Returns files and the reasons against changing them; of several new files of a folder, the first."""
+    shown: dict[tuple[str, str], str] = {}
+    for file, reason in reasons.items():
+        if reason:
+            shown.setdefault((file if file in group.texts else os.path.dirname(file), reason), file)  # noqa: PTH120
+    return [(_shown(group, file), reason) for (_, reason), file in shown.items()]
 
 
 def _fixed_file(group: _Group, attempt: _Attempt, file: str) -> FixedFile:

@@ -10,6 +10,8 @@ import pytest
 
 from mjrun.check.check import Check
 from mjrun.check.model_result import Checked, Copy
+from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
+from mjrun.child_process import ExitStatus
 from tests.check import fixes
 from tests.check.fixes import fix, fixing
 from tests.check.models import codes, hinged, mjcf, write
@@ -190,6 +192,23 @@ def test_reasons_name_options_as_the_caller_does() -> None:
     result = Check(["robots"], fix=True, steps=0).run(spelling=lambda name: f"--{name}")
     (reason,) = (finding.message for finding in result.models[0].findings if finding.code == "MJ007")
     assert reason.endswith("with --fix")
+
+
+def test_safe_fixes_go_on_if_unsafe_ones_take_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = CheckProcesses.run
+
+    def late(self: CheckProcesses, task: WorkerTask) -> WorkerOutput:
+        if task.unsafe:
+            return WorkerOutput([{"stage": "applying MJ506"}], ExitStatus(-9, "time"), "")
+        return run(self, task)
+
+    monkeypatch.setattr(CheckProcesses, "run", late)
+    model = write("model.xml", hinged(SWAPPED))
+    result = Check([model], fix=True, unsafe_fixes=True, steps=0, cache=False).run()
+    assert [dict(file.fixes) for file in result.fixed] == [{"MJ302": 1}]
+    (reason,) = result.models[0].findings
+    assert (reason.code, reason.file) == ("MJ007", model)
+    assert reason.message.endswith("is left out: not finished after 60 s, while applying MJ506")
 
 
 def test_known_findings_are_not_fixed() -> None:

@@ -200,6 +200,18 @@ def test_nothing_changes_if_one_of_the_files_appears_meanwhile(monkeypatch: pyte
 
 
 @pytest.mark.usefixtures("coacd")
+def test_parts_outside_the_given_folders_are_not_created_and_reported_once() -> None:
+    Path("robots").mkdir()
+    asset = ASSET.replace("meshes/", "../meshes/")
+    model = write("robots/model.xml", text := mjcf(TRAY_GEOM + IN_TRAY, before=asset))
+    made = fixing(model, unsafe=True)
+    problems = [f.file for f in made.results[0].findings if f.code == "MJ007"]  # type: ignore[attr-defined]
+    assert problems == ["meshes/tray_part1.obj"]
+    assert (made.files, Path(model).read_text()) == ([], text)
+    assert "meshes/tray_part1.obj" in [file.file for file in fixing(model, given=["."], unsafe=True).files]
+
+
+@pytest.mark.usefixtures("coacd")
 def test_the_diff_of_a_dry_run_is_a_patch_that_creates_the_files() -> None:
     model = write("model.xml", mjcf(TRAY_GEOM + IN_TRAY, before=ASSET))
     made = fixing(model, unsafe=True, dry_run=True)
