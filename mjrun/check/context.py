@@ -61,7 +61,7 @@ class LintContext:
         thresholds: Thresholds = DEFAULTS,
     ) -> None:
         self.path, self.model, self.spec, self.source = path, model, spec, source
-        self.editor, self.unsafe = ElementEditor(source.texts), False
+        self.editor, self.unsafe = ElementEditor(source.mjcf_texts), False
         self.thresholds = thresholds
         self._names: dict[str, list[str]] = {}
         self._lines_by_id: dict[str, dict[int, int]] = {}

@@ -112,7 +112,8 @@ class ElementEditor:
         Raises:
           UneditableError: the element cannot be edited.
         """
-        text, start, end = self._texts[element.file], element.offset, self._end(element)
+        start, end = element.offset, self._end(element)
+        text = self._texts[element.file]
         line_start = text.rfind(b"\n", 0, start) + 1
         rest = re.compile(rb"[ \t]*(?:\r?\n|\r)").match(text, end)
         if rest and not text[line_start:start].strip():
@@ -142,7 +143,7 @@ class ElementEditor:
         Raises:
           UneditableError: the element cannot be edited.
         """
-        text, tag = self._texts[element.file], self._tag(element)
+        tag, text = self._tag(element), self._texts[element.file]
         own = self._indent(element)
         last = element.children[-1] if element.children else None
         indent = self._indent(last) if last and last.file == element.file else f"{own}  "
@@ -202,7 +203,7 @@ class ElementEditor:
         text = self._texts.get(element.file, b"")
         tag = START_TAG.match(text, element.offset)
         if tag is None or tag[0][1 : self._name_length(tag[0])] != element.tag.encode():
-            raise UneditableError(f"{element.file} cannot be edited: its encoding is unusual")
+            raise UneditableError(f"{element.file} cannot be edited: it is not MJCF, or its encoding is unusual")
         return tag
 
     @staticmethod

@@ -114,6 +114,11 @@ class XmlSource:
     comments: list[Comment] = field(default_factory=list)
     texts: dict[Path, bytes] = field(default_factory=dict)
 
+    @property
+    def mjcf_texts(self) -> dict[Path, bytes]:
+        """The bytes of each file that was read if the model is MJCF; none of URDF, which is not edited."""
+        return self.texts if self.root is not None and self.root.tag == "mujoco" else {}
+
     def elements(self) -> Iterator[Element]:
         """Yields all elements in order, those of included files in place of the include."""
         return self.root.walk() if self.root else iter(())

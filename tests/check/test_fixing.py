@@ -164,14 +164,19 @@ def test_a_model_without_text_is_reported_and_not_fixed(suffix: str) -> None:
     assert finding.remedy.endswith("fix changes the text of MJCF, not that of URDF, archives and compiled models")
 
 
-def test_a_urdf_is_reported_and_not_fixed() -> None:
-    limit = '<limit lower="1" upper="-1" effort="1" velocity="1"/>'
-    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-    links = f'<link name="a"/><link name="b"><inertial><mass value="1"/>{inertia}</inertial></link>'
-    joint = f'<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>{limit}</joint>'
-    text = f'<robot name="r">{links}{joint}</robot>'
-    model = write("model.urdf", text)
-    assert fix(model) == {}
+@pytest.mark.parametrize("name", ["model.urdf", "model.xml"])
+def test_a_urdf_is_reported_and_not_fixed(name: str) -> None:
+    inertia = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    ball = '<collision><geometry><sphere radius="1"/></geometry></collision>'  # the balls of both links overlap
+    link = f'<link name="{{}}">{inertia}{ball}</link>'
+    limit = '<axis xyz="0 0 1"/><limit lower="1" upper="-1" effort="1" velocity="1"/>'
+    joint = f'<joint name="j{{0}}" type="revolute"><parent link="a"/><child link="{{0}}"/>{limit}</joint>'
+    moving = "".join(f"{link.format(name)}{joint.format(name)}\n" for name in "bc")
+    text = f'<robot name="r"><link name="a"/>{moving}</robot>'
+    model = write(name, text)
+    made = fixing(model, unsafe=True)
+    found = [finding.code for finding in made.results[0].findings]  # type: ignore[attr-defined]
+    assert ({"MJ302", "MJ501"} - {*found}, "MJ007" in found, made.files) == (set(), False, [])
     assert Path(model).read_text() == text
 
 

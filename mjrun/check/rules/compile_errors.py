@@ -175,7 +175,7 @@ def _renamed(source: XmlSource, others: list[Element], other: Element) -> Fix:
     name = other.attributes["name"]
     free = (f"{name}_{i}" for i in itertools.count(2) if f"{name}_{i}" not in taken)
     new = next(itertools.islice(free, others.index(other), None))
-    return Fix((ElementEditor(source.texts).with_value(other, "name", new),))
+    return Fix((ElementEditor(source.mjcf_texts).with_value(other, "name", new),))
 
 
 def _keyword(error: CompileError, match: re.Match[str]) -> Findings:
@@ -219,7 +219,7 @@ def _inferred(error: CompileError) -> Fix | None:
         return None
     if "inertial" in inside or "geom" not in inside:
         return None
-    return Fix((ElementEditor(error.source.texts).with_value(compilers[-1], "inertiafromgeom", "auto"),))
+    return Fix((ElementEditor(error.source.mjcf_texts).with_value(compilers[-1], "inertiafromgeom", "auto"),))
 
 
 def _missing_range(error: CompileError, match: re.Match[str]) -> Findings:

@@ -140,7 +140,7 @@ def _attributes(source: XmlSource, element: Element, node: Node) -> Iterator[Fin
 
 def _rewritten(source: XmlSource, element: Element, name: str) -> Fix | None:
     """Returns the fix that writes a removed attribute as MuJoCo reads it now; None if that is not certain."""
-    editor, value = ElementEditor(source.texts), element.attributes[name]
+    editor, value = ElementEditor(source.mjcf_texts), element.attributes[name]
     if (element.tag, name, value) == ("compiler", "exactmeshinertia", "true"):
         meshes = [e for e in source.elements() if e.tag == "mesh" and e.parent and e.parent.tag == "asset"]
         exact = [editor.with_value(e, "inertia", "exact") for e in meshes if not holder(e, "inertia")]

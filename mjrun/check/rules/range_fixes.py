@@ -20,7 +20,7 @@ RANGES = {
 
 def enabled(source: XmlSource) -> Fix | None:
     """Returns the fix that enables every range of which the text does not state whether it applies."""
-    editor = ElementEditor(source.texts)
+    editor = ElementEditor(source.mjcf_texts)
     edits = [
         editor.with_value(element, limit, "true")
         for element, span, limit in _ranges(source)
@@ -31,7 +31,7 @@ def enabled(source: XmlSource) -> Fix | None:
 
 def swapped(source: XmlSource) -> Fix | None:
     """Returns the fix that swaps the numbers of every reversed range."""
-    editor = ElementEditor(source.texts)
+    editor = ElementEditor(source.mjcf_texts)
     edits = [
         edit
         for element, span, _ in _ranges(source)
