@@ -113,14 +113,17 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def suggestion(name: str, valid: Iterable[str]) -> str:
+def suggestion(name: str, valid: Iterable[str], *meant: str) -> str:
     """Returns ` (did you mean 'x'?)`, or an empty text if no valid name is similar; for `qpso/*`, groups are valid
     too.
+
+    Args:
+      meant: names that are suggested instead, if any, however they are spelled.
     """
     valid = list(valid)
     if name.endswith("/*"):
         valid = list(dict.fromkeys(f"{each.rpartition('/')[0]}/*" for each in valid if "/" in each))
-    close = near(name, [each for each in valid if each != name])
+    close = [*filter(None, meant)] or near(name, [each for each in valid if each != name])
     return f" (did you mean {' or '.join(map(quoted, close))}?)" if close else ""
 
 
@@ -273,12 +276,20 @@ def concerning(*path: str | int) -> Generator[None]:
 class UnknownNameError(UsageError):
     """A name that is not one of the valid ones."""
 
-    def __init__(self, kind: str, name: str, valid: Sequence[str], where: str = "", plural: str = "") -> None:
+    def __init__(
+        self,
+        kind: str,
+        name: str,
+        valid: Sequence[str],
+        where: str = "",
+        plural: str = "",
+        meant: Sequence[str] = (),
+    ) -> None:
         plural = plural or f"{kind}s"
         self.name, self.valid = name, tuple(valid)
         choices = f"{plural}: {listing(valid)}" if valid else f"there are no {plural}"
         place = f" in {_clean_but_options(where)}" if where else ""
-        super().__init__(f"no {kind} {quoted(name)}{place}{suggestion(name, valid)}\n{choices}")
+        super().__init__(f"no {kind} {quoted(name)}{place}{suggestion(name, valid, *meant)}\n{choices}")
 
 
 class BadValueError(UsageError):

@@ -13,7 +13,7 @@ import click
 
 from mjrun.cli.console import Console, flag
 from mjrun.dataclass import dataclass
-from mjrun.errors import UsageError
+from mjrun.errors import UsageError, near, quoted, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import ConsoleOptions
@@ -152,10 +152,12 @@ class SectionedCommand(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            name = OTHER_NAMES.get(error.option_name.removeprefix("--"))
-            if all(param.name != name for param in self.params):
-                raise
-            raise click.UsageError(f"{error.message} Did you mean {flag(str(name))!r}?", ctx) from None
+            typed = error.option_name.removeprefix("--")
+            names = [param.name for param in self.params if isinstance(param, click.Option) and param.name]
+            others = [OTHER_NAMES[typed]] if typed in OTHER_NAMES else near(typed.replace("-", "_"), names)
+            meant = [name for name in others if name in names]
+            hint = suggestion(typed, (), *map(flag, meant))
+            raise click.UsageError(f"No such option {quoted(error.option_name)}{hint}.", ctx) from None
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         for param in self.params:

@@ -25,11 +25,12 @@ from mjrun.errors import (
     TerminatedError,
     clean,
     quoted,
+    suggestion,
 )
 from mjrun.interruption import interrupt
 from mjrun.platform import system
 from mjrun.shared_status import note_heard
-from mjrun.suffixes import MODELS
+from mjrun.suffixes import MODELS, is_yaml
 from mjrun.version import __version__
 
 if TYPE_CHECKING:
@@ -71,6 +72,11 @@ class LazyGroup(click.Group):
         super().__init__(*args, **settings)
         self.commands = {name: click.Command(name, short_help=text) for name, text in COMMANDS.items()}
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args[:1] == ["help"]:
+            args = [*args[1:2], "--help"]
+        return super().parse_args(ctx, args)
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
@@ -80,12 +86,16 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args[0] not in COMMANDS and args[0].endswith(MODELS):
-            raise click.UsageError(
-                f"{quoted(args[0])} is a model, not a command; to make a video of it: mjrun video {clean(args[0])}",
-                ctx,
-            )
-        return super().resolve_command(ctx, args)
+        name = args[0]
+        if name in COMMANDS or name.startswith("-"):
+            return super().resolve_command(ctx, args)
+        if name.endswith(MODELS) or ":" in name:
+            message = f"{quoted(name)} is a model, not a command; to make a video of it: mjrun video {clean(name)}"
+        elif is_yaml(name):
+            message = f"{quoted(name)} is a document, not a command; to run it: mjrun run {clean(name)}"
+        else:
+            message = f"No such command {quoted(name)}{suggestion(name, COMMANDS)}."
+        raise click.UsageError(message, ctx)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):

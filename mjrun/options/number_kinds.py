@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import cast
 
@@ -110,8 +110,20 @@ class Percent(Real):
             raise InvalidValueError("a percentage; write it as in 10%") from None
 
 
+# Units that texts of some numbers may end with, by the placeholder of the number.
+UNITS: Mapping[str, Mapping[str, Fraction]] = {
+    "SECONDS": {"s": Fraction(1), "ms": Fraction(1, 1000), "us": Fraction(1, 10**6), "min": Fraction(60)},
+    "FACTOR": {"x": Fraction(1)},
+    "FPS": {"fps": Fraction(1)},
+    "HZ": {"Hz": Fraction(1), "kHz": Fraction(1000)},
+}
+
+
 class ExactNumber(Kind[Number, Fraction]):
-    """A positive exact number: `0.25`, `30`, `30000/1001`; `zero` also allows 0, `signed` any number."""
+    """A positive exact number: `0.25`, `30`, `30000/1001`; `zero` also allows 0, `signed` any number.
+
+    Texts may end with a unit: `200ms`.
+    """
 
     metavar = "NUMBER"
 
@@ -127,12 +139,13 @@ class ExactNumber(Kind[Number, Fraction]):
     def form(self) -> Schema:
         bound: Schema = {} if self.signed else {"minimum" if self.zero else "exclusiveMinimum": 0}
         sign = "-?" if self.signed else ""
-        text = {"type": "string", "pattern": f"^{sign}[0-9.]+(/[0-9]+|[eE][-+]?[0-9]+)?$"}
+        unit = f" ?({'|'.join(self._units)})?" if self._units else ""
+        text = {"type": "string", "pattern": f"^{sign}[0-9.]+(/[0-9]+|[eE][-+]?[0-9]+)?{unit}$"}
         return {"anyOf": [{**NUMBER, **bound}, text], "expected": self.expected}
 
     def __call__(self, value: Number) -> Fraction:
         try:
-            number = rational(value)
+            number = self._rational(value)
             nearest = float(number)
         except (OverflowError, TypeError, ValueError):
             raise InvalidValueError(self.expected) from None
@@ -143,6 +156,18 @@ class ExactNumber(Kind[Number, Fraction]):
 
     def parse(self, text: str) -> Fraction:
         return self(text)
+
+    @property
+    def _units(self) -> Mapping[str, Fraction]:
+        """The units that a text may end with, each in the option's unit."""
+        return UNITS.get(self.metavar, {})
+
+    def _rational(self, value: Number) -> Fraction:
+        if isinstance(value, str):
+            for unit in sorted(self._units, key=len, reverse=True):
+                if value.endswith(unit):
+                    return rational(value.removesuffix(unit).rstrip()) * self._units[unit]
+        return rational(value)
 
     def read(self, value: object, reader: ReadingContext) -> object:
         if type_name(value) not in ("integer", "number", "string"):
@@ -156,10 +181,10 @@ class Instant(Kind[object, object]):
     metavar = "SECONDS"
 
     def __call__(self, value: object) -> object:
-        return ExactNumber(zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
+        return ExactNumber(self.metavar, zero=True)(value) if isinstance(value, (int, float, str, Fraction)) else value
 
     def parse(self, text: str) -> Fraction:
-        return ExactNumber(zero=True)(text)
+        return ExactNumber(self.metavar, zero=True)(text)
 
 
 class Size(Kind[Sequence[int], tuple[int, int]]):

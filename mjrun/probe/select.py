@@ -24,6 +24,26 @@ from mjrun.probe.fields import (
 )
 
 ALIASES = {"sensor": "sensordata"}
+# Probes that everyday words, in the singular, may mean.
+EVERYDAY_NAMES = {
+    "acceleration": ("qacc", "cacc"),
+    "action": ("ctrl",),
+    "angle": ("qpos",),
+    "control": ("ctrl",),
+    "force": ("actuator_force", "contact_force", "cfrc_ext"),
+    "height": ("xpos/BODY/z", "com"),
+    "joint_angle": ("qpos",),
+    "joint_force": ("qfrc_actuator",),
+    "joint_position": ("qpos",),
+    "joint_torque": ("qfrc_actuator",),
+    "joint_velocity": ("qvel",),
+    "orientation": ("xquat", "qpos"),
+    "pose": ("xpos", "xquat"),
+    "position": ("xpos", "qpos"),
+    "rotation": ("xquat", "xmat"),
+    "torque": ("qfrc_actuator", "actuator_force"),
+    "velocity": ("qvel", "speed", "cvel"),
+}
 # A bare object may be of another kind than the first one of a name.
 FALLBACKS = {
     "xpos": ("geom_xpos", "site_xpos", "cam_xpos", "light_xpos"),
@@ -126,7 +146,8 @@ def _whole(model: mujoco.MjModel, episode: EpisodeColumns | None, name: str) -> 
     if field in UNMEASURABLE:
         raise UsageError(f"{option('probe')}: {field} cannot be measured at an instant: {UNMEASURABLE[field]}")
     if field not in extents():
-        raise UnknownNameError("probe", name, [*dict.fromkeys([*PROBES, *DERIVED, *offered(model)])])
+        meant = EVERYDAY_NAMES.get(name.lower().removesuffix("s"), ())
+        raise UnknownNameError("probe", name, [*dict.fromkeys([*PROBES, *DERIVED, *offered(model)])], meant=meant)
     return field_probe(model, field, name)
 
 

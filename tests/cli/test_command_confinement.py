@@ -202,7 +202,7 @@ def test_every_command_that_reads_files_has_the_option() -> None:
     context = click.Context(group)
     commands = {name: group.get_command(context, name) for name in group.list_commands(context)}
     having = {name for name, each in commands.items() if each and "untrusted" in {param.name for param in each.params}}
-    assert set(commands) - having == {"completion", "doctor", "schema", "skill"}
+    assert set(commands) - having == {"completion", "doctor", "examples", "schema", "skill"}
     assert "untrusted" in {param.name for param in diff_golden.params}
 
 

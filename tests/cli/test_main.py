@@ -52,10 +52,13 @@ def test_every_option_of_every_command_has_help(name: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["vidoe"], 2, "No such command 'vidoe'. (Did you mean one of: 'video', 'view'?)"),
+        (["vidoe"], 2, "No such command 'vidoe' (did you mean 'video' or 'view'?)."),
+        (["help", "vidoe"], 2, "No such command 'vidoe' (did you mean 'video'"),
+        (["scene:car"], 2, "'scene:car' is a model, not a command; to make a video of it: mjrun video scene:car"),
+        (["car.yaml"], 2, "'car.yaml' is a document, not a command; to run it: mjrun run car.yaml"),
         (["scene.xml"], 2, "'scene.xml' is a model, not a command; to make a video of it: mjrun video scene.xml"),
         (["video"], 2, "Missing argument 'MODEL'."),
-        (["video", "swing.xml", "--camrea", "x"], 2, "No such option '--camrea'"),
+        (["video", "swing.xml", "--camrea", "x"], 2, "No such option '--camrea' (did you mean '--camera'?)."),
         (["video", "swing.xml", "--size", "64"], 2, "'64' is not a size; write width x height in pixels"),
         (["video", "swing.xml", "--size", "0x48"], 2, "'0x48' is not a size"),
         (["video", "swing.xml", "--fps", "0"], 2, "'0' is not a positive number"),

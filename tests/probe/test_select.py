@@ -84,6 +84,8 @@ def test_a_list_is_split_at_commas_outside_brackets(text: str, parts: list[str])
         (["xpos[nobody]"], "no object 'nobody' in probe xpos"),
         (["qpos", "qpos[left_hip]"], "probe: 'qpos' and 'qpos[left_hip]' both give 'qpos/left_hip'"),
         (["qpos["], "no probe 'qpos['"),
+        (["Torques"], "no probe 'Torques' (did you mean 'qfrc_actuator' or 'actuator_force'?)"),
+        (["joint_position[left_hip]"], "no probe 'joint_position' (did you mean 'qpos'?)"),
         (["contact_frce"], "did you mean 'contact_force'"),
         (["qLU"], "qLU cannot be measured at an instant: an integrator computes it in the middle of a step"),
         (["plugin_data[0]"], "plugin_data cannot be measured at an instant: it holds addresses in memory"),

@@ -41,6 +41,7 @@ def test_each_kind_is_the_schema_of_the_library_as_json(mjrun_here: Command, kin
 
 def test_every_command_that_reports_has_a_schema() -> None:
     assert {kind.removesuffix("-report") for kind in REPORTS} - {"verify", "excite", "info-task"} == {*COMMANDS} - {
+        "examples",
         "schema",
         "skill",
         "completion",

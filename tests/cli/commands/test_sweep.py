@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 from tests.study.models import BALL
@@ -68,17 +69,18 @@ def test_failures_are_reported_by_reason_with_a_command_that_shows_them(mjrun_he
 def test_a_study_that_was_interrupted_is_continued_by_its_folder(mjrun_here: Command, ball: str) -> None:
     options = ("--steps", "5", "--vary", "seed=1..8:8", *METRIC, "-o", "ball_study")
     assert mjrun_here("sweep", ball, *options, "--plan", "plan.jsonl").returncode == 0
-    for task in range(1, 5):  # each writes a part
+    for task in range(1, 5):  # each writes a part, or two on a slow machine
         assert mjrun_here("sweep", "plan.jsonl", "--task", f"{task}/4", "--jobs", "1").returncode == 0
     folder = mjrun_here.folder / "ball_study"
     parts = sorted((folder / "parts").iterdir())
+    known = 8 - sum(pq.read_metadata(part).num_rows for part in parts[:2])
     parts[0].unlink()
     parts[1].write_bytes(parts[1].read_bytes()[:99])
 
     plot = mjrun_here("plot", "ball_study", "-o", "x.png")
     assert b"mjrun sweep ball_study --collect" in plot.stderr
     done = mjrun_here("sweep", "ball_study")
-    assert b"4 of 8 points are known" in done.stderr
+    assert f"{known} of 8 points are known".encode() in done.stderr
     assert f"{parts[1].name} is damaged" in done.stderr.decode()
     assert done.returncode == 0
     assert len(pd.read_csv(folder / "results.csv").dropna(subset="low")) == 8

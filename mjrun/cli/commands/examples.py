@@ -1,0 +1,40 @@
+"""Copy the models and documents of the documentation's examples into a folder."""
+
+import os
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+
+from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.console import Console
+from mjrun.errors import FileError, clean
+from mjrun.model.bundled_scene_folder import scene_folder
+
+LEFT_OUT = ("__pycache__", "pictures", "schema", "*.md", "*.webp")  # which only a checkout contains
+
+
+@command(arguments=[click.Argument(["folder"], metavar="DIR")])
+def examples(console: Console, command_line: CommandLine) -> None:
+    """Copy the models and documents of the documentation's examples into DIR, a new folder.
+
+    The examples in the documentation work beside a copy called scenes.
+
+    \b
+    mjrun examples scenes
+    mjrun run scenes/car.yaml
+    """
+    target = Path(command_line.argument("folder"))
+    if os.path.lexists(target):
+        raise FileError(target, "exists already; name a new folder")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=target.parent, prefix=".mjrun-") as temporary:
+            copy = Path(temporary) / target.name
+            shutil.copytree(scene_folder(), copy, ignore=shutil.ignore_patterns(*LEFT_OUT))
+            copy.rename(target)
+    except (OSError, shutil.Error) as error:
+        raise FileError(target, getattr(error, "strerror", None) or str(error)) from error
+    count = sum(path.is_file() for path in target.rglob("*"))
+    console.result(f"{clean(str(target))}: {count} files")
