@@ -3,8 +3,9 @@
 The tasks are Gymnasium's Humanoid-v5 and Ant-v5, written as tasks of mjrun, whose numbers equal theirs to 1e-12
 (`lagged`); and the same with quantities of the observed state (`current`), which is the default of mjrun's tasks.
 `bare` is `mujoco.batch` alone on all cores: the same models, actions and lengths of episodes without any measurement,
-which no environment can beat. All are stepped alternately in one run, with uniformly random actions; ratios are medians
-of those of adjacent runs, and above 1 is faster.
+which no environment can beat. All are stepped alternately in one run, a few steps at a time, with uniformly random
+actions. Each block of steps counts with its shortest time over all repetitions, so that other work on the machine has
+little effect; ratios above 1 are faster.
 
 With `--single` one environment of each kind is stepped instead: `mjrun.gym.TaskEnv` and Gymnasium's own, alternately,
 without wrappers and with the necessary resets. `cost` is the CPU time of mjrun over that of Gymnasium, each of its
@@ -16,7 +17,6 @@ fastest turn, so that other work on the machine has little effect; below 1 is fa
 """
 
 import argparse
-import statistics
 import sys
 import time
 import warnings
@@ -38,19 +38,25 @@ from tests.task.gymnasium_tasks import TASKS
 
 CORES = available_cores()
 SEED = 1
+BLOCK = 10  # steps that are timed together
 
 
-def stepped(env: VectorEnv, actions: np.ndarray) -> float:
-    """Returns the steps of a world per second, including resets."""
-    env.reset(seed=SEED)
-    start = time.perf_counter()
-    for action in actions:
-        env.step(action)
-    return actions.shape[0] * actions.shape[1] / (time.perf_counter() - start)
+def stepped(env: VectorEnv, actions: np.ndarray) -> Callable[[int, int], float]:
+    """Returns a function that times the steps from one to another [s], including resets."""
+
+    def run(first: int, end: int) -> float:
+        if not first:
+            env.reset(seed=SEED)
+        start = time.perf_counter()
+        for action in actions[first:end]:
+            env.step(action)
+        return time.perf_counter() - start
+
+    return run
 
 
-def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[], float]:
-    """Returns a function that steps the same episodes with `mujoco.batch` alone."""
+def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[int, int], float]:
+    """Returns a function that times the same steps of the same episodes with `mujoco.batch` alone [s]."""
     env = worlds.worlds
     model, steps = env.model(0), env.control_steps
     ends = [np.flatnonzero(over) for over in _ends(worlds, actions)]
@@ -58,14 +64,15 @@ def bare(worlds: mjrun.gym.TaskVectorEnv, actions: np.ndarray) -> Callable[[], f
     starts = np.stack([env.state(world) for world in range(env.count)])
     batch = Batch(model, env.count)
 
-    def run() -> float:
-        batch.state[:] = starts
+    def run(first: int, end: int) -> float:
+        if not first:
+            batch.state[:] = starts
         start = time.perf_counter()
-        for action, over in zip(actions, ends, strict=True):
+        for action, over in zip(actions[first:end], ends[first:end], strict=True):
             batch.ctrl[:] = action
             batch.step(nstep=steps)
             batch.state[over] = starts[over]
-        return actions.shape[0] * actions.shape[1] / (time.perf_counter() - start)
+        return time.perf_counter() - start
 
     return run
 
@@ -92,23 +99,21 @@ def compare(name: str, count: int, steps: int, repeats: int) -> None:
     }
     ours = environments["lagged"]
     assert isinstance(ours, mjrun.gym.TaskVectorEnv)
-    runs: dict[str, Callable[[], float]] = {
-        kind: lambda env=env: stepped(env, actions) for kind, env in environments.items()
-    }
-    runs["bare"] = bare(ours, actions)
-    for run in runs.values():
-        run()  # warms up
-    speeds: dict[str, list[float]] = {kind: [] for kind in runs}
+    runs = {kind: stepped(env, actions) for kind, env in environments.items()} | {"bare": bare(ours, actions)}
+    blocks = [(first, min(first + BLOCK, steps)) for first in range(0, steps, BLOCK)]
+    times = {kind: np.full(len(blocks), np.inf) for kind in runs}
     for _ in range(repeats):
-        for kind, run in runs.items():
-            speeds[kind].append(run())
+        for index, block in enumerate(blocks):
+            for kind, run in runs.items():
+                times[kind][index] = min(times[kind][index], run(*block))
     for env in environments.values():
         env.close()
 
     print(f"{name}, {count} worlds, {steps} steps, {CORES} cores")
-    for kind, values in speeds.items():
-        ratios = " ".join(f"{_ratio(values, speeds[other]):5.2f} x {other}" for other in ("sync", "async", "bare"))
-        print(f"  {kind:8} {statistics.median(values):9.0f} steps/s   {ratios}")
+    totals = {kind: float(each.sum()) for kind, each in times.items()}
+    for kind, total in totals.items():
+        ratios = " ".join(f"{totals[other] / total:5.2f} x {other}" for other in ("sync", "async", "bare"))
+        print(f"  {kind:8} {steps * count / total:9.0f} steps/s   {ratios}")
 
 
 def compare_single(name: str, steps: int, repeats: int) -> None:
@@ -139,10 +144,6 @@ def single_step(env: gymnasium.Env, actions: np.ndarray) -> float:
 def replace_derived(task: "mjrun.Task") -> "mjrun.Task":
     """Returns the same task with quantities of the observed state."""
     return replace(task, derived="current")
-
-
-def _ratio(values: list[float], others: list[float]) -> float:
-    return statistics.median(value / other for value, other in zip(values, others, strict=True))
 
 
 def main() -> None:

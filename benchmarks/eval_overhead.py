@@ -2,8 +2,8 @@
 
 Episodes are played as by `mjrun eval`, in worlds side by side. They are compared with the unavoidable work: the same
 models under the same controls in `mujoco.batch` without any measurement, and the policy on the same observations. All
-are timed alternately in one run; `overhead` is the median of the ratios of the former to the sum of the latter.
-Terminations are left out, so that all worlds step to the end.
+are timed alternately in one run by CPU time; `overhead` is the median of the ratios of the former to the sum of the
+latter. Terminations are left out, so that all worlds step to the end.
 
     python benchmarks/eval_overhead.py
     python benchmarks/eval_overhead.py --episodes 128 --policies random zero
@@ -62,35 +62,35 @@ def played(task: Task, policy: Policy, count: int) -> Played:
 
 
 def stepping(found: Played) -> float:
-    """Times the physics alone [s]."""
+    """Returns the CPU time of the physics alone [s]."""
     worlds = found.worlds
     driven = [each.control for each in worlds.actions.driven]  # the other actuators keep what they start with
     batch = Batch(worlds.model(0), worlds.count, 1)
     batch.state[:] = found.starts
-    start = time.perf_counter()
+    start = time.process_time()
     for control in found.controls:
         batch.ctrl[:, driven] = control
         batch.step(nstep=worlds.control_steps)
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def inference(found: Played, policy: Policy) -> float:
-    """Times the policy alone [s]."""
+    """Returns the CPU time of the policy alone [s]."""
     actions = found.worlds.actions
     space = ActionSpace(actions.names, actions.low, actions.high)
     actors = [policy.episode(seed, space) for seed in range(found.worlds.count)]
-    start = time.perf_counter()
+    start = time.process_time()
     for observations in found.observations:
         for actor, observation in zip(actors, observations, strict=True):
             actor(observation)
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def timed(run: Callable[[], object]) -> float:
-    """Times a function [s]."""
-    start = time.perf_counter()
+    """Returns the CPU time of a function [s]."""
+    start = time.process_time()
     run()
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
 def compare(name: str, text: str, episodes: int, repeats: int) -> None:
