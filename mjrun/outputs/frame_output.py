@@ -61,6 +61,11 @@ class VideoOrImageJob(ViewOptions, Job[R_co]):
         """Events that the output waits for in addition to those of shots, keyed by option path."""
         return {}
 
+    @property
+    def is_measured(self) -> bool:
+        """True if the frames measure what exists, and must not show what the simulation lacks unless requested."""
+        return any(view != "rgb" for view in self.view)
+
     @abstractmethod
     def schedule(self, context: Context, scripts: Sequence[CameraScript], event_steps: EventSteps) -> FrameSchedule:
         """Schedules the frames.
@@ -137,7 +142,7 @@ def plan_frames(
         probes = overlay_probes(model, context.timeline, job.text, plots, context.episode)
         corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
         overlay = empty_overlay(frame_size(job), corner, plots, side)
-    drawn, remark = drawn_model(job, model, context.simulation.source)
+    drawn, remark = drawn_model(job, model, context.simulation.source, is_measured=job.is_measured)
     if remark:
         context.reporter.note(remark)
     plan = FramePlan(

@@ -44,6 +44,10 @@ class Image(ImageOptions, VideoOrImageJob["ImageResult"]):
     """
 
     @property
+    def is_measured(self) -> bool:
+        return super().is_measured or self.pointcloud is not None
+
+    @property
     def files(self) -> list[tuple[str, str]]:
         return [*output_files(self, self.output, self.manifest), *named_files(pointcloud=self.pointcloud)]
 

@@ -7,16 +7,17 @@ import copy
 import itertools
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from mjrun.errors import CompiledOverrideError, option
+from mjrun.errors import BrokenModelError, CompiledOverrideError, option
 from mjrun.model.fields import arrays, is_layout
 from mjrun.model.override import Override
 from mjrun.model.source import Source
 from mjrun.model.stage import FLOOR, GROUND, LIGHT, SLANT
-from mjrun.model.state import restore, widened
+from mjrun.model.state import restore, sizes, widened
 from mjrun.options.rendering import ViewOptions
 
 TILES = 3.0  # tiles of the floor per extent of the model
@@ -28,19 +29,24 @@ VISIBLE_GROUPS = np.flatnonzero(mujoco.MjvOption().geomgroup)
 FAR = 1e6  # [m] beyond which no distance from the floor is measured
 HIDDEN_GROUP = mujoco.mjNGROUP - 1
 GROUNDS = (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD)
+ADDED = {"nbody": 1, "ngeom": 1, "nlight": 1, "nmat": 1, "ntex": 2, "nsite": 0, "ncam": 0, "nmesh": 0}  # at most
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 
 
-def drawn_model(options: ViewOptions, model: mujoco.MjModel, source: Source) -> tuple[mujoco.MjModel, str]:
+def drawn_model(
+    options: ViewOptions, model: mujoco.MjModel, source: Source, *, is_measured: bool = False
+) -> tuple[mujoco.MjModel, str]:
     """Returns the model to draw, and a remark about a stage that the user has not requested.
 
     Args:
       source: the source of the model, whose numbers may differ.
+      is_measured: the images measure what exists, and must not show what the simulation lacks unless requested.
 
     Raises:
       CompiledOverrideError: a stage is requested for a compiled model.
+      BrokenModelError: the source has changed.
     """
-    parts, remark = stage_parts(options, model), ""
+    parts, remark = stage_parts(options, model, is_measured=is_measured), ""
     staged = model
     if parts:
         try:
@@ -49,15 +55,15 @@ def drawn_model(options: ViewOptions, model: mujoco.MjModel, source: Source) -> 
             if "auto" not in options.stage:
                 raise
         else:
-            remark = _remark(options, parts) if "auto" in options.stage else ""
+            remark = _remark(parts, is_measured=is_measured) if "auto" in options.stage else ""
     return (staged if options.geomgroup is not None else _with_geoms(staged, options.geoms)), remark
 
 
-def stage_parts(options: ViewOptions, model: mujoco.MjModel) -> Sequence[str]:
+def stage_parts(options: ViewOptions, model: mujoco.MjModel, *, is_measured: bool = False) -> Sequence[str]:
     """Returns the parts of the stage to add: `floor`, `light` and `sky`.
 
-    `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure something, and
-    beneath what would fall through it.
+    `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure what exists,
+    and beneath what would fall through it.
     """
     if "none" in options.stage:
         return ()
@@ -68,7 +74,7 @@ def stage_parts(options: ViewOptions, model: mujoco.MjModel) -> Sequence[str]:
     if planes.sum() > (added >= 0) or np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
         return ()
     falls = added < 0 and np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    lacks = {"floor": options.view == ("rgb",) and not falls, "light": not model.nlight, "sky": True}
+    lacks = {"floor": not (is_measured or falls), "light": not model.nlight, "sky": True}
     return [part for part, is_lacking in lacks.items() if is_lacking]
 
 
@@ -96,6 +102,10 @@ def place_stage(model: mujoco.MjModel, state: np.ndarray) -> None:
 def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> mujoco.MjModel:
     """Returns a model with a stage and all numbers of `model`."""
     staged = source.with_overrides([Override("", part, "stage") for part in parts]).load()
+    added = {name: int(getattr(staged, name) - getattr(model, name)) for name in ADDED}
+    is_same = sizes(staged) == {**sizes(model), "nbody": staged.nbody} and added["nbody"] == added["ngeom"]
+    if not (is_same and all(0 <= count <= most for count, most in zip(added.values(), ADDED.values(), strict=True))):
+        raise BrokenModelError(Path(source.text), "it has changed since it was loaded", hint="run the command again")
     for name in arrays():
         old, new = getattr(model, name), getattr(staged, name)
         if isinstance(old, np.ndarray) and old.dtype.kind == "f" and not is_layout(name):
@@ -104,11 +114,11 @@ def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> 
     return staged
 
 
-def _remark(options: ViewOptions, parts: Sequence[str]) -> str:
+def _remark(parts: Sequence[str], *, is_measured: bool) -> str:
     *some, last = (f"a {part}" for part in parts)
     added = f"{', '.join(some)} and {last}" if some else last
     remark = f"{added} added, which the model lacks; {option('stage')} none omits {'them' if some else 'it'}"
-    falls = "floor" not in parts and options.view == ("rgb",)
+    falls = "floor" not in parts and not is_measured
     return f"{remark}, {option('ground')} 0 adds a floor to stand on" if falls else remark
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mjrun
-from mjrun.errors import BadValueError, CompiledOverrideError
+from mjrun.errors import BadValueError, BrokenModelError, CompiledOverrideError
 from mjrun.model.fields import arrays
 from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
@@ -76,7 +76,6 @@ def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: 
     ("world", "options", "parts"),
     [
         ('<geom size=".1"/>', {}, ["floor", "light", "sky"]),
-        ('<geom size=".1"/>', {"view": ("rgb", "depth")}, ["light", "sky"]),
         ('<geom size=".1"/>', {"stage": ("none",)}, []),
         ('<geom size=".1"/><light/>', {}, ["floor", "sky"]),
         ('<geom size=".1"/><light/>', {"stage": ("light",)}, ["light"]),
@@ -87,6 +86,24 @@ def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: 
 def test_a_bare_model_gets_what_it_lacks(world: str, options: dict[str, tuple[str, ...]], parts: list[str]) -> None:
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{world}</worldbody></mujoco>")
     assert [*stage_parts(replace(ViewOptions(), **options), model)] == parts
+
+
+def test_measured_images_get_no_floor_unless_requested(tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(model_file(tmp_path, ARM))
+    colours = mjrun.Image(simulation, output="i.png")
+    measured = [replace(colours, view=("rgb", "depth")), replace(colours, pointcloud="i.ply")]
+    for image in (colours, *measured):
+        parts = stage_parts(image, simulation.load(), is_measured=image.is_measured)
+        assert [*parts] == ["floor", "light", "sky"][image is not colours :]
+        assert [*stage_parts(replace(image, stage=("floor",)), simulation.load(), is_measured=True)] == ["floor"]
+
+
+def test_a_model_whose_file_has_changed_is_not_drawn(tmp_path: Path) -> None:
+    source = source_of(model_file(tmp_path, ARM))
+    model = source.load()
+    model_file(tmp_path, f"<mujoco><worldbody>{CLOSE}</worldbody></mujoco>")
+    with pytest.raises(BrokenModelError, match="it has changed since it was loaded"):
+        drawn_model(ViewOptions(), model, source)
 
 
 def test_a_model_on_a_ground_gets_tiles_light_and_sky(tmp_path: Path) -> None:
