@@ -25,6 +25,7 @@ html_theme = "furo"
 html_title = "mjrun"
 html_static_path = ["_static"]
 html_copy_source = False
+html_use_index = False
 html_show_sourcelink = False
 html_css_files = ["site.css"]
 html_theme_options = {"top_of_page_buttons": []}

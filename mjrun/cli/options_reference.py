@@ -23,8 +23,8 @@ INTRODUCTION = """\
 # Options of mjrun
 
 Every option, by section, as `mjrun schema options` prints them. A name means the same everywhere: `--trail-span` on the
-command line is `trail_span` in run documents and in Python. Units are in brackets. An option that is repeatable on the
-command line is a list in documents and in Python, where a single value is also accepted."""
+command line is `trail_span` in documents and in Python, unless its row says otherwise. Units are in brackets. An option
+that is repeatable on the command line is a list in documents and in Python, where a single value is also accepted."""
 
 
 @dataclass(frozen=True)
@@ -126,9 +126,10 @@ def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, 
 
 def _section_lines(section: Section) -> Iterator[str]:
     owners = section.all_owners()
+    available = {each.name: _front_ends(each, section.owners[each.name]) for each in section.options.values()}
     places = FrontEnd(0)
-    for each in section.options.values():
-        places |= each.places
+    for front_ends in available.values():
+        places |= front_ends
     homes = {
         "Command line": [f"`mjrun {owner.command}`" for owner in owners if owner.command],
         **{
@@ -140,25 +141,62 @@ def _section_lines(section: Section) -> Iterator[str]:
     }
     yield f"## {section.title}\n"
     yield ". ".join(f"{name}: {', '.join(dict.fromkeys(home))}" for name, home in homes.items() if home) + "."
-    yield "\n| option | document | Python | value | default | meaning |\n|---|---|---|---|---|---|"
+    yield "\n| option | value | meaning |\n|---|---|---|"
     for each in section.options.values():
-        yield f"| {' | '.join(_cell(text) for text in _row(each, section.owners[each.name], owners))} |"
+        sentences = [
+            with_formats(each.help),
+            _default(each),
+            *_spellings(each, available[each.name]),
+            _unavailable(places & ~available[each.name]),
+            _restriction(section.owners[each.name], owners),
+        ]
+        cells = [_name(each, available[each.name]), _value(each), " ".join(filter(None, sentences))]
+        yield f"| {' | '.join(map(_cell, cells))} |"
 
 
-def _row(each: Option, owners: Sequence[Owner], all_owners: Sequence[Owner]) -> list[str]:
-    in_command = FrontEnd.COMMAND in each.places and any(owner.command for owner in owners)
-    in_document = FrontEnd.DOCUMENT in each.places and any(owner.key for owner in owners)
-    in_python = FrontEnd.PYTHON in each.places and any(owner.python for owner in owners)
-    spellings = ", ".join(f"`{spelling}`" for spelling in (*each.short, *flags(each)))
-    repeatable = " Repeatable." if in_command and is_repeatable(each) else ""
-    return [
-        spellings if in_command else "",
-        f"`{each.key}`" if in_document else "",
-        f"`{each.attribute}`" if in_python else "",
-        "true or false" if isinstance(each.kind, Flag) else f"`{each.kind.metavar}`",
-        str(each.default).lower() if isinstance(each.default, bool) else shown_default(each),
-        with_formats(each.help) + repeatable + _restriction(owners, all_owners),
-    ]
+def _front_ends(each: Option, owners: Sequence[Owner]) -> FrontEnd:
+    """Returns the front ends that accept an option of `owners`."""
+    homes = FrontEnd(0)
+    for owner in owners:
+        homes |= FrontEnd.COMMAND if owner.command else FrontEnd(0)
+        homes |= FrontEnd.DOCUMENT if owner.key else FrontEnd(0)
+        homes |= FrontEnd.PYTHON if owner.python else FrontEnd(0)
+    return homes & each.places
+
+
+def _name(each: Option, available: FrontEnd) -> str:
+    """Returns the spellings of an option on the command line, or its key where no command accepts it."""
+    spellings = (*each.short, *flags(each)) if FrontEnd.COMMAND in available else (each.key,)
+    return ", ".join(f"`{spelling}`" for spelling in spellings)
+
+
+def _value(each: Option) -> str:
+    return "true or false" if isinstance(each.kind, Flag) else f"`{each.kind.metavar}`"
+
+
+def _default(each: Option) -> str:
+    if each.default is False:
+        return ""  # as of every switch
+    default = "true" if each.default is True else shown_default(each)
+    return f"Default: {default}." if default else ""
+
+
+def _spellings(each: Option, available: FrontEnd) -> Iterator[str]:
+    """Yields a sentence for each front end that spells the option in another way, and for a repeatable one."""
+    if FrontEnd.COMMAND in available and is_repeatable(each):
+        yield "Repeatable."
+    if FrontEnd.DOCUMENT in available and each.key != each.name:
+        yield f"`{each.key}` in documents."
+    if FrontEnd.PYTHON in available and each.attribute != each.name:
+        yield f"`{each.attribute}` in Python."
+
+
+def _unavailable(missing: FrontEnd) -> str:
+    """Returns the sentence for an option that some front ends of its section do not accept."""
+    if missing == FrontEnd.DOCUMENT | FrontEnd.PYTHON:
+        return "Only on the command line."
+    names = {FrontEnd.COMMAND: "on the command line", FrontEnd.DOCUMENT: "in documents", FrontEnd.PYTHON: "in Python"}
+    return f"Not {names[missing]}." if missing else ""
 
 
 def _restriction(owners: Sequence[Owner], all_owners: Sequence[Owner]) -> str:

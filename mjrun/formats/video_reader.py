@@ -52,7 +52,7 @@ class VideoReader:
         require_file(path, "video", codecs.suffixes())
         if self._suffix == RAW:
             raise UsageError(
-                f"{clean(str(path))}: {RAW} videos can be written, but not read: they do not hold their size"
+                f"{clean(str(path))}: mjrun writes {RAW} videos, but cannot read them: they do not contain their size"
             )
         self._repeats: list[int] = []
         self._is_numbers = False

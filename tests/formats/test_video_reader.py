@@ -113,7 +113,7 @@ def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
             read_video(tmp_path / name)
     with pytest.raises(FileError, match="is a folder, not a video"):
         read_video(tmp_path)
-    with pytest.raises(UsageError, match="rgb videos can be written, but not read"):
+    with pytest.raises(UsageError, match="cannot read them: they do not contain their size"):
         read_video(tmp_path / "f.rgb")
 
 

@@ -30,7 +30,7 @@ class _Curve:
 
     @property
     def largest(self) -> float:
-        """The largest finite magnitude; 0 without any."""
+        """The largest finite magnitude; 0 if no value is finite."""
         magnitudes = np.abs(np.concatenate(self.values))
         return float(magnitudes[np.isfinite(magnitudes)].max(initial=0.0))
 
