@@ -5,6 +5,7 @@ from functools import cache
 from importlib import resources
 
 from mjrun import check
+from mjrun.check.thresholds import described
 from mjrun.errors import UnknownNameError
 
 TOPICS = {  # by the first digit of the code
@@ -48,7 +49,11 @@ def topic(code: str) -> str:
 
 
 def explanation(code: str) -> str:
-    """Returns what a rule finds, why it matters, what to do, an example and when to ignore it, in Markdown."""
+    """Returns what a rule finds, why it matters, what to do, its thresholds, an example and when to ignore it, in
+    Markdown.
+    """
     if code not in codes():
         raise UnknownNameError("rule", code, list(codes()))
-    return resources.files(check).joinpath("explanations", f"{code}.md").read_text("utf-8")
+    page = resources.files(check).joinpath("explanations", f"{code}.md").read_text("utf-8")
+    thresholds = "\n".join(f"- {line}" for line in described(code))
+    return page.replace("## Example", f"## Thresholds\n\n{thresholds}\n\n## Example", 1) if thresholds else page

@@ -1,40 +1,84 @@
 """The numbers beyond which rules report something."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import fields
-from math import isfinite
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import field, fields
+from math import isfinite, pi, radians
+from typing import Any
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, option
 
 
+def _threshold(code: str, value: float, meaning: str) -> float:
+    """Returns the field of a threshold of the rule `code`, for its explanation."""
+    return field(default=value, metadata={"code": code, "meaning": meaning})
+
+
 @dataclass(frozen=True)
 class Thresholds:
-    """Thresholds of rules, which a repository may set by name.
-
-    Attributes:
-      principal_inertia_ratio: MJ204: largest to smallest principal inertia of a body; a rod of 1 m by 1 mm has 3e5.
-      tree_inertia_ratio: MJ205: largest to smallest inertia of joints of one kind in one tree.
-      inertia_spread: MJ206: mean distance of the mass from its centre, relative to the reach of the geoms.
-      penetration: MJ501: depth between two moving geoms [m].
-      static_penetration: MJ501: depth against a geom that cannot move [m].
-      penetration_share: MJ501: depth relative to the smaller geom's half size.
-      initial_acceleration: MJ502: acceleration by constraints, relative to gravity.
-      energy_gain: MJ702: gain relative to the largest kinetic energy plus that of a fall by the mean size of a geom.
-    """
+    """Thresholds of rules, which a repository may set by name."""
 
     # Double precision has 16 digits; factoring the inertia matrix costs as many as its condition number has.
-    principal_inertia_ratio: float = 1e6
-    tree_inertia_ratio: float = 1e9
-    inertia_spread: float = 1.5  # 0.58 for a solid box
-    penetration: float = 0.002
-    static_penetration: float = 0.01
-    penetration_share: float = 0.1
-    initial_acceleration: float = 20.0  # a contact with the default solref pushes that hard at a depth of 7 cm
-    energy_gain: float = 0.1
+    principal_inertia_ratio: float = _threshold("MJ204", 1e6, "largest to smallest principal inertia of a body")
+    tree_inertia_ratio: float = _threshold(
+        "MJ205", 1e9, "largest to smallest inertia of joints of one kind in one tree"
+    )
+    inertia_spread: float = _threshold(  # 0.58 for a solid box
+        "MJ206", 1.5, "mean distance of the mass from its centre, relative to the reach of the geoms"
+    )
+    min_inertia_spread: float = _threshold("MJ206", 0.058, "smallest such distance")
+    placeholder_slenderness: float = _threshold("MJ206", 3.0, "length to width of a body with equal inertias")
+
+    # Of boxes: osmium has 22,590 kg/m³, helium 0.18, and a sphere fills half of its box.
+    density: float = _threshold("MJ207", 22_000.0, "density of a body [kg/m³]")
+    absurd_density: float = _threshold("MJ207", 40_000.0, "density from which it is an error [kg/m³]")
+    min_density: float = _threshold("MJ207", 0.05, "smallest density [kg/m³]")
+
+    centre_offset: float = _threshold(
+        "MJ208", 0.25, "distance of the centre of mass from the box of the geoms, relative to the longest side"
+    )
+    body_size: float = _threshold("MJ209", 20.0, "longest side of a body's box [m]")
+    visual_mass_share: float = _threshold("MJ210", 0.3, "share of the mass from geoms that do not collide")
+    servo_excess: float = _threshold("MJ306", 0.1, "targets beyond the range of the joint, relative to that range")
+    absurd_servo_excess: float = _threshold("MJ306", 5.0, "such targets from which it is a warning")
+    servo_phase: float = _threshold(  # explicit integrators are unstable beyond 2
+        "MJ307", 1.0, "phase of a servo's oscillation in one timestep [rad]"
+    )
+    min_hinge_turn: float = _threshold("MJ308", radians(4), "smallest range of a hinge [rad]")
+    hinge_turn: float = _threshold("MJ308", 4.1 * pi, "largest range of a hinge [rad]")  # ±6.2832 is common
+
+    # CAD models are not exactly symmetric.
+    side_mass: float = _threshold("MJ309", 0.02, "relative difference of masses")
+    side_inertia: float = _threshold("MJ309", 0.05, "relative difference of principal inertias")
+    side_size: float = _threshold("MJ309", 0.05, "relative difference of the sizes of colliding geoms")
+    side_axis: float = _threshold("MJ309", 0.2, "difference between components of joint axes")
+    side_range: float = _threshold("MJ309", 0.02, "relative difference of joint ranges")
+
+    penetration: float = _threshold("MJ501", 0.002, "depth between two moving geoms [m]")
+    static_penetration: float = _threshold("MJ501", 0.01, "depth against a geom that cannot move [m]")
+    penetration_share: float = _threshold("MJ501", 0.1, "depth relative to the smaller geom's half size")
+    initial_acceleration: float = _threshold(  # a contact with the default solref pushes that hard at a depth of 7 cm
+        "MJ502", 20.0, "acceleration by constraints, relative to gravity"
+    )
+    inverted_volume: float = _threshold("MJ505", 0.01, "negative volume of a mesh, relative to that of its box")
+    hull_volume: float = _threshold("MJ506", 1.5, "volume of a hull relative to that of its mesh")
+    shape_overlap: float = _threshold(
+        "MJ507", 0.2, "common part of the boxes of visual and colliding geoms, relative to the smaller one"
+    )
+    energy_gain: float = _threshold(
+        "MJ702", 0.1, "gain relative to the largest kinetic energy plus that of a fall by the mean size of a geom"
+    )
 
 
-NAMES = tuple(field.name.replace("_", "-") for field in fields(Thresholds))
+NAMES = tuple(each.name.replace("_", "-") for each in fields(Thresholds))
+
+
+def described(code: str) -> Iterator[str]:
+    """Yields a line about each threshold of a rule: its setting and its meaning."""
+    for each in fields(Thresholds):
+        facts: Mapping[str, Any] = each.metadata
+        if facts["code"] == code:
+            yield f"`--threshold {each.name.replace('_', '-')}={each.default:.4g}`: {facts['meaning']}"
 
 
 def threshold_values(settings: Iterable[tuple[str, str]]) -> Mapping[str, float]:

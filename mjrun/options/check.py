@@ -42,7 +42,7 @@ class CheckOptions(Options):
     threshold: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=VALUE", "penetration=0.005"),
         default=(),
-        help="Value beyond which a rule reports something, by name: penetration=0.005. A wrong name lists all.",
+        help="Value beyond which a rule reports something: penetration=0.005. --explain lists the thresholds of a rule.",
     )
     fail_on: str = option(
         converter=Choice(SEVERITIES),

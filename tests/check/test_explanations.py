@@ -8,12 +8,13 @@ import pytest
 
 from mjrun.check.codes import TOPICS, explanation, topic
 from mjrun.check.rule_table import RULES
+from mjrun.check.thresholds import described
 from mjrun.errors import UnknownNameError
 from tests.check import tasks
 from tests.check.fixes import fixed
 from tests.check.models import MESH, checked, codes, lint, write
 
-SECTIONS = ["Why it matters", "What to do", "Fix", "Example", "When to ignore it", "See also"]
+SECTIONS = ["Why it matters", "What to do", "Fix", "Thresholds", "Example", "When to ignore it", "See also"]
 OPTIONAL = {"See also"}
 # Errors of MuJoCo while stepping, and bugs of single versions, are not reproducible by a small model.
 WITHOUT_EXAMPLE = {"MJ704", "MJ705"}
@@ -44,7 +45,7 @@ def test_an_explanation_has_every_section_in_order(code: str) -> None:
     beginning, *parts = re.split(r"^## ", explanation(code), flags=re.MULTILINE)
     texts = dict(part.split("\n", 1) for part in parts)
 
-    optional = OPTIONAL | (set() if RULES[code].fix else {"Fix"})
+    optional = OPTIONAL | (set() if RULES[code].fix else {"Fix"}) | (set() if [*described(code)] else {"Thresholds"})
     assert ("Fix" in texts) == bool(RULES[code].fix)
     omitted = optional | ({"Example"} if code in WITHOUT_EXAMPLE else set())
     assert [name for name in SECTIONS if name in texts or name not in omitted] == list(texts)

@@ -10,13 +10,8 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.unnamed_objects import flex_bodies
 
-# Densities of boxes [kg/m³]: osmium has 22,590, helium 0.18, and a sphere fills half of its box.
-MAX_DENSITY, ABSURD_DENSITY, MIN_DENSITY = 22_000.0, 40_000.0, 0.05
 MIN_DENSE_MASS = 0.05  # [kg]; placeholders between two joints are lighter
-MAX_OFFSET = 0.25  # of the centre of mass beyond the box, relative to the longest side
-MAX_SIZE = 20.0  # [m]
-MIN_OVERLAP = 0.2  # of the boxes of visual and colliding geoms, relative to the smaller one
-TOLERANCE = 0.01  # [m] by which these boxes are larger, so that flat ones overlap
+TOLERANCE = 0.01  # [m] by which the boxes of visual and colliding geoms are larger, so that flat ones overlap
 MAX_GRAVITY = 50.0  # [m/s²]; with more, lengths are in centimetres or millimetres
 SIGNS = np.array(list(itertools.product((-1, 1), repeat=3)))
 INFINITE = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
@@ -28,16 +23,16 @@ def impossible_densities(context: LintContext) -> Iterator[Violation]:
 
     The volume is that of the box around the geoms, so the density is at most that of the geoms themselves.
     """
-    model = context.model
+    model, limits = context.model, context.thresholds
     if np.linalg.norm(model.opt.gravity) > MAX_GRAVITY:
         return
     densities = {body: _density(context, body, geoms) for body, geoms in moving_geoms(model).items()}
-    dense = {b: d for b, d in densities.items() if d > MAX_DENSITY and _mass(model, b) > MIN_DENSE_MASS}
-    thin = {b: d for b, d in densities.items() if 0 < d < MIN_DENSITY}
+    dense = {b: d for b, d in densities.items() if d > limits.density and _mass(model, b) > MIN_DENSE_MASS}
+    thin = {b: d for b, d in densities.items() if 0 < d < limits.min_density}
 
     if dense:
         worst = max(dense, key=lambda body: dense[body])
-        severity = "error" if dense[worst] > ABSURD_DENSITY else ""
+        severity = "error" if dense[worst] > limits.absurd_density else ""
         yield _density_violation(context, worst, dense[worst], len(dense) - 1, "g or mm", severity)
     if thin:
         worst = min(thin, key=lambda body: thin[body])
@@ -68,7 +63,7 @@ def distant_centres_of_mass(context: LintContext) -> Iterator[Violation]:
         centre = (mass @ data.xipos[welded] / mass.sum() - data.xpos[body]) @ data.xmat[body].reshape(3, 3)
         low, high = box(context, body, geoms)
         offset = float(np.linalg.norm(np.maximum(0, np.maximum(low - centre, centre - high))))
-        if offset > MAX_OFFSET * (high - low).max():
+        if offset > context.thresholds.centre_offset * (high - low).max():
             heaviest = int(welded[mass.argmax()])
             message = (
                 f"its centre of mass is {offset:.3g} m outside its geoms, which fill a box of {_sides(context, body)} m"
@@ -77,14 +72,14 @@ def distant_centres_of_mass(context: LintContext) -> Iterator[Violation]:
             yield context.violation("body", heaviest, message, remedy)
 
 
-@rule("MJ209", "note", "body larger than 20 m")
+@rule("MJ209", "note", "huge body")
 def large_bodies(context: LintContext) -> Iterator[Violation]:
     """Yields moving bodies that are larger than a house."""
     if np.linalg.norm(context.model.opt.gravity) > MAX_GRAVITY:
         return
     for body, geoms in moving_geoms(context.model).items():
         low, high = box(context, body, geoms)
-        if (high - low).max() > MAX_SIZE:
+        if (high - low).max() > context.thresholds.body_size:
             message = f"its geoms fill a box of {_sides(context, body)} m"
             remedy = 'if its lengths are in mm or cm, scale them; meshes by <mesh scale="0.001 0.001 0.001"/>'
             yield context.violation("body", body, message, remedy)
@@ -103,7 +98,7 @@ def displaced_collisions(context: LintContext) -> Iterator[Violation]:
         common = np.minimum(high, other_high) - np.maximum(low, other_low) + 2 * TOLERANCE
         volumes = [float(np.prod(sides + 2 * TOLERANCE)) for sides in (high - low, other_high - other_low)]
         share = float(np.prod(np.maximum(0, common))) / min(volumes)
-        if share < MIN_OVERLAP:
+        if share < context.thresholds.shape_overlap:
             message = f"its visual and its colliding geoms share {100 * share:.0f} % of the smaller one's box"
             yield context.violation("body", body, message, "check pos, quat and size of its colliding geoms")
 

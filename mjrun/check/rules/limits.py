@@ -14,7 +14,6 @@ from mjrun.model.text_edits import number_word
 
 ROUNDING = 6e-4  # the relative error of 1.57 as a quarter turn
 SLACK = 0.01  # relative to a range; limits are soft, and keyframes are saved from simulations at their limits
-MIN_TURN, MAX_TURN = np.radians(4), 4.1 * np.pi  # [rad] within which hinges usually turn; ±6.2832 is common
 # MuJoCo's enums equal integers, but numpy does not find them among integers.
 JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 ROTATING = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_BALL))
@@ -154,19 +153,23 @@ def _whole_degrees(span: np.ndarray) -> bool:
 
 @rule("MJ308", "note", "improbable range of a hinge")
 def improbable_turns(context: LintContext) -> Iterator[Violation]:
-    """Yields hinges that can turn by less than 4 degrees, or by more than two turns, unless MJ305 reports them."""
-    model = context.model
+    """Yields hinges that can turn by an improbably small or large angle, unless MJ305 reports them."""
+    model, limits = context.model, context.thresholds
     turns = model.jnt_range[:, 1] - model.jnt_range[:, 0]
     reported = {finding.object for finding in ranges_in_other_unit.findings(context)}
     hinges = (model.jnt_limited != 0) & (model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE))
-    for joint in map(int, np.flatnonzero(hinges & ((turns < MIN_TURN) | (turns > MAX_TURN)))):
+    for joint in map(int, np.flatnonzero(hinges & ((turns < limits.min_hinge_turn) | (turns > limits.hinge_turn)))):
         if context.object("joint", joint) in reported:
             continue
-        if turns[joint] < MIN_TURN:
-            message = "it can turn by less than 4 degrees: is its range in radians, but read in degrees?"
+        if turns[joint] < limits.min_hinge_turn:
+            message = (
+                f"it can turn by {np.degrees(turns[joint]):.2g} degrees: is its range in radians, but read in degrees?"
+            )
             remedy = 'write <compiler angle="radian"/> if all angles are, or lock the joint by removing it'
         else:
-            message = "it can turn by more than two turns: is its range in degrees, but read in radians?"
+            message = (
+                f"it can turn by {turns[joint] / (2 * np.pi):.3g} turns: is its range in degrees, but read in radians?"
+            )
             remedy = 'write <compiler angle="degree"/> if all angles are, or remove the range if it turns freely'
         yield context.violation("joint", joint, message, remedy)
 

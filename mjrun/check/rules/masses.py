@@ -13,11 +13,8 @@ from mjrun.check.rules.meshes import geom_mass
 from mjrun.check.rules.physical_fixes import inferred_inertia
 from mjrun.check.rules.unnamed_objects import flex_bodies
 
-# Mean distance of the mass from its centre, relative to the reach of the geoms; 0.58 for a solid box.
-MIN_SPREAD = 0.058
 NEGLIGIBLE = 1e-4  # mass and inertia of a body relative to the largest in the model
-EQUAL, LONG = 1e-3, 3.0  # relative difference of equal inertias, and length of a long body relative to its width
-MAX_VISUAL_SHARE = 0.3  # of the mass of a body
+EQUAL = 1e-3  # relative difference of equal inertias
 
 
 @rule("MJ203", "note", "geom without mass")
@@ -122,7 +119,7 @@ def visual_masses(context: LintContext) -> Iterator[Violation]:
         if not (model.body_weldid[body.id] and visual and colliding):
             continue
         shown, total = (sum(geom_mass(context, geom) for geom in part) for part in (visual, geoms))
-        if shown > MAX_VISUAL_SHARE * total and any(geom_mass(context, geom) for geom in colliding):
+        if shown > context.thresholds.visual_mass_share * total and any(geom_mass(context, geom) for geom in colliding):
             shares[body.id] = shown / total
     if shares:
         worst = max(shares, key=lambda body: shares[body] * model.body_mass[body])
@@ -149,9 +146,10 @@ def _inertia_problem(context: LintContext, body: int) -> str:
             f"{ratio:.1f} times farther out than its geoms reach"
         )
     own = _reach(context, body, model.geom_bodyid == body)
-    if own.all() and (spread / own).max() < MIN_SPREAD:
+    if own.all() and (spread / own).max() < context.thresholds.min_inertia_spread:
         return f"its inertia {shown} kg m² is too small for its geoms: its mass of {mass:.3g} kg would be in a point"
-    if own.all() and np.ptp(inertia) <= EQUAL * inertia.max() and (slenderness := own.max() / own.min()) > LONG:
+    slenderness = own.max() / own.min() if own.all() else 0.0
+    if np.ptp(inertia) <= EQUAL * inertia.max() and slenderness > context.thresholds.placeholder_slenderness:
         return (
             f"its inertia is {inertia[0]:.3g} kg m² about every axis, but its geoms are {slenderness:.1f} times as "
             "long as wide: is it a placeholder?"

@@ -9,7 +9,6 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 
-INSIDE_OUT = -0.01  # signed volume relative to that of the bounding box
 LEGACY, EXACT = mujoco.mjtMeshInertia.mjMESH_INERTIA_LEGACY, mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
 CONVEX, SHELL = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
@@ -104,7 +103,7 @@ def unsound_meshes(context: LintContext) -> Iterator[Violation]:
     collides = (model.geom_type == MESH) & ((model.geom_contype | model.geom_conaffinity) != 0)
     for mesh in sorted(massive | set(map(int, model.geom_dataid[collides]))):
         surface = Surface.of(model, mesh)
-        if surface.volume < INSIDE_OUT * np.prod(np.ptp(surface.vertices, axis=0)):
+        if surface.volume < -context.thresholds.inverted_volume * np.prod(np.ptp(surface.vertices, axis=0)):
             message = "its triangles face inwards: its volume is negative"
             remedy = "flip its faces, in Blender with Mesh, Normals, Recalculate Outside"
             yield context.violation("mesh", mesh, message, remedy)

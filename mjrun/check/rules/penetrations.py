@@ -7,8 +7,6 @@ from mjrun.check.context import LintContext
 from mjrun.check.rules.extents import INFINITE
 from mjrun.check.rules.meshes import CAPSULE, CYLINDER, MESH, SPHERE, Surface
 
-MAX_FILLED = 1.5  # volume of a hull relative to that of its mesh
-
 
 def filled_mesh(context: LintContext, start: int | None, pair: tuple[int, int]) -> int | None:
     """Returns the mesh of two geoms whose hull, but not whose surface, encloses the centre of the other; else None."""
@@ -18,7 +16,7 @@ def filled_mesh(context: LintContext, start: int | None, pair: tuple[int, int]) 
             continue
         mesh = int(model.geom_dataid[geom])
         surface, hull = Surface.of(model, mesh), Surface.hull(model, mesh)
-        if hull is None or abs(hull.volume) < MAX_FILLED * abs(surface.volume):
+        if hull is None or abs(hull.volume) < context.thresholds.hull_volume * abs(surface.volume):
             continue
         centre = data.geom_xpos[other] + data.geom_xmat[other].reshape(3, 3) @ model.geom_aabb[other, :3]
         point = (centre - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)

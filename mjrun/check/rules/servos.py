@@ -10,8 +10,6 @@ from mjrun.check.context import LintContext
 from mjrun.check.rule import Violation, rule
 from mjrun.check.rules.limits import JOINT_DRIVEN, SCALAR
 
-MAX_EXCESS, ABSURD_EXCESS = 0.1, 5.0  # of targets beyond the range of the joint, relative to that range
-MAX_PHASE = 1.0  # [rad] of the oscillation of a servo in one timestep; explicit integrators are unstable beyond 2
 FIXED, AFFINE = int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtBias.mjBIAS_AFFINE)
 DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
@@ -48,9 +46,9 @@ def servos_beyond_joints(context: LintContext) -> Iterator[Violation]:
         low, high = model.jnt_range[servo.joint]
         if servo.limits and model.jnt_limited[servo.joint] and high > low:
             excess = max(low - servo.limits[0], servo.limits[1] - high) / (high - low)
-            if excess > MAX_EXCESS:
+            if excess > context.thresholds.servo_excess:
                 excesses[servo] = float(excess)
-    absurd = [servo for servo, excess in excesses.items() if excess > ABSURD_EXCESS]
+    absurd = [servo for servo, excess in excesses.items() if excess > context.thresholds.absurd_servo_excess]
     others = [servo for servo in excesses if servo not in absurd]
     for servos, severity in ((absurd, "warning"), (others, "")):
         if servos:
@@ -88,11 +86,13 @@ def servos_too_stiff_for_timestep(context: LintContext) -> Iterator[Violation]:
     if model.opt.integrator == DISCRETE:
         return
     servos = list(_servos(model))
-    stiff = {servo: ratio for servo in servos if (ratio := _phase(model, servo) / MAX_PHASE) > 1}
+    stiff = {servo: ratio for servo in servos if (ratio := _phase(model, servo) / context.thresholds.servo_phase) > 1}
     braking = {servo: ratio for servo in servos if (ratio := _decay(model, servo)) > 1}
     if stiff:
         worst = max(stiff, key=lambda servo: stiff[servo])
-        message = f"kp={worst.kp:.4g} makes it oscillate with a period of {2 * np.pi / stiff[worst]:.2g} timesteps"
+        message = (
+            f"kp={worst.kp:.4g} makes it oscillate with a period of {2 * np.pi / _phase(model, worst):.2g} timesteps"
+        )
         limits = worst.kp / stiff[worst] ** 2, model.opt.timestep / stiff[worst]
         yield _too_stiff(context, worst, message, f"kp of at most {limits[0]:.3g}", limits[1], len(stiff) - 1)
     if braking:

@@ -13,9 +13,6 @@ from mjrun.errors import clean
 # The words for sides: left and right anywhere, L and R alone or beside front, rear, hind, back and middle.
 SIDES = re.compile(r"left|right|(?<![a-z])(?:[frhbm][lr]|[lr][fhbm]|[lr])(?![a-z])", re.IGNORECASE)
 OTHER_SIDE = str.maketrans("lrLR", "rlRL")
-# Relative differences that are not reported: CAD models are not exactly symmetric.
-MAX_MASS, MAX_INERTIA, MAX_GEOM_SIZE, MAX_RANGE = 0.02, 0.05, 0.05, 0.02
-MAX_AXIS = 0.2  # between the components of unit vectors
 
 
 @rule("MJ309", "warning", "left and right differ")
@@ -45,19 +42,19 @@ def _mirrored_word(match: re.Match[str]) -> str:
 
 def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
     """Yields the differences between two bodies."""
-    model = context.model
+    model, limits = context.model, context.thresholds
     one, other = float(model.body_mass[left]), float(model.body_mass[right])
-    if _difference(one, other) > MAX_MASS:
+    if _difference(one, other) > limits.side_mass:
         yield f"masses {one:.4g} and {other:.4g} kg"
 
     inertias = [np.sort(model.body_inertia[body]) for body in (left, right)]
-    if (worst := _difference(*inertias)) > MAX_INERTIA:
+    if (worst := _difference(*inertias)) > limits.side_inertia:
         yield f"principal inertias by {100 * worst:.0f} %"
 
     sizes = [_colliding_sizes(model, body) for body in (left, right)]
     if len(sizes[0]) != len(sizes[1]):
         yield f"{len(sizes[0])} and {len(sizes[1])} colliding geoms"
-    elif sizes[0] and (worst := _difference(np.array(sizes[0]), np.array(sizes[1]))) > MAX_GEOM_SIZE:
+    elif sizes[0] and (worst := _difference(np.array(sizes[0]), np.array(sizes[1]))) > limits.side_size:
         yield f"sizes of colliding geoms by {100 * worst:.0f} %"
 
     joints = [_joints(model, body) for body in (left, right)]
@@ -69,17 +66,19 @@ def _differences(context: LintContext, left: int, right: int) -> Iterator[str]:
 
 
 def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[str]:
-    model, data = context.model, context.data_at(None)
+    model, data, limits = context.model, context.data_at(None), context.thresholds
     name = clean(context.name("joint", left))
     home = _common_ancestor(model, int(model.jnt_bodyid[left]), int(model.jnt_bodyid[right]))
     axes = abs(data.xaxis[[left, right]] @ data.xmat[home].reshape(3, 3))
-    if abs(axes[0] - axes[1]).max() > MAX_AXIS:
+    if abs(axes[0] - axes[1]).max() > limits.side_axis:
         yield f"axes of {name}"
     one, other = model.jnt_range[left], model.jnt_range[right]
     limited = model.jnt_limited[[left, right]]
     if limited[0] != limited[1]:
         yield f"only one {name} has a range"
-    elif limited[0] and min(abs(one - other).max(), abs(one + other[::-1]).max()) > MAX_RANGE * np.ptp([one, other]):
+    elif limited[0] and min(abs(one - other).max(), abs(one + other[::-1]).max()) > limits.side_range * np.ptp(
+        [one, other]
+    ):
         yield f"ranges of {name}, {one[0]:.4g} to {one[1]:.4g} and {other[0]:.4g} to {other[1]:.4g}"
 
 

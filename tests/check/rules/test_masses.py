@@ -12,6 +12,9 @@ from tests.check.models import lint, mjcf
 SIDES = st.floats(0.05, 0.3)
 
 
+BOUNDS = (Thresholds.min_inertia_spread, Thresholds.inertia_spread)
+
+
 def inertial(mass: float, inertia: np.ndarray, more: str = "") -> str:
     shown = " ".join(repr(float(value)) for value in inertia)
     return f'<inertial pos="0 0 0" mass="{mass}" diaginertia="{shown}"/>{more}'
@@ -38,10 +41,12 @@ def test_an_inertia_of_a_box_is_possible_within_the_bounds_on_its_spread(
     """The mean distance of the mass of a box is its reach over √3; it grows with the root of the inertia."""
     geom, inertia = box(sides)
     spread = np.sqrt(factor / 3)
-    if any(abs(spread / bound - 1) < 1e-3 for bound in (Thresholds.inertia_spread, masses.MIN_SPREAD)):
+    if any(abs(spread / bound - 1) < 1e-3 for bound in BOUNDS):
         return
-    is_placeholder = np.ptp(inertia) <= masses.EQUAL * inertia.max() and max(sides) > masses.LONG * min(sides)
-    possible = masses.MIN_SPREAD < spread < Thresholds.inertia_spread and not is_placeholder
+    is_placeholder = np.ptp(inertia) <= masses.EQUAL * inertia.max() and max(
+        sides
+    ) > Thresholds.placeholder_slenderness * min(sides)
+    possible = BOUNDS[0] < spread < BOUNDS[1] and not is_placeholder
     assert findings(body(inertial(2, factor * inertia), geom)) == ([] if possible else ["body 'b'"])
 
 

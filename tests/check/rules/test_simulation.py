@@ -5,17 +5,18 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mjrun.check.context import LintContext
+from mjrun.check.context import DEFAULTS, LintContext
 from mjrun.check.rule_table import RULES
 from mjrun.check.rules import simulation
+from mjrun.check.thresholds import Thresholds
 from mjrun.model.xml_source import read_xml
 from tests.check.models import PASSIVE, write
 
 
-def moved(text: str, steps: int = 200) -> dict[str, str]:
+def moved(text: str, steps: int = 200, thresholds: Thresholds = DEFAULTS) -> dict[str, str]:
     """Codes and messages of what motion shows."""
     path = Path(write("moved.xml", text))
-    findings = simulation.simulate(LintContext.load(path, read_xml(path)), steps)
+    findings = simulation.simulate(LintContext.load(path, read_xml(path), thresholds), steps)
     return {finding.code: finding.message for finding in findings}
 
 
@@ -56,8 +57,12 @@ def test_an_unstable_simulation_is_an_error_at_the_step_that_a_bare_loop_finds()
     ],
     ids=["free", "damped", "driven by damping", "pushed out, which MJ501 reports", "with gravcomp", "in wind"],
 )
-def test_energy_that_grows_with_nothing_to_drive_it_is_told(text: str, gains: bool) -> None:
+def test_energy_that_grows_with_nothing_to_drive_it_is_reported(text: str, gains: bool) -> None:
     assert ("MJ702" in moved(text)) == gains
+
+
+def test_a_gain_below_the_threshold_is_not_reported() -> None:
+    assert "MJ702" not in moved(swinging('axis="0 1 0" damping="-20"'), thresholds=Thresholds(energy_gain=1e9))
 
 
 def test_energy_is_that_of_a_bare_loop() -> None:
