@@ -1,15 +1,15 @@
 """`mjrun check`: checks models for faults, each in a separate process."""
 
+import itertools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
-from itertools import repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from mjrun.check.baseline import Baseline, write_baseline
 from mjrun.check.changed_models import ChangedModels
@@ -38,6 +38,8 @@ from mjrun.version import __version__
 
 if TYPE_CHECKING:
     from mjrun.check.fixing import BeforeFix, Fixing
+
+T = TypeVar("T")
 
 CRASH_REMEDY = "MuJoCo crashes on thousands of nested elements, SDF plugins of infinite size, and damaged .mjb files"
 HEAD = 2**16  # bytes that must contain the start of the root of an XML file
@@ -154,7 +156,7 @@ class Check(PolicyOptions, CheckOptions):
         Args:
           reporter: the reporter of the progress.
           spelling: the spelling of mjrun's options in remedies.
-          finished: a function called with each result, in the order of the models.
+          finished: a function called with each result as soon as the model is checked, and fixed if it is to be.
           before_fix: a function called with the copy of each model that is fixed, or would be, and its findings that
             are, before the model is replaced.
 
@@ -178,11 +180,13 @@ class Check(PolicyOptions, CheckOptions):
         workers, cache = CheckProcesses(), ResultCache(self._versions()) if self.cache else None
         try:
             fixing = self._fixing(paths, workers, spelling, before_fix)
-            results: list[ModelResult] = []
-            tasks = [self._task(path) for path in paths]
-            for checked in self._check_all(tasks, workers, cache, spelling):
-                results.append(checked.result if fixing else reported(checked.result))
-                reporter.progress("models", len(results), len(paths))
+            count = itertools.count(1)
+
+            def checked(each: Checked) -> ModelResult:
+                reporter.progress("models", next(count), len(paths))
+                return each.result if fixing else reported(each.result)
+
+            results = self._check_all([self._task(path) for path in paths], workers, cache, spelling, checked)
             if fixing:
                 fixed = fixing.fixed(results, dry_run=self.dry_run)
                 results = [reported(_in_spelling(result, spelling)) for result in fixed]
@@ -219,18 +223,30 @@ class Check(PolicyOptions, CheckOptions):
                 replace(self._task(copy.model), path=str(copy.path), root=str(copy.root), original=str(copy.original))
                 for copy in copies
             ]
-            return [*self._check_all(tasks, workers, None, spelling)]
+            return self._check_all(tasks, workers, None, spelling, lambda checked: checked)
 
         return Fixing(self.models, paths, check, before)
 
     def _check_all(
-        self, tasks: Sequence[WorkerTask], workers: CheckProcesses, cache: ResultCache | None, spelling: Spelling
-    ) -> Iterator[Checked]:
-        """Yields the results of `tasks` in their order; several are executed at once."""
+        self,
+        tasks: Sequence[WorkerTask],
+        workers: CheckProcesses,
+        cache: ResultCache | None,
+        spelling: Spelling,
+        finished: Callable[[Checked], T],
+    ) -> list[T]:
+        """Returns `finished` of each result, in the order of `tasks`; it is called as soon as the result is known.
+
+        Several tasks are executed at once.
+        """
         jobs = min(available_cores() if self.jobs == AUTO else int(self.jobs), max(1, len(tasks)))
         with ThreadPoolExecutor(jobs) as threads:
             try:
-                yield from threads.map(self._check, tasks, repeat(workers), repeat(cache), repeat(spelling))
+                places = {
+                    threads.submit(self._check, task, workers, cache, spelling): i for i, task in enumerate(tasks)
+                }
+                results = {places[future]: finished(future.result()) for future in as_completed(places)}
+                return [results[i] for i in range(len(tasks))]
             except BaseException:
                 workers.end()
                 raise

@@ -19,16 +19,11 @@ from typing import Any
 from mjrun.child_process import POLL_INTERVAL, STDOUT_LIMIT, ChildProcess, ExitStatus, python_call, resident_memory
 from mjrun.dataclass import dataclass
 from mjrun.errors import option
+from mjrun.worker import ENVIRONMENT
 
 MIB = 2**20
 MEMORY_REMEDY = f"raise {option('memory')}, or look for a size that is too large"
 PACKAGE = str(Path(__file__).parents[2])
-ENVIRONMENT = {
-    "MUJOCO_GL": "disable",
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "MALLOC_ARENA_MAX": "2",
-}
 TASK_MARK = "\0\n"  # on standard error, before the messages of each task
 
 
@@ -132,7 +127,9 @@ class CheckProcess:
         command = python_call("mjrun.check.worker:serve", path=[*path, PACKAGE])
         reading, writing = os.pipe()
         try:
-            self._process = ChildProcess(command, environment=ENVIRONMENT, fed=True, stdout=writing, stderr="capture")
+            self._process = ChildProcess(
+                command, environment=ENVIRONMENT | {"MALLOC_ARENA_MAX": "2"}, fed=True, stdout=writing, stderr="capture"
+            )
         except BaseException:
             os.close(reading)
             raise

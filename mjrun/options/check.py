@@ -42,7 +42,7 @@ class CheckOptions(Options):
     threshold: tuple[tuple[str, str], ...] = option(
         converter=Settings("NAME=VALUE", "penetration=0.005"),
         default=(),
-        help="Value beyond which a rule reports something: penetration=0.005. --explain lists the thresholds of a rule.",
+        help="Value beyond which a rule reports something: penetration=0.005. The explanation of a rule lists them.",
     )
     fail_on: str = option(
         converter=Choice(SEVERITIES),
@@ -155,7 +155,7 @@ class CheckReportOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="Print a JSON object per model to stdout, as soon as it and those before it are checked.",
+        help="Print a JSON object per model to stdout when its check ends.",
     )
     statistics: bool = option(
         converter=Flag(),

@@ -1,17 +1,21 @@
 """Theorems about checking models."""
 
 import os
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from mjrun.check import check as check_module
 from mjrun.check.check import Check, CheckResult, ModelResult, find_models, root_tag
 from mjrun.check.codes import matching_codes
 from mjrun.check.rule import Finding
 from mjrun.check.rule_table import RULES
+from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.errors import UsageError
 from tests.check.models import PASSIVE, checked, codes, write
+from tests.processes import PATIENCE
 
 
 def test_results_keep_the_order_given_however_many_are_checked_at_once() -> None:
@@ -126,3 +130,26 @@ def test_files_of_other_formats_are_skipped_on_request_and_broken_ones_are_not()
 def test_the_root_of_a_pipe_is_not_waited_for() -> None:
     os.mkfifo("pipe.xml")
     assert root_tag(Path("pipe.xml")) == ""
+
+
+def test_a_result_is_reported_before_those_of_slower_models_and_returned_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fast_is_reported = threading.Event()
+
+    class Processes(CheckProcesses):
+        def run(self, task: WorkerTask) -> WorkerOutput:
+            assert task.path == "fast.xml" or fast_is_reported.wait(PATIENCE)
+            return super().run(task)
+
+    def finished(result: ModelResult) -> None:
+        reported.append(result)
+        fast_is_reported.set()
+
+    monkeypatch.setattr(check_module, "CheckProcesses", Processes)
+    reported: list[ModelResult] = []
+    for name in ("slow.xml", "fast.xml"):
+        write(name, PASSIVE.format(""))
+    result = Check(["slow.xml", "fast.xml"], jobs=2, steps=0, cache=False).run(finished=finished)
+    assert [each.model for each in reported] == ["fast.xml", "slow.xml"]
+    assert list(result.models) == reported[::-1]
