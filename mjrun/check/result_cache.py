@@ -12,7 +12,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from functools import cached_property
@@ -141,12 +141,12 @@ def _folder() -> Path:
     return home / "mjrun" / "check" if home.is_absolute() else Path(os.devnull)  # a user without a home stores nothing
 
 
-def _source_files(folder: str) -> list[tuple[str, int, int]]:
-    """Returns the path, size and time of each source file, which may change without the version."""
-    files: list[tuple[str, int, int]] = []
-    for parent, _, names in os.walk(folder):
-        for name in names:
-            if name.endswith(".py"):
-                status = Path(parent, name).stat()
-                files.append((f"{parent}/{name}", status.st_size, status.st_mtime_ns))
-    return files
+def _source_files(folder: str) -> Iterator[tuple[str, int, int]]:
+    """Yields the path, size and time of each source file, which may change without the version."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(".py"):
+                status = entry.stat()
+                yield entry.path, status.st_size, status.st_mtime_ns
+            elif entry.is_dir() and entry.name != "__pycache__":
+                yield from _source_files(entry.path)

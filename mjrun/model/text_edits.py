@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
-from xml.sax.saxutils import escape
 
 from mjrun.dataclass import dataclass
 from mjrun.model.xml_source import START_TAG, Element
@@ -72,11 +71,10 @@ class ElementEditor:
         attribute = self._attributes(element).get(name.encode())
         if attribute is None:
             end = self._end_of_attributes(element)
-            return self._edit(element, (end, end), f' {name}="{escape(value, {chr(34): "&quot;"})}"')
+            return self._edit(element, (end, end), f' {name}="{escaped(value)}"')
         start, end = attribute.value
         quote = self._texts[element.file][start : start + 1].decode()
-        entity = {'"': "&quot;", "'": "&apos;"}[quote]
-        return self._edit(element, (start + 1, end - 1), escape(value, {quote: entity}))
+        return self._edit(element, (start + 1, end - 1), escaped(value, quote))
 
     def with_words(self, element: Element, name: str, words: Mapping[int, str]) -> tuple[TextEdit, ...]:
         """Returns the edits that replace some of the words of an attribute, by index; the space between them stays.
@@ -251,3 +249,10 @@ def disjoint(groups: Iterable[tuple[TextEdit, ...]]) -> Iterator[tuple[TextEdit,
         seen.add(group)
         taken |= dict.fromkeys(new)
         yield group
+
+
+def escaped(value: str, quote: str = '"') -> str:
+    """Returns the text of an attribute in XML, without the quotes around it."""
+    from xml.sax.saxutils import escape  # which imports a client of HTTP
+
+    return escape(value, {quote: "&quot;" if quote == '"' else "&apos;"})

@@ -8,7 +8,7 @@ import numpy as np
 from mjrun.check.context import LintContext
 from mjrun.check.rule import Fix, words_fix
 from mjrun.model.names import FREE, KINDS
-from mjrun.model.text_edits import number_word
+from mjrun.model.text_edits import escaped, number_word
 
 UPRIGHT = 0.99  # the least vertical part of the normal of a floor
 DECIMALS = 6  # of heights [m]
@@ -29,7 +29,7 @@ def _excluded(context: LintContext, pairs: Collection[tuple[int, int]]) -> Fix |
     bodies = {tuple(sorted(int(model.geom_bodyid[geom]) for geom in pair)) for pair in pairs}
     moving = sorted(pair for pair in bodies if model.body_weldid[list(pair)].all())
     names = [[mujoco.mj_id2name(model, KINDS["body"], body) or "" for body in pair] for pair in moving]
-    excludes = [f'<exclude body1="{_escaped(a)}" body2="{_escaped(b)}"/>' for a, b in names if a and b]
+    excludes = [f'<exclude body1="{escaped(a)}" body2="{escaped(b)}"/>' for a, b in names if a and b]
     if root is None or not excludes:
         return None
     contact = next((e for e in root.children if e.tag == "contact" and e.file == context.path), None)
@@ -90,7 +90,3 @@ def _with_inferred_inertia(context: LintContext, body: int) -> mujoco.MjModel | 
 
 def _numbers(values: np.ndarray) -> str:
     return " ".join(f"{value:.9g}" for value in values.tolist())
-
-
-def _escaped(name: str) -> str:
-    return name.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
