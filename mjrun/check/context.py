@@ -124,13 +124,10 @@ class LintContext:
     def element(self, kind: str, index: int) -> Element | None:
         """Returns the XML element that made an object; None if that is ambiguous."""
         name = mujoco.mj_id2name(self.model, KINDS[kind], index) or ""
-        line = self._lines(kind).get(index, 0)
         elements, attached = self._elements(kind), self._attached_elements(kind)
 
-        if line:
-            for element in (*elements, *attached):
-                if element.line == line and element.file in self._files_with_lines and self._may_make(element, name):
-                    return element
+        if on_line := self._on_line(kind, index, name):
+            return on_line
         if name:
             named = [e for e in elements if e.attributes.get("name") == name]
             named += self._longest_named([e for e in attached if self._may_make(e, name)])
@@ -142,6 +139,25 @@ class LintContext:
             return self._bodies_in_order[index - 1] if self._bodies_in_order else None
         complete = len(elements) == getattr(self.model, COUNTS[kind])
         return elements[index] if kind in IN_FILE_ORDER and complete else None
+
+    def _on_line(self, kind: str, index: int, name: str) -> Element | None:
+        """Returns the element of an object on the line that MuJoCo records; of several, the one in the same order."""
+        line = self._lines(kind).get(index, 0)
+        elements = [
+            element
+            for element in (*self._elements(kind), *self._attached_elements(kind))
+            if line
+            and element.line == line
+            and element.file in self._files_with_lines
+            and self._may_make(element, name)
+        ]
+        if len(elements) < 2:
+            return elements[0] if elements else None
+        objects = sorted(i for i, each in self._lines(kind).items() if each == line and self._has_name(kind, i, name))
+        return elements[objects.index(index) if len(objects) == len(elements) else 0]
+
+    def _has_name(self, kind: str, index: int, name: str) -> bool:
+        return index >= 0 and (mujoco.mj_id2name(self.model, KINDS[kind], index) or "") == name
 
     def _longest_named(self, elements: list[Element]) -> list[Element]:
         """Returns the elements with the longest name; none if several have no name."""

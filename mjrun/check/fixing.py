@@ -374,7 +374,8 @@ def _fixed_file(group: _Group, attempt: _Attempt, file: str) -> FixedFile:
     diff = _diff(os.devnull if is_new else shown, shown, group.texts.get(file, b""), attempt.texts[file])
     if is_new:
         return FixedFile(shown, {}, diff, is_new)
-    counts = Counter(code for code, fix in attempt.fixes if file in {edit.file for edit in _real_edits(fix)})
+    files = ((code, [edit.file for edit in _real_edits(fix)]) for code, fix in attempt.fixes)
+    counts = Counter(code for code, own in files if file == next(each for each in own if each in group.texts))
     return FixedFile(shown, dict(sorted(counts.items())), diff)
 
 

@@ -37,7 +37,7 @@ class FixedFile:
 
     Attributes:
       file: the path of the file.
-      fixes: the number of faults that were fixed in it, by the code of their rule.
+      fixes: the number of faults that were fixed in it, by the code of their rule; in the first file of several.
       diff: the change as a unified diff.
       is_new: true if the file was created.
     """

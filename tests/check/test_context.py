@@ -18,6 +18,15 @@ def test_lines_are_those_of_included_files_too() -> None:
     assert [(f.code, f.file, f.line) for f in findings] == [("MJ302", "parts/arm.xml", 3)]
 
 
+def test_objects_without_names_on_one_line_are_told_apart_by_their_order() -> None:
+    joints = '<joint range="0 1"/><joint axis="1 0 0" range="0 2"/>'
+    path = Path(write("model.xml", mjcf(f'<body>{joints}<geom size="1"/><body>{joints}<geom size="1"/></body></body>')))
+    context = LintContext.load(path, read_xml(path))
+    elements = [context.element("joint", i) for i in range(context.model.njnt)]
+    assert [each and each.attributes["range"].split()[1] for each in elements] == ["1", "2"] * 2
+    assert len({id(each) for each in elements}) == 4
+
+
 def reversed_ranges(text: str) -> list[Finding]:
     """All findings of MJ302, which a check merges."""
     path = Path(write("model.xml", text))

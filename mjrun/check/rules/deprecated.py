@@ -2,12 +2,16 @@
 
 FLEXCOMP = 'use <flexcomp type="grid" dim="1" …> with <elasticity young=… shear=…/> or <edge equality="true"/>'
 
-# The version without the element, and the remedy.
+# The version without the element, alone or in its parent, and the remedy.
 REMOVED_ELEMENTS = {
     "composite": ("in MuJoCo 4.0.0", f"{FLEXCOMP}; cloth and soft bodies are <flexcomp> of dim 2 and 3"),
     "flexvert": (
         "in MuJoCo 4.0.0",
         'use continuum <elasticity> with integrator="discrete", or <edge equality="true"/> for cloth',
+    ),
+    "equality/distance": (
+        "in MuJoCo 2.2.2",
+        "connect sites of both bodies by a <spatial> tendon, and keep its length by <tendon> in <equality>",
     ),
 }
 

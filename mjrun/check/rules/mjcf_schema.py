@@ -184,8 +184,10 @@ def _unknown(element: Element, node: Node) -> Finding:
     """Returns a finding that explains why this element must not occur here."""
     tag, parent = element.tag, element.parent
     assert parent is not None
-    if tag in deprecated.REMOVED_ELEMENTS:
-        since, remedy = deprecated.REMOVED_ELEMENTS[tag]
+    for name in (tag, f"{parent.tag}/{tag}"):
+        if name not in deprecated.REMOVED_ELEMENTS:
+            continue
+        since, remedy = deprecated.REMOVED_ELEMENTS[name]
         return REMOVED.in_element(element, f"<{tag}> was removed {since}", remedy)
     if value := _as_attribute(element, node):
         return value

@@ -22,7 +22,17 @@ KEYWORDS = {keyword for choices in (*SINGLE.values(), *SEVERAL.values()) for key
 
 
 def test_removed_elements_are_in_no_schema() -> None:
-    assert not set(REMOVED_ELEMENTS) & set(valid_parents())
+    for name in REMOVED_ELEMENTS:
+        *parent, tag = name.split("/")
+        homes = {home for home, _ in valid_parents().get(tag, [])}
+        assert not (homes & set(parent) if parent else homes), name
+
+
+def test_a_removed_constraint_is_not_mistaken_for_the_sensor_of_the_same_name() -> None:
+    distance = '<equality><distance geom1="a" geom2="b" distance="0.1"/></equality>'
+    path = Path(write("model.xml", mjcf('<geom name="a" size="1"/><body><geom name="b" size="1"/></body>', distance)))
+    (found,) = (finding for finding in violations(read_xml(path)) if finding.code == "MJ105")
+    assert found.message == "<distance> was removed in MuJoCo 2.2.2"
 
 
 def test_removed_attributes_are_in_the_schema_of_none_of_their_elements() -> None:
