@@ -391,7 +391,7 @@ class Plot(_Plot):
         style: Literal["light", "dark", "print"] = ...,
         size: Sequence[int] | None = ...,
         columns: int | None = ...,
-        probe: str | Sequence[str],
+        probe: str | Sequence[str] = ...,
     ) -> None: ...
 
 class Recording(_Recording):

@@ -111,11 +111,12 @@ class ModelArgument(click.Argument):
 
     Attributes:
       written: the command also writes to a folder given as this argument.
+      tables: it may also name a table or a folder of them, and `-` is a table.
     """
 
-    def __init__(self, name: str, *, written: bool = False, **settings: Any) -> None:
+    def __init__(self, name: str, *, written: bool = False, tables: bool = False, **settings: Any) -> None:
         super().__init__([name], **settings)
-        self.written = written
+        self.written, self.tables = written, tables
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem[str]]":
         from mjrun.cli.completion import model_values
@@ -130,6 +131,7 @@ class Declaration:
     Attributes:
       options: the classes of its options.
       python: the class of the Python API with these options, or an empty text.
+      classes: other classes with options of this command, by their declaration.
       key: the list in run documents whose entries have these options, or an empty text.
       reports: the kinds of JSON documents that it prints, each with its dataclass: `package.module:Class`. A kind that
         differs from the name of the command belongs to the option of this name.
@@ -138,6 +140,7 @@ class Declaration:
 
     options: tuple[type[Options], ...] = ()
     python: str = ""
+    classes: Mapping[type[Options], str] = field(default_factory=dict[type[Options], str])
     key: str = ""
     reports: Mapping[str, str] = field(default_factory=dict[str, str])
     is_endless: bool = False

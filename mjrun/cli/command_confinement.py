@@ -168,21 +168,22 @@ def _texts(value: object) -> Iterable[str]:
 
 def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
     prefix, colon, _ = text.partition(":")
-    is_model = isinstance(argument, ModelArgument)
-    if is_model and text == "-":
+    refers = prefix == SCENE or Path(text).suffix.lower() in REFERRING
+    model = argument if isinstance(argument, ModelArgument) and (refers or not argument.tables) else None
+    if model and text == "-":
         paths.roots[_real(".")] = None
-    elif is_model and colon and prefix == SCENE and not Path(text).exists():
+    elif model and colon and prefix == SCENE and not Path(text).exists():
         from mjrun.model.bundled_scene_folder import scene_folder
 
         paths.roots[_real(scene_folder())] = None
-    elif is_model and Path(text).is_dir():
+    elif model and Path(text).is_dir():
         paths.roots[_real(text)] = None
-        if argument.written:
+        if model.written:
             paths.written[_real(text)] = text
     else:
         file = text if Path(text).exists() else text.partition("=")[2]
         _add_file(paths, file)
-        if is_model and Path(text).suffix.lower() in REFERRING:
+        if model and refers:
             paths.roots[_real(Path(text).parent)] = None
 
 

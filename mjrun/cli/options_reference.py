@@ -1,7 +1,8 @@
 """The reference of all options in Markdown, as spelled on the command line, in run documents and in Python."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, replace
+from typing import NamedTuple
 
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, load_command
@@ -52,6 +53,15 @@ class Owner:
         return f"`mjrun {self.command}`" if self.command else f"`{self.key}`"
 
 
+class _OwnedSection(NamedTuple):
+    """A section of one owner, with the Python classes of its options that have another one than the owner."""
+
+    title: str
+    owner: Owner
+    options: Sequence[Option]
+    classes: Mapping[str, str]
+
+
 @dataclass
 class Section:
     """A section of options, with the owners of each option."""
@@ -60,10 +70,12 @@ class Section:
     options: dict[str, Option] = field(default_factory=dict[str, Option])
     owners: dict[str, list[Owner]] = field(default_factory=dict[str, list[Owner]])
 
-    def add(self, owner: Owner, options: Sequence[Option]) -> None:
+    def add(self, owner: Owner, options: Sequence[Option], classes: Mapping[str, str]) -> None:
+        """Adds options of an owner; `classes` are the Python classes of options that have another one."""
         for each in options:
             self.options.setdefault(each.name, each)
-            self.owners.setdefault(each.name, []).append(owner)
+            own = replace(owner, python=classes.get(each.name, owner.python))
+            self.owners.setdefault(each.name, []).append(own)
 
     def fits(self, options: Sequence[Option]) -> bool:
         """Returns whether `options` equal those of this section, or are a subset or a superset of them."""
@@ -90,26 +102,29 @@ def _expression_lines() -> Iterator[str]:
 def reference_sections() -> list[Section]:
     """Returns the options of all commands and outputs; sections that several of them share occur once."""
     sections: list[Section] = []
-    for title, owner, options in _sections():
+    for title, owner, options, classes in _sections():
         named = [section for section in sections if section.title == title]
         fitting = next((section for section in named if section.fits(options)), None)
         if fitting is None:
             fitting = Section(f"{title} of {owner}" if named else title)
             sections.append(fitting)
-        fitting.add(owner, options)
+        fitting.add(owner, options, classes)
     return sections
 
 
-def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
-    """Yields the title of every section of every command and output, its owner and its options."""
+def _sections() -> "Iterator[_OwnedSection]":
+    """Yields every section of every command and output."""
     for name in COMMANDS:
         command = load_command(name)
         declared = [param.declared for param in command.params if isinstance(param, DeclaredOption)]
         facts = command.declaration
         simulation = Owner(name, TOP_LEVEL if facts.key else "", "Simulation")
-        for title, owner, options in _by_section(Owner(name, facts.key, facts.python), declared):
+        own = {each.name for cls in facts.options if cls not in facts.classes for each in options_of(cls)}
+        classes = {each.name: name for cls, name in facts.classes.items() for each in options_of(cls)}
+        others = {name: cls for name, cls in classes.items() if name not in own}
+        for title, owner, options, _ in _by_section(Owner(name, facts.key, facts.python), declared):
             simulates = SimulationOptions in facts.options and title in SIMULATION_SECTIONS
-            yield title, simulation if simulates else owner, options
+            yield _OwnedSection(title, simulation if simulates else owner, options, {} if simulates else others)
     yield from _by_section(Owner("", "plots", "Plot"), options_of(PlotOptions))
     yield from _by_section(Owner("", "recordings", "Recording"), options_of(RecordingOptions))
     yield from _by_section(Owner("", "keyframes", "Keyframe"), options_of(KeyframeOptions))
@@ -119,9 +134,9 @@ def _sections() -> Iterator[tuple[str, Owner, list[Option]]]:
         yield from _by_section(Owner("", key + entry, declared.section, TASK), options_of(declared))
 
 
-def _by_section(owner: Owner, options: Sequence[Option]) -> Iterator[tuple[str, Owner, list[Option]]]:
+def _by_section(owner: Owner, options: Sequence[Option]) -> "Iterator[_OwnedSection]":
     for title in dict.fromkeys(each.section for each in options):
-        yield title, owner, [each for each in options if each.section == title]
+        yield _OwnedSection(title, owner, [each for each in options if each.section == title], {})
 
 
 def _section_lines(section: Section) -> Iterator[str]:
@@ -201,7 +216,8 @@ def _unavailable(missing: FrontEnd) -> str:
 
 def _restriction(owners: Sequence[Owner], all_owners: Sequence[Owner]) -> str:
     """Returns the sentence for an option that only some owners of the section accept."""
-    others = [owner for owner in all_owners if owner not in owners]
+    named = {str(owner) for owner in owners}
+    others = [owner for owner in all_owners if str(owner) not in named]
     if not others:
         return ""
     only, without = ", ".join(map(str, owners)), ", ".join(map(str, others))

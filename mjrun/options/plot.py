@@ -133,8 +133,10 @@ class PlotOptions(FigureOptions, SamplingOptions):
     section: ClassVar[str] = "Plot"
 
     output: str = required(converter=File(written=True), kw_only=False, help=f"The image to write: {PLOTS}.")
-    probe: tuple[str, ...] = required(
+    probe: tuple[str, ...] = option(
         converter=Several(Text("PROBE,…")),
-        help="Values to measure and, without y, to plot: energy, qpos[left_*]. Each use adds a panel below the "
-        "others; values with different units get separate panels.",
+        default=(),
+        usual="the columns of y, or those of a trace",
+        help="Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use adds a panel "
+        "below the others; values with different units get separate panels.",
     )

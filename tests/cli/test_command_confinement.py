@@ -95,6 +95,7 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
         ("plot tables/ctrl.csv -o out/p.png", [], ["tables/ctrl.csv"], ["out"]),
         ("plot - -o p.png --html out/p.html --include model/m.xml", [], ["model/m.xml"], [".", "out"]),
         ("plot tables -o out/p.png", [], ["tables"], ["out"]),
+        ("plot model/m.xml -o out/p.png", ["model"], ["model/m.xml"], ["out"]),
     ],
 )
 def test_what_a_line_names_is_what_its_process_may_touch(

@@ -60,7 +60,7 @@ TRACE = TraceResult(
     assertions=[],
     warnings=[],
 )
-PLOT = PlotResult(path="a.svg", size=(640, 480), samples=501, panels=["energy [J]"], wall=0.1, warnings=[])
+PLOT = PlotResult(path="a.svg", size=(640, 480), samples=501, panels=["energy [J]"], curves=1, wall=0.1, warnings=[])
 TABLES = TablePlotResult(
     path="a.svg",
     format="svg",

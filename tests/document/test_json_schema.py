@@ -119,7 +119,7 @@ def test_run_documents_fit_the_schema(text: str) -> None:
         "{model: m.xml, recordings: [a.npz], duraton: 1}", "{model: m.xml, recordings: [a.npz], duration: 0}",
         "{model: m.xml, recordings: [a.npz], duration: soon}", "{model: m.xml, recordings: [a.npz], qpos: {a: up}}",
         "{model: m.xml, recordings: [a.npz], vars: {x y: 1}}", "{model: m.xml, recordings: [a.npz], steps: '${x'}",
-        "{model: m.xml, traces: [{probe: qpos}]}", "{model: m.xml, plots: [{output: a.png}]}",
+        "{model: m.xml, traces: [{probe: qpos}]}", "{model: m.xml, plots: [{probe: energy}]}",
         HEAD + "size: 64", HEAD + "size: [64]", HEAD + "view: rbg", HEAD + "show: nothing", HEAD + "geomgroup: [6]",
         HEAD + "camera: true", HEAD + "camera: {shots: []}", HEAD + "jobs: all", HEAD + "captions: 'true'",
         HEAD + "ghost: {opacity: 2}", HEAD + "gl: egl", HEAD + "crf: 1.5",

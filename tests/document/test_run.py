@@ -428,9 +428,7 @@ WRONG = [
       "2:70: traces[1].every: expected a positive number, got 0",
       "2:90: traces[2]: unknown key 'probes' (did you mean 'probe'?); "
       "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest, golden, atol, rtol, tol"]),
-    (f"{HEAD}plots: [{{output: a.png}}]", ["2:9: plots[0]: 'probe' is missing"]),
-    (f"{HEAD}plots: [{{output: b.png, probe: []}}]",
-     ["2:32: plots[0].probe: a plot requires values, as in energy or qpos[left_*]"]),
+    (f"{HEAD}plots: [{{probe: energy}}]", ["2:9: plots[0]: 'output' is missing"]),
     (f"{HEAD}recordings: [[a.npz]]", ["2:14: recordings[0]: expected a file, or a mapping with an output, got a list"]),
     (f"{HEAD}recordings: [{{}}]", ["2:14: recordings[0]: 'output' is missing"]),
     (f"{HEAD}vars: {{n: 2}}\nvideos: [{{output: a.mp4, fps: '${{m}}', crf: '${{n}}.5'}}]",

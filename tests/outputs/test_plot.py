@@ -83,7 +83,7 @@ def test_a_picture_says_what_made_it(swing: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "kind", "message"),
     [
-        ({"probe": []}, UsageError, "probe: a plot requires values"),
+        ({"y": ["qpos/hnge"]}, UnknownNameError, "no column 'qpos/hnge'"),
         ({"probe": ["energy"], "size": (79, 200)}, BadValueError, "size: '79x200' is not at least 140x96 for 1 panel"),
         ({"probe": ["energy", "qpos[hinge]"], "size": (200, 119)}, BadValueError, "at least 140x152 for 2 panels"),
         ({"probe": ["enrgy"]}, UnknownNameError, "did you mean 'energy'"),

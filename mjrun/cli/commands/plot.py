@@ -1,38 +1,56 @@
-"""Plot tables as png, svg or pdf."""
+"""Plot tables, studies and simulations as png, svg or pdf."""
 
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import click
 
-from mjrun.cli.click_command import CommandLine, command
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
 from mjrun.cli.report_forms import Report
 from mjrun.cli.result_summary import summary
-from mjrun.cli.simulation_command import import_mujoco, payload_on_stdout, reported_failures
-from mjrun.errors import FailedAssertionError
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    make,
+    payload_on_stdout,
+    reported_failures,
+    simulation,
+    stem,
+)
+from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted
 from mjrun.formats.input_file import is_folder
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.plot import TablePlotOptions
+from mjrun.options.option import options_of
+from mjrun.options.output import CommandOptions
+from mjrun.options.plot import PlotOptions, TablePlotOptions
+from mjrun.options.simulation import SimulationOptions
 
 if TYPE_CHECKING:
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
-TABLES = click.Argument(["tables"], nargs=-1, required=True, type=click.Path(), metavar="TABLE...")
+TABLES = ModelArgument("tables", tables=True, nargs=-1, required=True, type=click.Path(), metavar="TABLE...|MODEL")
+OF_TABLES = ("html", "include", "assert")
+OF_MODELS = ("probe", "every", "rate", "manifest")
 
 
 @command(
+    PlotOptions,
     TablePlotOptions,
+    CommandOptions,
+    SimulationOptions,
     ConfinementOptions,
     arguments=[TABLES],
     python="TablePlot",
+    classes={PlotOptions: "Plot"},
     reports={"plot": "mjrun.plotting.table_and_study_plot:TablePlotResult"},
 )
 def plot(console: Console, command_line: CommandLine) -> None:
-    """Plot each TABLE, or several tables in the same panels. - is standard input, as csv or jsonl; a folder is a
-    study.
+    """Plot one TABLE, or several in the same panels; or simulate MODEL and plot what is measured. - is standard input,
+    as csv or jsonl; a folder is a study.
 
     \b
     mjrun plot run.parquet -o run.png
+    mjrun plot scene.xml --duration 3 --y 'energy/*' --y qpos/root/z
     mjrun plot run.csv -o knee.svg --y 'qpos/*knee' --y 'energy/total, energy/drift'
     mjrun plot kick_*.csv -o kicks.pdf --y qpos/root --style print
     mjrun trace scene.xml --csv | mjrun plot - -o scene.png
@@ -43,17 +61,55 @@ def plot(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
+    from mjrun.model.sources import names_model
+
+    tables = command_line.arguments("tables")
+    if any(map(names_model, tables)):
+        _plot_simulation(console, command_line, tables)
+    else:
+        _plot_tables(console, command_line, tables)
+
+
+def _plot_simulation(console: Console, command_line: CommandLine, models: Sequence[str]) -> None:
+    from mjrun.outputs.plot import Plot
+    from mjrun.plotting.table_and_study_plot import TablePlotResult
+
+    if len(models) > 1:
+        raise UsageError(f"a plot shows one model, or tables that `mjrun trace` writes, not {listing(models)}")
+    _require_none(
+        command_line, OF_TABLES, f"applies to tables, which `mjrun trace` writes, and {quoted(models[0])} is a model"
+    )
+    command_line = command_line.with_defaults(model=models[0])
+    command_line = command_line.with_defaults(output=f"{stem(command_line)}.png")
+    is_piped = payload_on_stdout(command_line)
+    job = command_line.make(Plot, simulation=simulation(command_line), command=console.command)
+    made = make(console, command_line, job)
+    result = TablePlotResult(
+        made.path, job.figure_format, made.size, models, [made.samples], made.panels, made.curves, notes=()
+    )
+    console.answer(_report(result, is_piped))
+
+
+def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[str]) -> None:
     from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 
+    names = (*OF_MODELS, *(each.name for cls in (SimulationOptions, CommandOptions) for each in options_of(cls)))
+    _require_none(command_line, names, f"applies to models, and {quoted(tables[0])} is not one")
     if command_line.value("output") is None and command_line.value("html") is None:
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
     is_piped = payload_on_stdout(command_line)
-    tables = command_line.arguments("tables")
     is_study = any(is_folder(table) for table in tables)
     job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables)
     with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
         result = job.run(console)
     console.answer(_report(result, is_piped))
+
+
+def _require_none(command_line: CommandLine, names: Iterable[str], reason: str) -> None:
+    """Checks that options which do not apply are left out."""
+    for name in names:
+        if command_line.value(name) is not None:
+            raise UsageError(f"{option(name)} {reason}")
 
 
 def _report(result: "TablePlotResult", is_piped: bool) -> Report:

@@ -17,7 +17,7 @@ from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
 from mjrun.model.sources.file import FileCollectionSource, FileSource
 from mjrun.model.sources.stdin import StdinSource
-from mjrun.suffixes import is_yaml
+from mjrun.suffixes import REFERRING, is_yaml
 
 ModelLike = mujoco.MjModel | Source | str | PathLike[str]
 
@@ -66,6 +66,11 @@ def names_task(text: str) -> bool:
     if is_file(text):
         return is_yaml(text)
     return bundled_task(text) is not None
+
+
+def names_model(text: str) -> bool:
+    """Returns whether `text` names a model or a task, rather than a table: by its suffix, or in a collection."""
+    return text != "-" and (not is_file(text) or Path(text).suffix.lower() in REFERRING)
 
 
 def source_of(model: ModelLike) -> Source:

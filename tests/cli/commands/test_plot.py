@@ -59,17 +59,62 @@ def test_notes_are_on_stderr_and_the_report_fits_its_schema(mjrun_here: Command)
     assert len(report["notes"]) == 2
 
 
+CURVES = ["--y", "energy/*", "--y", "angle [deg]=qpos/hinge*180/pi", "--mark-event", "down=qpos/hinge < 0"]
+
+
+@pytest.mark.parametrize(
+    ("measured", "curves"),
+    [([], CURVES), (["--probe", "energy,qpos"], CURVES), (["--every", "3"], CURVES), ([], [])],
+    ids=["columns of y", "probes", "every third step", "usual probes"],
+)
+def test_a_plot_of_a_model_is_that_of_its_trace(mjrun_here: Command, measured: list[str], curves: list[str]) -> None:
+    simulation = [str(PENDULUM), "--key", "level", "--duration", "1", *measured]
+    assert mjrun_here("trace", *simulation, "-o", "run.parquet").returncode == 0
+    figures: list[list[str]] = []
+    for source in (["run.parquet"], simulation):
+        done = mjrun_here("plot", *source, "-o", "run.svg", *curves)
+        assert (done.returncode, done.stderr) == (0, b"")
+        parts = ElementTree.parse(mjrun_here.folder / "run.svg").iter()
+        figures.append([path for path in (each.get("d") for each in parts) if path])
+    assert figures[0] == figures[1]
+    assert len(figures[0]) > 5
+
+
+def test_a_plot_of_a_model_has_a_document_and_the_report_of_a_table(mjrun_here: Command) -> None:
+    simulated = [str(PENDULUM), "--steps", "5"]
+    report = json.loads(mjrun_here("plot", *simulated, "--y", "energy/*", "--json").stdout)
+    assert fits(report, schema_of("plot"), schema_of("plot"))
+    assert (report["path"], report["tables"], report["rows"], report["curves"]) == (
+        "pendulum.png",
+        [str(PENDULUM)],
+        [6],
+        4,
+    )
+    document = mjrun_here("plot", *simulated, "--y", "energy/*", "--print-document").stdout.decode()
+    (mjrun_here.folder / "run.yaml").write_text(document)
+    first = (mjrun_here.folder / "pendulum.png").read_bytes()
+    assert mjrun_here("run", "run.yaml").returncode == 0
+    with Image.open(io.BytesIO(first)) as one, Image.open(mjrun_here.folder / "pendulum.png") as other:
+        assert one.tobytes() == other.tobytes()
+
+
 def test_formats_of_a_pipe(mjrun_here: Command) -> None:
     (mjrun_here.folder / "run.csv").write_text(TABLE)
-    svg, png = (mjrun_here("plot", "run.csv", "-o", "-", *how) for how in (["--format", "svg"], []))
-    assert ElementTree.fromstring(svg.stdout).tag.endswith("svg")
-    assert Image.open(io.BytesIO(png.stdout)).size == (1280, 720)
+    for source in ("run.csv", str(PENDULUM)):
+        svg, png = (mjrun_here("plot", source, "-o", "-", *how) for how in (["--format", "svg"], ["--size", "300x900"]))
+        assert ElementTree.fromstring(svg.stdout).tag.endswith("svg")
+        assert Image.open(io.BytesIO(png.stdout)).size == (300, 900)
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
         (["run.csv"], 2, "Missing option '-o'"),
+        (["run.csv", "-o", "a.png", "--duration", "1"], 2, "--duration applies to models, and 'run.csv' is not one"),
+        (["run.csv", "-o", "a.png", "--probe", "energy"], 2, "--probe applies to models"),
+        ([str(PENDULUM), "--html", "a.html"], 2, "--html applies to tables, which `mjrun trace` writes, and"),
+        ([str(PENDULUM), "run.csv"], 2, "a plot shows one model, or tables"),
+        ([str(PENDULUM), "--y", "energy/totl"], 2, "no column 'energy/totl' in 'energy/totl', character 1 (did you mean 'energy/total'"),
         (["run.csv", "-o", "a.html"], 2, "a.html would be a page, not an image: --html writes pages"),
         (["run.csv", "-o", "a.png", "--size", "99999x99999"], 2, "at most 65535 a side and 100 megapixels"),
         (["run.csv", "-o", "a.gif"], 2, "no figure format '.gif'"),
