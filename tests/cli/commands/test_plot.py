@@ -114,7 +114,11 @@ def test_formats_of_a_pipe(mjrun_here: Command) -> None:
         (["run.csv", "-o", "a.png", "--probe", "energy"], 2, "--probe applies to models"),
         ([str(PENDULUM), "--html", "a.html"], 2, "--html applies to tables, which `mjrun trace` writes, and"),
         ([str(PENDULUM), "run.csv"], 2, "a plot shows one model, or tables"),
-        ([str(PENDULUM), "--y", "energy/totl"], 2, "no column 'energy/totl' in 'energy/totl', character 1 (did you mean 'energy/total'"),
+        (
+            [str(PENDULUM), "--y", "energy/totl"],
+            2,
+            "no column 'energy/totl' in 'energy/totl', character 1 (did you mean 'energy/total'",
+        ),
         (["run.csv", "-o", "a.html"], 2, "a.html would be a page, not an image: --html writes pages"),
         (["run.csv", "-o", "a.png", "--size", "99999x99999"], 2, "at most 65535 a side and 100 megapixels"),
         (["run.csv", "-o", "a.gif"], 2, "no figure format '.gif'"),
