@@ -12,6 +12,7 @@ from mjrun.errors import clean
 
 # The words for sides: left and right anywhere, L and R alone or beside front, rear, hind, back and middle.
 SIDES = re.compile(r"left|right|(?<![a-z])(?:[frhbm][lr]|[lr][fhbm]|[lr])(?![a-z])", re.IGNORECASE)
+ALIGNED = 0.9  # cosine between an axis and the line between both sides
 OTHER_SIDE = str.maketrans("lrLR", "rlRL")
 
 
@@ -21,13 +22,18 @@ def unequal_sides(context: LintContext) -> Iterator[Violation]:
     model = context.model
     bodies = {context.name("body", body): body for body in range(1, model.nbody) if model.body_weldid[body]}
     for name, body in bodies.items():
-        other = bodies.get(SIDES.sub(_mirrored_word, name))
+        other = bodies.get(other_side(name))
         if other is None or other <= body:
             continue
         if differences := list(_differences(context, body, other)):
             message = f"it differs from {context.object('body', other)}: {'; '.join(differences)}"
             remedy = "correct the wrong one; ranges and axes may be mirrored"
             yield context.violation("body", body, message, remedy)
+
+
+def other_side(name: str) -> str:
+    """Returns the name with the words for the other side; unchanged without such words."""
+    return SIDES.sub(_mirrored_word, name)
 
 
 def _mirrored_word(match: re.Match[str]) -> str:
@@ -76,10 +82,28 @@ def _joint_differences(context: LintContext, left: int, right: int) -> Iterator[
     limited = model.jnt_limited[[left, right]]
     if limited[0] != limited[1]:
         yield f"only one {name} has a range"
-    elif limited[0] and min(abs(one - other).max(), abs(one + other[::-1]).max()) > limits.side_range * np.ptp(
-        [one, other]
-    ):
-        yield f"ranges of {name}, {one[0]:.4g} to {one[1]:.4g} and {other[0]:.4g} to {other[1]:.4g}"
+    elif limited[0]:
+        same, mirrored = abs(one - other).max(), abs(one + other[::-1]).max()
+        allowed = limits.side_range * np.ptp([one, other])
+        if min(same, mirrored) > allowed:
+            yield f"ranges of {name}, {one[0]:.4g} to {one[1]:.4g} and {other[0]:.4g} to {other[1]:.4g}"
+        elif _turns_like(context, left, right) and same > allowed:
+            yield f"{name} turns the other way: its range is mirrored, but its axis is not"
+        elif _turns_like(context, left, right, -1) and mirrored > allowed:
+            yield f"{name} turns the other way: its axis is mirrored, but its range is not"
+
+
+def _turns_like(context: LintContext, left: int, right: int, sense: int = 1) -> bool:
+    """Returns whether two hinges turn in the same or the opposite sense about the line between them, like knees.
+
+    Mirroring keeps the sense of such rotations, and so does moving an arm to the other side. That of others, such as
+    the abduction of a hip, depends on which of both is meant.
+    """
+    model, data = context.model, context.data_at(None)
+    line = data.xanchor[left] - data.xanchor[right]
+    one, other = data.xaxis[[left, right]] @ line
+    is_hinge = model.jnt_type[left] == mujoco.mjtJoint.mjJNT_HINGE
+    return bool(is_hinge and min(abs(one), abs(other)) > ALIGNED * np.linalg.norm(line) and one * other * sense > 0)
 
 
 def _common_ancestor(model: mujoco.MjModel, one: int, other: int) -> int:

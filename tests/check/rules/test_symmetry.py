@@ -65,3 +65,23 @@ def test_differences_beyond_those_of_cad_models_are_reported(other: dict[str, st
     found = messages(side("left"), side("right", y=-1, **other))  # type: ignore[arg-type]
     assert len(found) == bool(difference)
     assert not difference or found[0].endswith(difference)
+
+
+@pytest.mark.parametrize(
+    ("axis", "joint", "difference"),
+    [
+        ("0 1 0", 'range="-20 50"', ""),
+        ("0 -1 0", 'range="-50 20"', ""),
+        ("0 -1 0", 'range="-20 50"', "its axis is mirrored, but its range is not"),
+        ("0 1 0", 'range="-50 20"', "its range is mirrored, but its axis is not"),
+    ],
+)
+def test_knees_on_both_sides_bend_the_same_way(axis: str, joint: str, difference: str) -> None:
+    found = messages(side("left", "0 1 0"), side("right", axis, joint, y=-1))
+    assert len(found) == bool(difference)
+    assert not difference or found[0].endswith(f"left_joint turns the other way: {difference}")
+
+
+@pytest.mark.parametrize(("axis", "joint"), [("1 0 0", 'range="-20 50"'), ("-1 0 0", 'range="-20 50"')])
+def test_hips_may_be_mirrored_or_moved_to_the_other_side(axis: str, joint: str) -> None:
+    assert messages(side("left", "1 0 0"), side("right", axis, joint, y=-1)) == []
