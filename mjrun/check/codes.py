@@ -12,7 +12,7 @@ TOPICS = {  # by the first digit of the code
     "0": "The check itself",
     "1": "Loading",
     "2": "Names, masses and inertias",
-    "3": "Limits and units",
+    "3": "Joints, actuators and sensors",
     "4": "Keyframes",
     "5": "Contacts and constraints",
     "6": "Cameras",

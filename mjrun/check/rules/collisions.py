@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from mjrun.check.context import LintContext
-from mjrun.check.rule import Violation, rule
+from mjrun.check.rule import Place, Violation, rule
 from mjrun.model.names import FREE
 
 
@@ -38,6 +38,17 @@ def missing_floor(context: LintContext) -> Iterator[Violation]:
     message = "it falls freely: the model has no floor"
     remedy = 'add <geom type="plane" size="0 0 1"/> to the <worldbody>, or include the model in a scene'
     yield context.violation("body", int(model.jnt_bodyid[joint]), message, remedy)
+
+
+@rule("MJ509", "warning", "gravity upwards")
+def upward_gravity(context: LintContext) -> Iterator[Violation]:
+    """Yields models in which bodies fall upwards."""
+    model = context.model
+    upwards = float(model.opt.gravity[2])
+    if upwards > 0 and model.nv and not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+        message = f"gravity points upwards, with {upwards:.4g} m/s² along z"
+        remedy = f'write <option gravity="0 0 {-upwards:.4g}"/>'
+        yield Violation(message, remedy, Place(context.path))
 
 
 def _falling_joint(model: mujoco.MjModel) -> int | None:

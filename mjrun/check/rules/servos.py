@@ -16,6 +16,28 @@ EULER, RK4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjI
 MAX_DECAY = {EULER: 2.0, RK4: 2.785}  # of the velocity in one timestep where kv is explicit; unstable beyond
 
 
+@rule("MJ312", "warning", "force that adds energy")
+def negative_springs(context: LintContext) -> Iterator[Violation]:
+    """Yields joints, tendons and servos that push away from their rest position, or along their velocity."""
+    model = context.model
+    affine = model.actuator_biastype == AFFINE
+    negative = (
+        ("joint", "stiffness", model.jnt_stiffness),
+        ("joint", "damping", model.dof_damping[model.jnt_dofadr]),
+        ("tendon", "stiffness", model.tendon_stiffness),
+        ("tendon", "damping", model.tendon_damping),
+        ("actuator", "kp", -model.actuator_biasprm[:, 1] * affine),
+        ("actuator", "kv", -model.actuator_biasprm[:, 2] * affine),
+    )
+    for kind, gain, values in negative:
+        for i in map(int, np.flatnonzero(values < 0)):
+            towards = "along its velocity" if gain in ("damping", "kv") else "away from its rest position"
+            message = f"its {gain} of {values[i]:.4g} is negative: it pushes {towards}, which adds energy"
+            index = 2 if gain == "kv" else 1
+            remedy = f"correct its sign{f'; biasprm[{index}] of a <general> is −{gain}' if kind == 'actuator' else ''}"
+            yield context.violation(kind, i, message, remedy)
+
+
 class Servo(NamedTuple):
     """An actuator with the force `gain · ctrl + bias − kp · length − kv · velocity`, where length = gear · qpos.
 

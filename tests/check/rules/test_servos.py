@@ -89,3 +89,14 @@ def test_only_servos_with_ranges_have_positions() -> None:
     for actuator in ('<motor joint="j" ctrlrange="-9 9"/>', '<velocity joint="j" kv="1" ctrlrange="-9 9"/>'):
         assert found("MJ306", model(actuator)) == []
     assert found("MJ306", model('<position joint="j" kp="9" ctrlrange="-9 9"/>', joint='limited="false"')) == []
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    "gains", ['joint stiffness="{}"', 'joint damping="{}"', "actuator 0 {} 0", "actuator 0 0 {}"], ids=str.split
+)
+def test_forces_that_add_energy_let_a_small_velocity_grow(gains: str, sign: int) -> None:
+    kind, values = gains.split(" ", 1)
+    bias = f'<general name="a" joint="j" biastype="affine" biasprm="{values.format(-9 * sign)}"/>'
+    text = model(bias) if kind == "actuator" else model("", joint=values.format(9 * sign))
+    assert bool(found("MJ312", text)) == diverges(text) == (sign < 0)
