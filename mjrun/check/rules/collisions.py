@@ -51,6 +51,33 @@ def upward_gravity(context: LintContext) -> Iterator[Violation]:
         yield Violation(message, remedy, Place(context.path))
 
 
+@rule("MJ510", "note", "link that does not collide")
+def links_without_collisions(context: LintContext) -> Iterator[Violation]:
+    """Yields the first visible link without colliding geoms between links that collide, such as one of an arm."""
+    model = context.model
+    collides = (model.geom_contype | model.geom_conaffinity) != 0
+    collides[[*model.pair_geom1, *model.pair_geom2]] = True
+    links = model.body_weldid[model.geom_bodyid]
+    colliding = {int(link) for link in links[collides & (model.geom_bodyid != 0)]}
+    chains = {link: _links_above(model, link) for link in {int(link) for link in links} | colliding}
+    above_others = {link for other in colliding for link in chains[other]}
+    passing = [link for link in sorted(chains.keys() - colliding) if link in above_others and chains[link] & colliding]
+    if passing:
+        more = f" (and {len(passing) - 1} more)" if len(passing) > 1 else ""
+        message = f"none of its geoms collides, but links before and after it do: it passes through everything{more}"
+        remedy = "add a geom that collides, such as a capsule, or the missing contype and conaffinity"
+        yield context.violation("body", passing[0], message, remedy)
+
+
+def _links_above(model: mujoco.MjModel, link: int) -> set[int]:
+    """Returns the bodies between a body and the world, each the first of those that are welded together."""
+    above = set[int]()
+    while link:
+        link = int(model.body_weldid[model.body_parentid[link]])
+        above.add(link)
+    return above
+
+
 def _falling_joint(model: mujoco.MjModel) -> int | None:
     """Returns the first free joint of a body that gravity pulls down and contacts could stop; None without one."""
     disabled = model.opt.disableflags
