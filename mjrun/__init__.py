@@ -9,6 +9,7 @@ Everything the command line does is callable:
     mjrun.Video(spin, "tippe_top.mp4", camera="closeup").run()
     mjrun.Image(spin, "tippe_top.png", time=3.7, view=["rgb", "depth"]).run()
     mjrun.Trace(spin, "tippe_top.npz", probe=["xpos[stem]", "energy"]).run()
+    table = mjrun.trace(spin, probe=["xpos[stem]", "energy"])
 
 Names are imported when first used, so `import mjrun` itself costs nothing. Type checkers and editors read __init__.pyi,
 which `scripts/make_stubs.py` writes.
@@ -49,7 +50,7 @@ _HOMES = {
     "Simulation": "mjrun.simulation.simulation",
     "Study": "mjrun.study.study",
     "StudyResult": "mjrun.study.study",
-    "Table": "mjrun.formats.table_reader",
+    "Table": "mjrun.formats.table",
     "TablePlot": "mjrun.plotting.table_and_study_plot",
     "TablePlotResult": "mjrun.plotting.table_and_study_plot",
     "Task": "mjrun.task.task",
@@ -70,6 +71,7 @@ _HOMES = {
     "read_task": "mjrun.document.task",
     "read_video": "mjrun.formats.video_reader",
     "render": "mjrun.rendering.single_render",
+    "trace": "mjrun.outputs.memory_table",
     "verify": "mjrun.simulation.verification",
     "write_video": "mjrun.formats.video_writer",
 }

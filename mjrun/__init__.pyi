@@ -18,13 +18,14 @@ from mjrun.document.task import read_task as read_task
 from mjrun.document.value_forms import read_camera as read_camera
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
-from mjrun.formats.table_reader import Table as Table
+from mjrun.formats.table import Table as Table
 from mjrun.formats.table_reader import read_table as read_table
 from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video
 from mjrun.model.info import Info as Info
 from mjrun.model.info import InfoResult as InfoResult
 from mjrun.model.source import Source
+from mjrun.model.sources import ModelLike
 from mjrun.model.sources import load as load
 from mjrun.options.push import Push
 from mjrun.outputs.image import Image as _Image
@@ -118,6 +119,7 @@ __all__ = [
     "read_task",
     "read_video",
     "render",
+    "trace",
     "verify",
     "write_video",
 ]
@@ -628,3 +630,52 @@ class Viewer(_Viewer):
         recording: str | PathLike[str] | None = ...,
         command: str = ...,
     ) -> None: ...
+
+def trace(
+    model: ModelLike | Task | _Simulation,
+    *,
+    key: str | int | None = ...,
+    qpos: Mapping[str, float | Sequence[float]] = ...,
+    qvel: Mapping[str, float | Sequence[float]] = ...,
+    ctrl: Mapping[str, float | Sequence[float]] = ...,
+    ctrl_from: str | PathLike[str] | None = ...,
+    ctrl_interpolation: Literal["hold", "linear"] = ...,
+    ctrl_noise: float = ...,
+    ctrl_noise_time: float = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
+    replay: str | PathLike[str] | None = ...,
+    replay_mode: Literal["states", "controls"] = ...,
+    replay_rate: float | str | Fraction | None = ...,
+    replay_interpolation: Literal["hold", "linear"] = ...,
+    replay_unwrap: bool = ...,
+    map: str | PathLike[str] | Mapping[str, object] | Sequence[str] = ...,
+    quat: Literal["wxyz", "xyzw"] = ...,
+    perturb: float = ...,
+    seed: int = ...,
+    duration: float | str | Fraction | None = ...,
+    steps: int | None = ...,
+    policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
+    normalize: str | PathLike[str] | None = ...,
+    trust: bool = ...,
+    controller: Callable[..., object] | None = ...,
+    control_dt: float | str | Fraction | None = ...,
+    integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
+    timestep: float | str | Fraction | None = ...,
+    ground: float | None = ...,
+    set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    output: str | PathLike[str] = ...,
+    probe: str | Sequence[str] = ...,
+    assert_: str | Sequence[str] = ...,
+    keep_partial: bool = ...,
+    contacts: str | PathLike[str] | None = ...,
+    every: int = ...,
+    rate: float | str | Fraction | None = ...,
+    format: str | None = ...,
+    manifest: str | PathLike[str] | None = ...,
+    golden: str | PathLike[str] | None = ...,
+    update: bool = ...,
+    atol: float = ...,
+    rtol: float = ...,
+    tol: Mapping[str, float | Sequence[float]] = ...,
+) -> Table:
+    """Simulates a model, and returns the table that `mjrun trace` writes, with the same numbers."""

@@ -37,8 +37,10 @@ from mujoco import MjModel
 from mjrun.camera.script import CameraScript, Event
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.model.source import Source
+from mjrun.model.sources import ModelLike
 from mjrun.options.push import Push
 '''
+INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 # Kinds that accept objects of rooms that declarations do not know.
 ACCEPTED: dict[type[AnyKind], str] = {
     Camera: "str | int | PathLike[str] | CameraScript",
@@ -89,7 +91,7 @@ def class_stub(name: str, cls: type[Options]) -> str:
     """Returns a class with its `__init__` written out."""
     declared = {each.attribute: each for each in options_of(cls)}
     positional, keywords = [], []
-    for field in (field for field in dataclasses.fields(cls) if field.init):  # type: ignore[arg-type]
+    for field in (field for field in dataclasses.fields(cls) if field.init and field.name not in INTERNAL):  # type: ignore[arg-type]
         option = declared.get(field.name)
         kind = accepted(option.kind) if option else "_Simulation" if field.name == "simulation" else written(field.type)
         required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
@@ -100,15 +102,25 @@ def class_stub(name: str, cls: type[Options]) -> str:
     return f'class {name}(_{name}):\n    """{summary}"""\n    def __init__({parameters},) -> None: ...\n'
 
 
+def trace_stub() -> str:
+    """Returns `mjrun.trace`, which has the options of a simulation and of a trace."""
+    declared = {option.attribute: option for cls in (mjrun.Simulation, mjrun.Trace) for option in options_of(cls)}
+    options = [f"{name}: {accepted(option.kind)} = ..." for name, option in declared.items()]
+    summary = inspect.getdoc(mjrun.trace).partition("\n")[0]  # type: ignore[union-attr]
+    parameters = ", ".join(["model: ModelLike | Task | _Simulation", "*", *options])
+    return f'def trace({parameters},) -> Table:\n    """{summary}"""\n'
+
+
 def stub() -> str:
     """Returns the whole file, formatted."""
     imports, classes = [], []
-    for name in sorted(set(mjrun.__all__) - {"__version__"}):
+    for name in sorted(set(mjrun.__all__) - {"__version__", "trace"}):
         value, home = getattr(mjrun, name), mjrun._HOMES[name]
         is_options = isinstance(value, type) and issubclass(value, Options)
         imports.append(f"from {home} import {name} as {'_' * is_options}{name}")
         if is_options:
             classes.append(class_stub(name, value))
+    classes.append(trace_stub())
     names = f"__all__ = {sorted(mjrun.__all__)!r}\n_HOMES: dict[str, str]\n"
     imports.append("from mjrun.version import __version__ as __version__")
     text = "\n".join([HEADER, *imports, "", names, *classes])

@@ -44,7 +44,8 @@ def trace(result: "TraceResult") -> str:
     size = f"{counted(result.rows, 'row')}, {counted(result.columns, 'column')}"
     pace = f"{result.simulated:.6g} s in {result.steps} steps; made in {result.wall:.2f} s"
     golden = f"\n{golden_summary(result.golden)}" if result.golden else ""
-    return "\n".join([f"{clean(result.path)}: {size}, {pace}{golden}", *_assertions(result.assertions)])
+    path = f"{clean(result.path)}: " if result.path else ""
+    return "\n".join([f"{path}{size}, {pace}{golden}", *_assertions(result.assertions)])
 
 
 def _assertions(verdicts: Sequence["Verdict"]) -> list[str]:

@@ -9,17 +9,16 @@ import contextlib
 import io
 import sys
 from collections.abc import Collection, Iterator
-from dataclasses import field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Literal, Self
 
 import numpy as np
 
-from mjrun.dataclass import dataclass
 from mjrun.decompression_limits import require_expandable
 from mjrun.errors import FileError, UnknownNameError, UsageError
 from mjrun.formats.input_file import require_file
+from mjrun.formats.table import Table
 from mjrun.formats.table_contents import CellKinds, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
 
@@ -169,7 +168,7 @@ def open_table(
 
 def read_table(
     path: str | Path, columns: Collection[str] | ColumnFilter | None = None, *, missing: Missing = "error"
-) -> "Table":
+) -> Table:
     """Reads columns of numbers from a table.
 
     Args:
@@ -224,46 +223,3 @@ class _Unclosed(io.RawIOBase):
         content = self._file.read(len(buffer))
         buffer[: len(content)] = content
         return len(content)
-
-
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Columns of numbers, each with a unit: `table["qpos/knee"]`, `table.units["qpos/knee"]`.
-
-    Iterating yields the names of the columns, in the order of the file.
-
-    Attributes:
-      columns: columns float64 `(n,)`, by name.
-      units: units by name, as in `m/s`; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
-    """
-
-    columns: dict[str, np.ndarray]
-    units: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "units", {name: self.units.get(name, "") for name in self.columns})
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the columns, in the order of the file."""
-        return list(self.columns)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        """Returns the column `name`.
-
-        Raises:
-          UnknownNameError: it is missing; the message lists the columns.
-        """
-        if name not in self.columns:
-            raise UnknownNameError("column", name, self.names)
-        return self.columns[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.columns
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.columns)
-
-    def __len__(self) -> int:
-        """Returns the number of columns."""
-        return len(self.columns)

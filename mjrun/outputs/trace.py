@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
 from mjrun.formats.atomic_output import OutputWriter
@@ -43,9 +45,11 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
 
     Args:
       written: whether the table is written; one that is only compared with a golden table need not be.
+      rows_to: a function called with the columns, which returns one to call with each block of rows, `(n, columns)`.
     """
 
     written: bool = True
+    rows_to: Callable[[Sequence[Column]], Callable[[np.ndarray], object]] | None = None
 
     @property
     def files(self) -> list[tuple[str, str]]:
@@ -90,7 +94,7 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
             context.reporter.warn(text)
         assertions = _assertions(self.assert_, table, context.episode)
 
-        count, path = len(table.columns), self.output if self.written else str(self.golden)
+        count, path = len(table.columns), self.output if self.written else self.golden or "memory"
         about = f"{output_format(self.target, self.format).name}, {count} columns"
         preview = output.Preview("trace", path, len(steps), "rows", [count], about)
         opened = partial(TraceOutput, self, context, table, steps, assertions)
@@ -156,6 +160,7 @@ class TraceOutput(output.Output[TraceResult]):
             self._contacts = stack.enter_context(TableWriter(job.contacts, form, table.contact_columns, self.facts))
         if job.golden is not None:
             self._golden = GoldenTable(job, table.columns, self.facts, stack)
+        self._rows_to = job.rows_to(table.columns) if job.rows_to else None
         self._checkers = [assertion.checker() for assertion in assertions]
         self._buffer = RowBuffer(table, steps, self._write)
         self._rows = 0
@@ -213,6 +218,8 @@ class TraceOutput(output.Output[TraceResult]):
             self._writer.write(rows.values)
         if self._golden:
             self._golden.write(rows.values)
+        if self._rows_to:
+            self._rows_to(rows.values)
         self._rows += len(rows.values)
         if self._contacts and rows.contacts is not None:
             self._contacts.write(rows.contacts)

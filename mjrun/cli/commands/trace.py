@@ -1,11 +1,13 @@
 """Measure a simulation as a table with named columns."""
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, flag
 from mjrun.cli.report_forms import Report
+from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make,
@@ -23,8 +25,12 @@ from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from mjrun.model.table_column import Column
     from mjrun.simulation.verification import StateDifference, VerificationResult
 
+LISTED = 40  # columns of a summary
 WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
 
 
@@ -40,7 +46,8 @@ WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
     reports={"trace": "mjrun.outputs.trace:TraceResult", "verify": "mjrun.simulation.verification:VerificationResult"},
 )
 def trace(console: Console, command_line: CommandLine) -> None:
-    """Measure a simulation of MODEL: one row per instant, exact numbers, named columns.
+    """Measure a simulation of MODEL: one row per instant, exact numbers, named columns. A terminal gets the range of
+    each column instead.
 
     \b
     mjrun trace scene.xml --csv | head
@@ -56,6 +63,9 @@ def trace(console: Console, command_line: CommandLine) -> None:
     if options.verify:
         _verify(console, command_line)
         return
+    if _is_for_reading(command_line):
+        _summarize(console, command_line)
+        return
     piped = payload_on_stdout(command_line, "-")
     from mjrun.outputs.trace import Trace
 
@@ -67,6 +77,47 @@ def trace(console: Console, command_line: CommandLine) -> None:
     result = make(console, command_line, job)
     if not piped or console.as_json:
         show(console, command_line, result)
+
+
+def _is_for_reading(command_line: CommandLine) -> bool:
+    """Returns whether the rows would only fill the user's terminal."""
+    chosen = any(command_line.value(name) for name in ("output", "format", "csv", "json", "print_document"))
+    return not chosen and sys.stdout.isatty()
+
+
+def _summarize(console: Console, command_line: CommandLine) -> None:
+    """Prints the range of each column instead of the rows."""
+    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.table_cells import numbers, texts
+    from mjrun.outputs.trace import Trace
+    from mjrun.plotting.table_statistics import ColumnCounter
+
+    measured: list[tuple[ColumnCounter, list[str]]] = []
+
+    def begin(columns: "Sequence[Column]") -> "Callable[[np.ndarray], object]":
+        counter = ColumnCounter([column.name for column in columns])
+        measured.append((counter, [column.unit for column in columns]))
+        return counter.feed
+
+    job = command_line.make(
+        Trace, simulation=simulation(command_line), written=False, rows_to=begin, command=console.command
+    )
+    result = make(console, command_line, job)
+    ((counter, units),) = measured
+    rows = counter.statistics(units)
+    page = PageLayout()
+    shown = [
+        texts("column", [row.name for row in rows]),
+        texts("unit", [row.unit for row in rows]),
+        *(
+            numbers(name, [getattr(row, field) for row in rows], "")
+            for name, field in (("least", "least"), ("largest", "largest"), ("mean", "mean"), ("last", "last"))
+        ),
+    ]
+    page.table("columns", shown, len(rows), LISTED, f"{flag('probe')} selects columns")
+    page.note(summary(result))
+    page.note(f"{flag('csv')} prints the rows, {flag('output')} FILE writes them")
+    console.result(page.text())
 
 
 def _list(console: Console, command_line: CommandLine) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -256,3 +257,21 @@ def test_a_difference_has_its_step_its_places_and_what_is_not_as_it_was() -> Non
         r"  act/a\x1b: recorded 2.0, stepped to what is not finite",
         "  the physics differs",
     ]
+
+
+def test_a_terminal_gets_the_range_of_each_column_and_a_pipe_the_rows(mjrun: Command) -> None:
+    ours, theirs = os.openpty()
+    line = ("trace", PENDULUM, "--key", "level", "--duration", "0.1", "--probe", "energy")
+    done = mjrun(*line, env={"TERM": "dumb", "COLUMNS": "100"}, stdout=theirs)
+    os.close(theirs)
+    shown = os.read(ours, 1 << 16).decode()
+    os.close(ours)
+    assert done.returncode == 0
+
+    rows = list(csv.DictReader(mjrun(*line).stdout.decode().splitlines()))
+    assert f"{len(rows)} rows, 5 columns, 0.1 s in 50 steps" in shown
+    words = {cells[0]: cells for cells in (line.split() for line in shown.splitlines()) if cells}
+    for name in rows[0]:
+        values = [float(row[name]) for row in rows]
+        expected = [min(values), max(values), sum(values) / len(values), values[-1]]
+        assert words[name][-4:] == [f"{value + 0:.5g}" for value in expected]
