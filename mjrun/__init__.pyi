@@ -387,6 +387,8 @@ class Plot(_Plot):
         y: str | Sequence[str] = ...,
         x: str | None = ...,
         log: str | Sequence[str] = ...,
+        xlim: Sequence[float] | None = ...,
+        ylim: str | Sequence[str] = ...,
         mark: str | Sequence[str] = ...,
         mark_event: str | Sequence[str] = ...,
         title: str | None = ...,
@@ -517,6 +519,8 @@ class TablePlot(_TablePlot):
         y: str | Sequence[str] = ...,
         x: str | None = ...,
         log: str | Sequence[str] = ...,
+        xlim: Sequence[float] | None = ...,
+        ylim: str | Sequence[str] = ...,
         mark: str | Sequence[str] = ...,
         mark_event: str | Sequence[str] = ...,
         title: str | None = ...,
@@ -527,6 +531,7 @@ class TablePlot(_TablePlot):
         embed_up_to: float = ...,
         format: str | None = ...,
         assert_: str | Sequence[str] = ...,
+        label: str | Sequence[str] = ...,
         include: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
     ) -> None: ...
 

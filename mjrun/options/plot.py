@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Optional, Several, Text
-from mjrun.options.number_kinds import Integer, Real, Size
+from mjrun.options.number_kinds import Integer, Range, Real, Size
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
 from mjrun.options.trace import SamplingOptions
@@ -38,6 +38,18 @@ class FigureOptions(Options):
         converter=Several(Text("[PANEL:]x|y|both"), commas=True, expected="x, y or both"),
         default=(),
         help="Logarithmic axes: y in all panels, or 2:y in the second panel only.",
+    )
+    xlim: tuple[float, float] | None = option(
+        converter=Optional(Range("LOW..HIGH")),
+        default=None,
+        usual="all values",
+        help="Range of the x axis, of which the curves then show all details.",
+    )
+    ylim: tuple[str, ...] = option(
+        converter=Several(Text("[PANEL:]LOW..HIGH")),
+        default=(),
+        usual="all values",
+        help="Range of the y axis in all panels, -1..1, or in the second panel only, 2:-1..1.",
     )
     mark: tuple[str, ...] = option(
         converter=Several(Text("[PANEL:|x:][LABEL=]VALUE")),
@@ -118,6 +130,12 @@ class TablePlotOptions(PageOptions, FigureOptions):
         converter=Several(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds for each table: max(abs(energy/drift)) < 1e-3.",
+    )
+    label: tuple[str, ...] = option(
+        converter=Several(Text("NAME")),
+        default=(),
+        usual="the parts of the tables' names that differ",
+        help="Name of a table in the legend, one for each table in order.",
     )
     include: tuple[str, ...] = option(
         converter=Several(File()),

@@ -13,6 +13,8 @@ from fnmatch import fnmatchcase
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, concerning, option, quoted
+from mjrun.options.number_kinds import Range
+from mjrun.options.schema_validation import InvalidValueError
 from mjrun.probe.row_expression import RowExpression, parse_row_expression
 from mjrun.probe.scanner import spelled
 
@@ -141,6 +143,28 @@ def parse_log(texts: Sequence[str], panels: int) -> tuple[bool, frozenset[int]]:
             if axes != "x":
                 log_y |= {panel_index(int(numbered[1]), panels, "log")} if numbered else set(range(panels))
     return log_x, frozenset(log_y)
+
+
+def parse_ylim(texts: Sequence[str], panels: int) -> dict[int, tuple[float, float]]:
+    """Returns the ranges of y axes by panel, counted from 0; the range of one panel precedes that of all.
+
+    Raises:
+      BadValueError: a text is not a range.
+      UsageError: the figure has fewer panels.
+    """
+    everywhere, limits = dict[int, tuple[float, float]](), dict[int, tuple[float, float]]()
+    for index, text in enumerate(texts):
+        with concerning("ylim", index):
+            numbered = _PANEL.fullmatch(text)
+            try:
+                limit = Range().parse(numbered[2] if numbered else text)
+            except InvalidValueError as error:
+                raise BadValueError(option("ylim"), text, error.expected) from None
+            if numbered:
+                limits[panel_index(int(numbered[1]), panels, "ylim")] = limit
+            else:
+                everywhere = dict.fromkeys(range(panels), limit)
+    return everywhere | limits
 
 
 def panel_index(number: int, panels: int, name: str) -> int:

@@ -20,6 +20,40 @@ class Points:
     y: np.ndarray
 
 
+class Window:
+    """A filter of the samples that lines within a range of x need, with gaps in place of the others.
+
+    The division of the samples into blocks has no effect.
+    """
+
+    def __init__(self, low: float, high: float) -> None:
+        self._low, self._high = low, high
+        self._side: int | None = None  # of the last sample: −1 below the range, 0 within, 1 above
+        self._held: tuple[np.ndarray, np.ndarray] | None = None  # the last sample, while it is not needed
+        self._is_gap = self._has_begun = False  # whether samples before the held one are left out; whether any is not
+
+    def feed(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the needed samples of `x` `(n,)` and `y` `(n, curves)`; NaN breaks the line."""
+        if self._held:
+            x, y = np.concatenate([self._held[0], x]), np.concatenate([self._held[1], y])
+        if not len(x):
+            return x, y
+        side = np.where(x < self._low, -1, np.where(x > self._high, 1, 0))
+        previous = side[0] if self._held or self._side is None else self._side
+        line = (side == 0) | (side != np.concatenate([[previous], side[:-1]]))  # from the sample before
+        needed = line | np.append(line[1:], False)
+        resumes = needed & ~np.concatenate([[not self._is_gap], needed[:-1]])
+
+        places = np.flatnonzero(needed)
+        gaps = np.searchsorted(places, np.flatnonzero(resumes))
+        gaps = gaps if self._has_begun else gaps[gaps > 0]
+        self._is_gap = not needed[-1] and (self._is_gap if len(x) == 1 else not needed[-2])
+        self._held = None if needed[-1] else (x[-1:].copy(), y[-1:].copy())
+        self._side, self._has_begun = int(side[-1]), self._has_begun or bool(len(places))
+        x, y = x[places], y[places]
+        return np.insert(x, gaps, x[gaps]), np.insert(y, gaps, np.nan, axis=0)
+
+
 class Envelope:
     """Several curves over one x, which arrive in blocks.
 

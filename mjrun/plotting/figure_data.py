@@ -69,16 +69,23 @@ class DrawnCurve:
 
 @dataclass(frozen=True)
 class DrawnPanel:
-    """A panel: the label of its y axis, its curves, whether y is logarithmic, and its horizontal marks."""
+    """A panel: the label of its y axis, its curves, whether y is logarithmic, and its horizontal marks.
+
+    Attributes:
+      limits: the ends of the y axis; None for all values.
+    """
 
     label: str
     curves: Sequence[DrawnCurve]
     log: bool
     marks: Sequence[ReferenceLine]
+    limits: Range | None = None
 
     @property
     def y(self) -> Scale:
         """The y axis, with a margin for curves and marks."""
+        if self.limits:
+            return Scale(self.label, *self.limits, self.log)
         values = [end for curve in self.curves for end in _ends(curve.points.y)]
         values += [mark.value for mark in self.marks]
         return scale(self.label, np.array(values), log=self.log, edge=MARGIN)
@@ -94,6 +101,7 @@ class Drawing:
 
     Attributes:
       x_margin: margin beside curves, as a share of their range; none over time, which extends from edge to edge.
+      x_limits: the ends of the x axis; None for all values.
     """
 
     title: str
@@ -102,10 +110,13 @@ class Drawing:
     panels: Sequence[DrawnPanel]
     marks: Sequence[ReferenceLine]
     x_margin: float = 0.0
+    x_limits: Range | None = None
 
     @property
     def x(self) -> Scale:
         """The x axis of all curves, with the margin."""
+        if self.x_limits:
+            return Scale(self.x_label, *self.x_limits, self.log_x)
         ends = [end for panel in self.panels for curve in panel.curves for end in _ends(curve.points.x)]
         if not ends:
             return Scale(self.x_label, *((0.1, 1.0) if self.log_x else (0.0, 1.0)), self.log_x)

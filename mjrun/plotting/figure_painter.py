@@ -81,7 +81,8 @@ def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *,
         alone = _isolated(curve.points.y)
         if alone.any():
             x, y, size = curve.points.x[alone], curve.points.y[alone], 2.2 * canvas.weight
-            axes.plot(x, y, "o", markersize=size, color=drawn.get_color(), markeredgewidth=0, clip_on=False)
+            clip = bool(panel.limits or drawing.x_limits)
+            axes.plot(x, y, "o", markersize=size, color=drawn.get_color(), markeredgewidth=0, clip_on=clip)
 
 
 def _sample(canvas: Canvas, curve: DrawnCurve) -> Line2D:

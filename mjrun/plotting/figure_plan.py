@@ -8,7 +8,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UsageError, concerning, counted, listing, option, quoted
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting import curve_syntax
-from mjrun.plotting.envelope import Envelope, Points
+from mjrun.plotting.envelope import Envelope, Points, Window
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
@@ -65,6 +65,10 @@ class FigurePlan:
         self.x = self._x_axis()
         self.panels = self._panels(panels)
         self.log_x, self.log_y = curve_syntax.parse_log(options.log, len(self.panels))
+        self.ylim = curve_syntax.parse_ylim(options.ylim, len(self.panels))
+        for axis, limits in (("xlim", [options.xlim] if self.log_x else []), ("ylim", map(self.ylim.get, self.log_y))):
+            if any(limit and limit[0] <= 0 for limit in limits):
+                raise UsageError(f"{option(axis)}: a logarithmic axis starts above 0")
         self.marks = self._marks()
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
@@ -96,7 +100,8 @@ class FigurePlan:
         events = [mark for collector in collectors for mark in collector.marks]
         vertical = [mark for mark in self.marks if mark.vertical]
         margin = 0.0 if self.breaks else MARGIN / 2
-        return Drawing(self.options.title or "", self._x_label(), self.log_x, panels, [*vertical, *events], margin)
+        marks = [*vertical, *events]
+        return Drawing(self.options.title or "", self._x_label(), self.log_x, panels, marks, margin, self.options.xlim)
 
     def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], Points]]) -> DrawnPanel:
         several, curves = len(self.tables) > 1, list[DrawnCurve]()
@@ -109,7 +114,7 @@ class FigurePlan:
                 colour, variant = (table, number) if several else (number, 0)
                 curves.append(DrawnCurve(label, drawn[index, number], colour, variant))
         marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
-        return DrawnPanel(panel.label, curves, index in self.log_y, marks)
+        return DrawnPanel(panel.label, curves, index in self.log_y, marks, self.ylim.get(index))
 
     def _x_axis(self) -> curve_syntax.CurveSpec | None:
         """Returns the x axis; None for the number of the row."""
@@ -203,6 +208,7 @@ class TableCollector:
         self._log = np.array([index in plan.log_y for index, _ in self._curves], bool)
         bins = 1 << (2 * plan.grid.size[0] - 1).bit_length()
         self._envelope = Envelope(len(self._curves), bins, log=plan.log_x, breaks=plan.breaks)
+        self._window = Window(*plan.options.xlim) if plan.options.xlim else None
         self._events = [event for event in events if names.issuperset(event.condition.columns)]
         self._edges = [RisingEdgeDetector() for _ in self._events]
         self._seen = [0 for _ in self._events]
@@ -239,7 +245,7 @@ class TableCollector:
             usable &= x > 0
         if not usable.all():
             x, y = x[usable], y[usable]
-        self._envelope.feed(x, y)
+        self._envelope.feed(*(self._window.feed(x, y) if self._window else (x, y)))
 
     def points(self) -> dict[tuple[int, int], Points]:
         """Returns the points of every curve, keyed by the indices of its panel and of the curve."""

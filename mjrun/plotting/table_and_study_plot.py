@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import FailedAssertionError, UsageError, clean, listing, option, quoted
+from mjrun.errors import FailedAssertionError, UsageError, clean, counted, listing, option, quoted
 from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.image_format import figure_format
 from mjrun.formats.study_reader import read_study
@@ -25,7 +25,7 @@ from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 
 SCHEMA = "mjrun-plot-1"  # schema of the report
-OF_TABLES = ("mark", "mark_event", "assert")  # options that do not apply to a study
+OF_TABLES = ("mark", "mark_event", "assert", "xlim", "ylim", "label")  # options that do not apply to a study
 
 
 @options
@@ -48,7 +48,11 @@ class TablePlot(TablePlotOptions):
         reporter = reporter or WarningReporter()
         _check_outputs(self)
         with ExitStack() as stack:
-            figure = TableFigure(self.paths, self, stack)
+            if self.label and len(self.label) != len(self.paths):
+                raise UsageError(
+                    f"{option('label')}: {counted(len(self.label), 'name')} for {counted(len(self.paths), 'table')}"
+                )
+            figure = TableFigure(self.paths, self, stack, self.label)
             size = figure.plan.grid.size
             picture = stack.enter_context(_open_picture(self, size)) if self.output else None
             page = stack.enter_context(PageWriter(self.html)) if self.html else None

@@ -24,16 +24,21 @@ _WORD = re.compile(r"[^/\\\s_-]+")
 class TableFigure:
     """A figure of tables, which remain open until `stack` is closed.
 
+    Args:
+      labels: names of the tables in the legend, in place of the usual ones.
+
     Raises:
       UsageError, FileError: a table or a name is missing.
     """
 
-    def __init__(self, tables: Sequence[str], options: FigureOptions, stack: ExitStack) -> None:
+    def __init__(
+        self, tables: Sequence[str], options: FigureOptions, stack: ExitStack, labels: Sequence[str] = ()
+    ) -> None:
         if not tables:
             raise UsageError("nothing to plot: give a table, or - for standard input")
         if tables.count(STDIN) > 1:
             raise UsageError("standard input can be read only once: give - once")
-        self._paths, names = tables, table_names(tables)
+        self._paths, names = tables, labels or table_names(tables)
         self._stack, self._options = stack, options
         # Columns that are not plotted may hold text; standard input cannot be opened again to read the others.
         self._readers = [stack.enter_context(open_table(path, missing="nan", exact=path != STDIN)) for path in tables]

@@ -4,8 +4,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from mjrun.plotting.envelope import GROUP, GROUPS, Envelope, Points
+from mjrun.plotting.envelope import GROUP, GROUPS, Envelope, Points, Window
 
 BINS = 64
 
@@ -146,3 +148,34 @@ def test_memory_does_not_grow() -> None:
         return most
 
     assert peak(1_000_000) < 1.3 * peak(100_000)  # as more bins are in use
+
+
+def visible_lines(x: np.ndarray, y: np.ndarray, low: float, high: float) -> list[tuple[float, ...]]:
+    """The lines between successive samples that reach into a range of x."""
+    lines = zip(x, y, x[1:], y[1:], strict=False)
+    return [line for line in lines if not np.isnan(line).any() and _reaches(line, low, high)]
+
+
+def _reaches(line: tuple[float, ...], low: float, high: float) -> bool:
+    begin, end = sorted((line[0], line[2]))
+    return begin <= high and end >= low
+
+
+@given(
+    x=st.lists(st.integers(-3, 8), max_size=14),
+    cuts=st.lists(st.integers(0, 14), max_size=4).map(sorted),
+    ascends=st.booleans(),
+)
+def test_a_window_keeps_every_line_that_reaches_into_it_and_blocks_have_no_effect(
+    x: list[int], cuts: list[int], ascends: bool
+) -> None:
+    low, high = 1.0, 4.0
+    places = np.array(sorted(x) if ascends else x, float)
+    numbers = np.arange(len(x), dtype=float)[:, None]
+    window, whole = Window(low, high), Window(low, high).feed(places, numbers)
+    parts = [window.feed(*part) for part in zip(np.split(places, cuts), np.split(numbers, cuts), strict=True)]
+    for joined, expected in zip(map(np.concatenate, zip(*parts, strict=True)), whole, strict=True):
+        np.testing.assert_array_equal(joined, expected)
+    kept = visible_lines(whole[0], whole[1][:, 0], low, high)
+    assert kept == visible_lines(places, numbers[:, 0], low, high)
+    assert np.isfinite(whole[1]).sum() <= 2 * len(kept) + ((places >= low) & (places <= high)).sum()

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
 TABLES = ModelArgument("tables", tables=True, nargs=-1, required=True, type=click.Path(), metavar="TABLE...|MODEL")
-OF_TABLES = ("html", "include", "assert")
+OF_TABLES = ("html", "include", "assert", "label")
 OF_MODELS = ("probe", "every", "rate", "manifest")
 
 

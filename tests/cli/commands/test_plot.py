@@ -98,6 +98,19 @@ def test_a_plot_of_a_model_has_a_document_and_the_report_of_a_table(mjrun_here: 
         assert one.tobytes() == other.tobytes()
 
 
+def test_limits_and_labels_are_those_of_the_axes_and_the_legend(mjrun_here: Command) -> None:
+    for name, factor in (("one.csv", 1), ("other.csv", 2)):
+        rows = [f"{i / 1000},{factor * i}\n" for i in range(5000)]
+        (mjrun_here.folder / name).write_text(f"time,qpos/a\n{''.join(rows)}")
+    limits = ["--xlim", "1..1.2", "--ylim", "900..2500", "--label", "small", "--label", "large"]
+    assert mjrun_here("plot", "one.csv", "other.csv", "-o", "a.svg", *limits).returncode == 0
+    parts = [*ElementTree.parse(mjrun_here.folder / "a.svg").iter()]
+    texts = [each.text for each in parts if each.tag.endswith("text")]
+    assert {"small", "large", "1.00", "1.20"} <= set(texts)
+    curves = [path for each in parts if (path := each.get("d")) and path.count("L") > 100]
+    assert [path.count("L") for path in curves] == [202, 202]  # each of 201 rows, and a neighbour on either side
+
+
 def test_formats_of_a_pipe(mjrun_here: Command) -> None:
     (mjrun_here.folder / "run.csv").write_text(TABLE)
     for source in ("run.csv", str(PENDULUM)):
@@ -111,6 +124,10 @@ def test_formats_of_a_pipe(mjrun_here: Command) -> None:
     [
         (["run.csv"], 2, "Missing option '-o'"),
         (["run.csv", "-o", "a.png", "--duration", "1"], 2, "--duration applies to models, and 'run.csv' is not one"),
+        (["run.csv", "-o", "a.png", "--xlim", "1..0"], 2, "write two numbers, the smaller first, as in 0.5..4"),
+        (["run.csv", "-o", "a.png", "--ylim", "9:0..1"], 2, "--ylim: panel 9 does not exist"),
+        (["run.csv", "-o", "a.png", "--ylim", "0..1", "--log", "y"], 2, "--ylim: a logarithmic axis starts above 0"),
+        (["run.csv", "-o", "a.png", "--label", "a", "--label", "b"], 2, "--label: 2 names for 1 table"),
         (["run.csv", "-o", "a.png", "--probe", "energy"], 2, "--probe applies to models"),
         ([str(PENDULUM), "--html", "a.html"], 2, "--html applies to tables, which `mjrun trace` writes, and"),
         ([str(PENDULUM), "run.csv"], 2, "a plot shows one model, or tables"),
