@@ -353,28 +353,22 @@ def _values(schema: Mapping[str, Any]) -> Iterator[str]:
 def columns_page() -> str:
     """Returns the page of everything that a trace can measure: the groups of columns of all scenes."""
     from mjrun.model.sources import load
+    from mjrun.probe.column_groups import column_groups
     from mjrun.probe.select import available_columns
 
-    groups: dict[str, dict[str, Any]] = {}
-    for path in sorted((ROOT / "scenes").glob("*.xml")):
-        for column in available_columns(load(path)):
-            group = column.name.partition("/")[0]
-            entry = groups.setdefault(group, {"units": {}, "meanings": {}, "of": {}, "example": column.name})
-            entry["meanings"][column.meaning] = None
-            entry["units"][column.unit or "–"] = None
-            entry["of"][column.kind or "–"] = None
+    columns = [column for path in sorted((ROOT / "scenes").glob("*.xml")) for column in available_columns(load(path))]
     lines = [
         "# Columns",
         "",
         "Everything that `--probe` can measure, by group. A model offers the groups for which it has objects;",
     ]
-    lines += ["`mjrun trace MODEL --list` lists its columns, with the unit of each.", ""]
+    lines += ["`mjrun trace MODEL --list` lists its groups, and with `--all` its columns.", ""]
     lines += ["| group | meaning | of | unit | example |", "|---|---|---|---|---|"]
-    for group, entry in groups.items():
-        units, kinds = ", ".join(entry["units"]), ", ".join(entry["of"])
-        meanings = [*entry["meanings"]]
+    for group in column_groups(columns):
+        units, kinds, meanings = (group.texts(name) for name in ("unit", "kind", "meaning"))
         meaning = "; ".join(meanings[:MOST_MEANINGS]) + "; …" * (len(meanings) > MOST_MEANINGS)
-        lines.append(f"| `{group}` | {_prose(meaning)} | {kinds} | {units} | `{entry['example']}` |")
+        facts = [f"`{group.name}`", _prose(meaning), ", ".join(kinds) or "–", ", ".join(units) or "–"]
+        lines.append(f"| {' | '.join(facts)} | `{group.columns[0].name}` |")
     return "\n".join([*lines, ""])
 
 

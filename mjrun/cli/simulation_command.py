@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import click
 
 from mjrun.cli.click_command import CommandLine
-from mjrun.cli.console import Console
+from mjrun.cli.console import Console, flag
 from mjrun.cli.report_forms import Report
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
@@ -28,11 +28,14 @@ from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
     from mjrun.model.source import Source
+    from mjrun.model.table_column import Column
     from mjrun.outputs.output import Job, OutputResult
     from mjrun.simulation.simulation import Simulation
 
 R = TypeVar("R", bound="OutputResult")
 NO_BACKEND = {"MUJOCO_GL": "disable"}
+MOST_TEXTS = 3  # units and meanings of a group that are listed
+PARTS = (("unit", "unit"), ("of", "kind"), ("meaning", "meaning"))
 CONTROLLER = "FILE.py:NAME or PACKAGE.MODULE:NAME names a function (model, data), or a class with __call__ and reset"
 
 
@@ -212,10 +215,20 @@ def reported_failures(
         raise
 
 
-def show_columns(console: Console, source: "Source", probes: Sequence[str] = (), policy: object = None) -> None:
+def show_columns(
+    console: Console,
+    source: "Source",
+    probes: Sequence[str] = (),
+    policy: object = None,
+    *,
+    groups: bool = False,
+) -> None:
     """Lists the columns of a trace, or those of `probes`, one per line or as one document.
 
     The columns of a task do not depend on the policy.
+
+    Args:
+      groups: list their groups only, unless a document is requested.
     """
     from mjrun.outputs.trace import columns
     from mjrun.simulation.simulation import Simulation
@@ -225,7 +238,27 @@ def show_columns(console: Console, source: "Source", probes: Sequence[str] = (),
     if console.as_json:
         console.document({"columns": [asdict(column) for column in listed]})
         return
+    if groups:
+        _show_groups(console, listed)
+        return
     width = max(len(clean(column.name)) for column in listed)
     for column in listed:
         owner = f"{column.kind} {column.id}" if column.kind else ""
         console.result(f"{clean(column.name):{width}}  {column.unit:8}  {owner:12}  {column.meaning}".rstrip())
+
+
+def _show_groups(console: Console, columns: "Sequence[Column]") -> None:
+    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.table_cells import numbers, texts
+    from mjrun.probe.column_groups import column_groups
+
+    groups = column_groups(columns)
+    page = PageLayout()
+    shown = [
+        texts("probe", [group.name for group in groups]),
+        numbers("columns", [len(group.columns) for group in groups]),
+        *(texts(heading, [", ".join(group.texts(name)[:MOST_TEXTS]) for group in groups]) for heading, name in PARTS),
+    ]
+    page.table("groups of columns", shown, len(groups))
+    page.note(f"{flag('list')} {flag('all')} lists every column, {flag('list')} {flag('probe')} NAME those of a group")
+    console.result(page.text())

@@ -95,7 +95,13 @@ class TraceCommandLineOptions(Options):
         converter=Flag(),
         default=False,
         places=FrontEnd.COMMAND,
-        help="List every column that the model offers, or those of --probe, and exit.",
+        help="List the groups of columns that the model offers, or the columns of --probe, and exit.",
+    )
+    all_: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="List every column with --list, not only their groups.",
     )
     verify: bool = option(
         converter=Flag(),

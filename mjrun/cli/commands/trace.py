@@ -58,8 +58,10 @@ def trace(console: Console, command_line: CommandLine) -> None:
     import_mujoco()
     options = command_line.make(TraceCommandLineOptions)
     if options.list_:
-        _list(console, command_line)
+        _list(console, command_line, groups=not options.all_)
         return
+    if options.all_:
+        raise UsageError(f"{option('all')} requires {option('list')}")
     if options.verify:
         _verify(console, command_line)
         return
@@ -120,12 +122,12 @@ def _summarize(console: Console, command_line: CommandLine) -> None:
     console.result(page.text())
 
 
-def _list(console: Console, command_line: CommandLine) -> None:
+def _list(console: Console, command_line: CommandLine, *, groups: bool) -> None:
     from mjrun.outputs.trace import Trace
 
     _require_no_output(command_line, f"{option('list')} shows columns on standard output and measures nothing")
     probes = command_line.make(Trace, simulation=simulation(command_line)).probe if command_line.value("probe") else ()
-    show_columns(console, source(command_line), probes, command_line.value("policy"))
+    show_columns(console, source(command_line), probes, command_line.value("policy"), groups=groups and not probes)
 
 
 def _verify(console: Console, command_line: CommandLine) -> None:

@@ -146,7 +146,7 @@ def test_columns_are_those_that_trace_lists(mjrun_here: Command) -> None:
     assert (
         mjrun_here("info", scene, "--columns", "--json").stdout == mjrun_here("trace", scene, "--list", "--json").stdout
     )
-    listed = [line.split()[0] for line in lines(mjrun_here("trace", scene, "--list"))]
+    listed = [line.split()[0] for line in lines(mjrun_here("trace", scene, "--list", "--all"))]
     assert [line.split()[0] for line in lines(mjrun_here("info", scene, "--columns"))] == listed
     assert mjrun_here("info", scene, "joints", "--columns").returncode == 2
 

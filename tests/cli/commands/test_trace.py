@@ -8,6 +8,7 @@ import json
 import os
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,12 +76,25 @@ def test_every_format_holds_the_same_numbers(mjrun_here: Command) -> None:
 
 
 def test_the_list_names_columns_units_and_objects(mjrun_here: Command) -> None:
-    lines = mjrun_here("trace", ROOT / "scenes/pinata.xml", "--list").stdout.decode().splitlines()
+    lines = mjrun_here("trace", ROOT / "scenes/pinata.xml", "--list", "--all").stdout.decode().splitlines()
     assert lines[0].split() == ["time", "s", "simulated", "time,", "exact"]
     swing = next(line for line in lines if line.startswith("qpos/swing "))
     assert swing.split() == ["qpos/swing", "rad", "joint", "0", "position"]
     document = json.loads(mjrun_here("trace", ROOT / "scenes/pinata.xml", "--list", "--json").stdout)
     assert [column["name"] for column in document["columns"]] == [line.split()[0] for line in lines]
+
+
+def test_the_list_of_groups_counts_the_columns_of_each(mjrun_here: Command) -> None:
+    scene = ROOT / "scenes/pinata.xml"
+    every = json.loads(mjrun_here("trace", scene, "--list", "--json").stdout)["columns"]
+    counts = Counter(column["name"].partition("/")[0] for column in every)
+    _, _, *lines, _, hint = mjrun_here("trace", scene, "--list").stdout.decode().splitlines()
+    assert [line.split()[:2] for line in lines] == [[name, str(count)] for name, count in counts.items()]
+    qvel = next(line for line in lines if line.split()[0] == "qvel")
+    assert qvel.split()[2:] == ["rad/s,", "m/s", "joint", "velocity"]
+    assert hint == "--list --all lists every column, --list --probe NAME those of a group"
+    done = mjrun_here("trace", scene, "--all")
+    assert (done.returncode, done.stderr) == (2, b"mjrun: error: --all requires --list\n")
 
 
 def test_an_assertion_that_fails_ends_with_one_and_says_where(mjrun_here: Command) -> None:
@@ -117,7 +131,7 @@ def test_a_wrong_probe_lists_near_names(mjrun_here: Command) -> None:
 def test_the_list_is_of_the_probes_that_are_given(mjrun_here: Command) -> None:
     lines = mjrun_here("trace", PENDULUM, "--list", "--probe", "energy/drift,time,qpos").stdout.decode().splitlines()
     assert [line.split()[0] for line in lines] == ["time", "energy/drift", "qpos/hinge"]
-    every = mjrun_here("trace", PENDULUM, "--list").stdout.decode().splitlines()
+    every = mjrun_here("trace", PENDULUM, "--list", "--all").stdout.decode().splitlines()
     assert {" ".join(line.split()) for line in lines} < {" ".join(line.split()) for line in every}
     done = mjrun_here("trace", PENDULUM, "--list", "--probe", "qpos,bogus")
     assert (done.returncode, done.stdout) == (2, b"")
@@ -205,7 +219,7 @@ def test_a_recording_is_verified_and_the_exit_code_is_the_verdict(mjrun_here: Co
 
 
 def test_the_names_are_those_that_a_trace_can_write(mjrun_here: Command, swing: Path) -> None:
-    names = [line.split()[0] for line in mjrun_here("trace", swing, "--list").stdout.decode().splitlines()]
+    names = [line.split()[0] for line in mjrun_here("trace", swing, "--list", "--all").stdout.decode().splitlines()]
     assert names[0] == "time"
     written = mjrun_here(
         "trace", swing, "--duration", "0.01", *(f"--probe={name}" for name in names[1:])
