@@ -19,7 +19,7 @@ from mjrun.cli.main import COMMANDS
 
 # Imports run downward. Rooms on one line are siblings and never import each other.
 HOUSE = (
-    ("__main__",),
+    ("__main__", "pytest_plugin"),
     ("cli", "gym"),
     ("document",),
     ("doctor", "check", "bench", "fit", "study", "evaluation", "viewer"),
@@ -42,6 +42,7 @@ HOUSE = (
 LIBRARIES = {
     "click": ("cli",),
     "rich": ("cli",),
+    "pytest": ("pytest_plugin",),
     "yaml": ("document", "policy.leapp_package"),  # the latter reads files of other programs
     "imageio": ("formats.video_reader",),
     "imageio_ffmpeg": ("formats.ffmpeg", "formats.video_reader"),
