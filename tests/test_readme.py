@@ -86,7 +86,7 @@ def test_brackets_are_in_quotes_which_zsh_wants(command: str) -> None:
 def test_the_readme_has_the_commands_that_it_is_for() -> None:
     assert len(DRAWN) >= 20
     assert {"make demo", "make test", "mjrun doctor"} <= set(COMMANDS)
-    assert len(PYTHON) == 4
+    assert len(PYTHON) == 6
 
 
 @pytest.mark.parametrize("command", DRAWN)
