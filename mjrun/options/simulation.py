@@ -91,7 +91,8 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
     ctrl_from: str | None = option(
         converter=Optional(File()),
         default=None,
-        help="Table of controls over time, with columns time [s] and ctrl/ACTUATOR, such as a trace.",
+        help="Table of controls over time, with a column time [s] and one for each actuator, which is named "
+        "ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.",
     )
     ctrl_interpolation: str = option(
         converter=Choice(INTERPOLATIONS),

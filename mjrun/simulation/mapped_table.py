@@ -23,6 +23,8 @@ from mjrun.timeline import seconds
 
 POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
+JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+ANGLE, DEGREES = r"\s*\[(deg|°|rad)\]$", r"\[(deg|°)\]$"
 
 
 def column_names(path: str | Path) -> list[str]:
@@ -164,24 +166,27 @@ def read_controls(
       UsageError: the table lacks times or an actuator, drives one that has a constant, or has invalid numbers.
       FileError: the table cannot be read.
     """
-    columns = read_table(path, lambda name: name == TIME or re.match(CONTROL, name) is not None).columns
-    actuators = control_names(model)
+    actuators, available = control_names(model), column_names(path)
     names = [f"ctrl/{name}" for name in actuators]
-    mapped = column_map({"ctrl": names}, list(columns), (), source)
+    others = _other_controls(model, available)
+    columns = read_table(path, lambda name: name in {TIME, *others} or re.match(CONTROL, name) is not None).columns
+    mapped = column_map({"ctrl": names}, list(columns), list(others.values()), source)
 
     driven = [index for index, name in enumerate(names) if name in mapped.sources]
     twice = [key for key, held in constants.items() if key != "*" and not set(held).isdisjoint(driven)]
     if twice:
         raise UsageError(f"{option('ctrl')} and {clean(source)} both drive {listing(twice)}")
     for name in mapped.unused:
-        if name.startswith("ctrl/"):
+        if name.startswith("ctrl/") and name not in others:
             raise UnknownNameError("actuator", name.removeprefix("ctrl/"), actuators, where=f"the columns of {source}")
     held = {index for indices in constants.values() for index in indices}
     missing = [name for index, name in enumerate(names) if index not in driven and index not in held]
     if not driven or missing:
         wanted = listing(missing or names) or "nothing: it has no actuators"
         raise UsageError(
-            f"{clean(source)} lacks columns for actuators of the model: {wanted}\n{option('ctrl')} sets the others"
+            f"{clean(source)} lacks columns for actuators of the model: {wanted}\n"
+            f"it has {listing(available)}; a column may also be named after the actuator or its joint, with [deg] for "
+            f"degrees, and {option('ctrl')} sets the others"
         )
     if mapped.time is None:
         raise UsageError(
@@ -189,3 +194,39 @@ def read_controls(
         )
     values = {names[index]: mapped.sources[names[index]].values(columns) for index in driven}
     return ControlTable(TimedRows(mapped.time.values(columns), values, source, linear), driven)
+
+
+def _other_controls(model: mujoco.MjModel, columns: Sequence[str]) -> dict[str, str]:
+    """Returns the entries of a map for columns that are named after an actuator, or after a joint that only one drives.
+
+    A unit in brackets behind the name converts degrees to radians, also of columns such as `ctrl/hip [deg]`.
+    """
+    joints = _joints_of_controls(model)
+    driven = [joint for joint in joints.values() if joint]
+    found = {column.removeprefix("ctrl/") for column in columns if column.startswith("ctrl/")}
+    entries: dict[str, str] = {}
+    for control, joint in joints.items():
+        for name in (control, *([joint] if driven.count(joint) == 1 and joint not in joints else [])):
+            column = next((each for each in columns if _without_unit(each) == name), None)
+            if column and control not in found:
+                found.add(control)
+                degrees = "*pi/180" if re.search(DEGREES, column) else ""
+                entries[column] = f"ctrl/{control}={spelled(column)}{degrees}"
+    return entries
+
+
+def _without_unit(column: str) -> str:
+    """Returns the name of a control or joint for a column such as `hip [deg]`; an empty text for `ctrl/hip`."""
+    name = re.sub(ANGLE, "", column)
+    return name.removeprefix("ctrl/") if name != column else "" if name.startswith("ctrl/") else name
+
+
+def _joints_of_controls(model: mujoco.MjModel) -> dict[str, str]:
+    """Returns the controls, each with the joint that its actuator drives, or an empty text."""
+    names = control_names(model)
+    joints = dict.fromkeys(names, "")
+    for i in range(model.nactuator):
+        if model.actuator_ctrlnum[i] == 1 and model.actuator_trntype[i] in JOINT_DRIVEN:
+            joint = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(model.actuator_trnid[i, 0])) or ""
+            joints[names[int(model.actuator_ctrladr[i])]] = joint
+    return joints

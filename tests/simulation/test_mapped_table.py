@@ -243,6 +243,37 @@ def test_controls_are_read_by_name_or_by_number(tmp_path: Path) -> None:
         assert controls(tmp_path / "t.csv", numbered).tolist() == expected
 
 
+@pytest.mark.parametrize("names", [("m", "g"), ("a", "b"), ("m", "b"), ("ctrl/m", "b"), ("m [rad]", "ctrl/g")])
+def test_controls_may_be_named_after_their_actuators_or_joints(tmp_path: Path, names: tuple[str, str]) -> None:
+    renamed = dict(zip(("time", *names), GOOD.values(), strict=True))
+    assert controls(tmp_path / "t.csv", {**renamed, "else": [9.0, 9.0]}).tolist() == [[0, 2], [0, 3]]
+
+
+@pytest.mark.parametrize("name", ["g [deg]", "b [deg]", "ctrl/g [deg]", "b [°]"])
+def test_controls_in_degrees_are_converted(tmp_path: Path, name: str) -> None:
+    columns = {"time": [0.0, 1.0], "m": [0.0, 0.0], name: [90.0, -180.0]}
+    assert np.allclose(controls(tmp_path / "t.csv", columns), [[0, np.pi / 2], [0, -np.pi]], rtol=1e-15)
+
+
+def test_a_full_name_precedes_that_of_an_actuator_and_that_of_its_joint(tmp_path: Path) -> None:
+    columns = {"time": [0.0], "b": [1.0], "g": [2.0], "ctrl/g": [3.0], "a": [4.0], "m": [5.0]}
+    assert controls(tmp_path / "t.csv", columns)[0].tolist() == [5, 3]
+
+
+def test_a_joint_of_two_actuators_names_neither(tmp_path: Path) -> None:
+    text = (
+        '<mujoco><worldbody><body><joint name="a"/><geom size=".1"/></body></worldbody><actuator>{}</actuator></mujoco>'
+    )
+    model = mujoco.MjModel.from_xml_string(
+        text.format('<motor name="m" joint="a"/><damper name="d" joint="a" kv="1" ctrlrange="0 1"/>')
+    )
+    (tmp_path / "t.csv").write_text("time,a\n0,1\n")
+    with pytest.raises(
+        UsageError, match=r"lacks columns .*: ctrl/m, ctrl/d\nit has time, a; a column may also be named"
+    ):
+        read_controls(tmp_path / "t.csv", model, "t.csv", {}, linear=False)
+
+
 def test_actuators_without_a_column_keep_their_control(tmp_path: Path) -> None:
     columns = {"time": [0.0], "ctrl/g": [1.0]}
     assert controls(tmp_path / "t.csv", columns, {"m": [0]}).tolist() == [[7, 1]] * 2
