@@ -78,7 +78,7 @@ def described(code: str) -> Iterator[str]:
     for each in fields(Thresholds):
         facts: Mapping[str, Any] = each.metadata
         if facts["code"] == code:
-            yield f"`--threshold {each.name.replace('_', '-')}={each.default:.4g}`: {facts['meaning']}"
+            yield f"`--threshold {each.name.replace('_', '-')}={each.default:.5g}`: {facts['meaning']}"
 
 
 def threshold_values(settings: Iterable[tuple[str, str]]) -> Mapping[str, float]:
