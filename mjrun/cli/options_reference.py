@@ -186,7 +186,10 @@ def _name(each: Option, available: FrontEnd) -> str:
 
 
 def _value(each: Option) -> str:
-    return "true or false" if isinstance(each.kind, Flag) else f"`{each.kind.metavar}`"
+    """Returns the placeholder for the value, which may wrap between alternatives."""
+    return (
+        "true or false" if isinstance(each.kind, Flag) else " | ".join(f"`{w}`" for w in each.kind.metavar.split("|"))
+    )
 
 
 def _default(each: Option) -> str:
