@@ -1,5 +1,6 @@
 """The fixtures of the pytest plug-in, in a pytest of their own."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -27,7 +28,9 @@ def test_a_trace_is_compared_with_the_golden_table_beside_the_test(tmp_path: Pat
         (tmp_path / "test_swing.py").write_text(TEST.format(duration=duration))
         plugin = ["-p", pytest_plugin.__name__, "-p", "no:cacheprovider", "-q"]
         command = [sys.executable, "-m", "pytest", *plugin, *options, str(tmp_path / "test_swing.py")]
-        return subprocess.run(command, cwd=ROOT.parent, capture_output=True, text=True).stdout
+        # The plug-in would be registered twice where an installation has its entry point.
+        environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_ADDOPTS": ""}
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True).stdout
 
     missing = run(0.1)
     assert "2 failed" in missing

@@ -187,9 +187,10 @@ def _name(each: Option, available: FrontEnd) -> str:
 
 def _value(each: Option) -> str:
     """Returns the placeholder for the value, which may wrap between alternatives."""
-    return (
-        "true or false" if isinstance(each.kind, Flag) else " | ".join(f"`{w}`" for w in each.kind.metavar.split("|"))
-    )
+    if isinstance(each.kind, Flag):
+        return "true or false"
+    metavar = each.kind.metavar
+    return " | ".join(f"`{part}`" for part in ([metavar] if "[" in metavar else metavar.split("|")))
 
 
 def _default(each: Option) -> str:

@@ -198,7 +198,7 @@ def test_statistics_count_the_findings_of_each_rule(models: Command) -> None:
 
 def test_a_code_that_is_none_is_answered_with_one_that_is(models: Command) -> None:
     done = models("check", "fine.xml", "--ignore", "MJ3O2")
-    assert b"no code 'MJ3O2' (did you mean 'MJ302'" in done.stderr
+    assert re.search(rb"no code 'MJ3O2' \(did you mean .*'MJ302'.*\?\)", done.stderr)
 
 
 def test_a_file_that_crashes_mujoco_is_told_beside_the_others(models: Command) -> None:
