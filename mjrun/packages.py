@@ -118,6 +118,11 @@ def installed_wrong() -> Iterator[WrongVersionError]:
     )
 
 
+def installed_versions() -> dict[str, str]:
+    """Returns the versions of all packages that mjrun and its extras require; empty texts for missing ones."""
+    return {package: installed_version(package) for package in sorted({each.package for each in _requirements()})}
+
+
 def wrong_versions(versions: Mapping[str, str]) -> Iterator[WrongVersionError]:
     """Yields an error for each package, given with its version, that mjrun requires in another version."""
     needed = {each.package: each for each in _requirements()}

@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import hashlib
 import importlib
 import importlib.abc
 import importlib.machinery
@@ -110,6 +111,19 @@ def module_sources(code: Iterable[object], known: Iterable[ModuleSource] = ()) -
             waiting += [(each, "") for each in _imported(source.content, name)]
             sources[path] = source
     return tuple(sources[path] for path in sorted(sources))
+
+
+def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str:
+    """Returns the SHA-256 of the user's modules that contain `code`; empty if there are no such modules.
+
+    Args:
+      known: see `module_sources`.
+    """
+    digest, count = hashlib.sha256(), 0
+    for source in module_sources(code, known):
+        digest.update(f"{source.name}\0{len(source.content)}\0".encode() + source.content)
+        count += 1
+    return digest.hexdigest() if count else ""
 
 
 def _home(code: object) -> tuple[str, str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mjrun.errors import ControllerError, FileError, UsageError
-from mjrun.python_code import RedirectedFunction, load_code, made
+from mjrun.python_code import RedirectedFunction, code_hash, load_code, made
 
 
 @pytest.fixture
@@ -52,3 +52,23 @@ def test_a_class_that_cannot_be_made_is_an_error_of_its_own(folder: Path) -> Non
 def test_prints_go_to_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert RedirectedFunction(lambda x: print(x) or x)(4) == 4  # noqa: T201
     assert capsys.readouterr() == ("", "4\n")
+
+
+def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    helper = tmp_path / "gains_of_a_test.py"
+    helper.write_text("KP = 1")
+    (tmp_path / "control_of_a_test.py").write_text(
+        "import math\nfrom gains_of_a_test import KP\ndef act(model, data): return KP\n"
+    )
+    import control_of_a_test  # type: ignore[import-not-found]
+
+    act = control_of_a_test.act
+    before = code_hash([act])
+    assert before == code_hash([act]) == code_hash([act, act])
+    helper.write_text("KP = 2")
+    assert code_hash([act]) != before
+    assert code_hash([]) == code_hash([print]) == code_hash([Path]) == ""
+    del sys.modules["control_of_a_test"], sys.modules["gains_of_a_test"]

@@ -234,9 +234,9 @@ class CameraDocument(Options):
         if shots := mappings_in(values.get("shots")):
             yield from shot_conflicts(shots)
 
-    def script(self, name: str) -> "CameraScript":
-        """Returns the script under a name."""
-        return CameraScript(name, [replace(shot, speed=shot.speed or self.speed) for shot in self.shots])
+    def script(self, name: str, file: str = "") -> "CameraScript":
+        """Returns the script under a name, as read from a file."""
+        return CameraScript(name, [replace(shot, speed=shot.speed or self.speed) for shot in self.shots], file)
 
 
 @options
@@ -248,10 +248,15 @@ class InlineCamera(CameraDocument):
 
 @dataclass(frozen=True)
 class CameraScript:
-    """A sequence of shots, with a name for captions and files."""
+    """A sequence of shots, with a name for captions and files.
+
+    Attributes:
+      file: the document that it was read from; empty if it was written in place.
+    """
 
     name: str
     shots: Sequence[Shot]
+    file: str = field(default="", compare=False, repr=False)
 
     def check(self) -> None:
         """Checks that the shots are consistent.

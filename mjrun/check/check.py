@@ -193,7 +193,7 @@ class Check(PolicyOptions, CheckOptions):
         finally:
             workers.end()
             if cache:
-                cache.trim()
+                cache.entries.trim()
 
         if self.baseline is not None and known is None:
             write_baseline(Path(self.baseline), (finding for result in results for finding in result.findings))

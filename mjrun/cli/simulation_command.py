@@ -15,7 +15,7 @@ import click
 
 from mjrun.cli.click_command import CommandLine
 from mjrun.cli.console import Console, flag
-from mjrun.cli.report_forms import Report
+from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.console import ConsoleOptions
@@ -29,6 +29,7 @@ from mjrun.suffixes import is_yaml
 if TYPE_CHECKING:
     from mjrun.model.source import Source
     from mjrun.model.table_column import Column
+    from mjrun.outputs.last_run import EarlierReport, LastRun
     from mjrun.outputs.output import Job, OutputResult
     from mjrun.simulation.simulation import Simulation
 
@@ -131,12 +132,18 @@ def _camera(spec: str) -> object:
 
 
 def make(
-    console: Console, command_line: CommandLine, job: "Job[R]", time: Fraction | None = None, step: int | None = None
+    console: Console,
+    command_line: CommandLine,
+    job: "Job[R]",
+    time: Fraction | None = None,
+    step: int | None = None,
+    report: "Callable[[R], Report] | None" = None,
 ) -> "R":
     """Makes the output that `job` describes, and a recording and a keyframe on request; or prints a document for all.
 
     Args:
       time, step: time of the keyframe; by default, the last instant.
+      report: makes the report of the result.
     """
     from mjrun.outputs.perform import perform
 
@@ -157,12 +164,38 @@ def make(
 
         console.result(document_text(jobs, console.command).rstrip("\n"))
         raise click.exceptions.Exit(0)
+    from mjrun.outputs.last_run import LastRun
+
     try:
-        return cast("R", perform(jobs, console)[0])
+        with LastRun(jobs, options) as last:
+            if earlier := last.up_to_date():
+                console.answer(unchanged(earlier))
+                raise click.exceptions.Exit(0)
+            tell_reason(console, last)
+            result = cast("R", perform(jobs, console, last.adding())[0])
+            last.finish((report or _report)(result).json)
+        return result
     except MjrunError as error:
         if console.as_json and error.results:
             console.answer(_report(error.results[0]))
         raise
+
+
+def unchanged(earlier: "EarlierReport") -> Report:
+    """Returns the report of a run that is not repeated."""
+    return Report(
+        "",
+        earlier,
+        summary=lambda: earlier.sentence,
+        cases=lambda: [Case(**case) for case in earlier.cases],
+        document=lambda _: {**earlier.document},
+    )
+
+
+def tell_reason(console: Console, last: "LastRun") -> None:
+    """Tells why outputs are made again."""
+    if last.reason:
+        console.note(f"made again: {last.reason}")
 
 
 def _saved_key(text: str) -> tuple[str, str]:

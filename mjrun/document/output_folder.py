@@ -89,6 +89,7 @@ class Folders(ReadingContext):
     outputs: OutputFolder = field(default_factory=lambda: OutputFolder(Path()))
     lexical: bool = False
     problems: list[Problem] = field(default_factory=list[Problem])
+    documents: list[str] = field(default_factory=list[str])
 
     def model(self, text: str) -> str:
         return self.input(text) if is_file(text) else text

@@ -230,12 +230,14 @@ def read(
 class _Reader:
     def __init__(self, path: Path, variables: bool) -> None:
         self.path, self.variables = path, variables
+        self.files: list[str] = []
         self.faults: list[tree.Fault] = []
 
     def document(self, path: Path, order: int, hint: str = "") -> tree.MappingNode | None:
         """Returns the mapping in the file at `path`; None if there is no such mapping."""
         with opened(path, "document", YAML, hint) as file:
             data = file.read(LARGEST + 1)
+        self.files.append(str(path))
         from mjrun.document.yaml_parser import LineIndex, compose  # PyYAML is slow to import
 
         top = tree.Mark(order, 0, 0, str(path))
@@ -287,6 +289,7 @@ class _Reader:
         """Returns the value and the tree if there were no faults."""
         values: list[T] = []
         context = context or ReadingContext()
+        context.documents.extend(self.files)
         if root:
             top = Misfits()
             with top.at():

@@ -113,10 +113,17 @@ class RunRequest:
     Attributes:
       jobs: the jobs, which share one simulation.
       page: the page about their outputs.
+      documents: the files of the document and of those that it refers to.
     """
 
-    def __init__(self, tree: MappingNode, jobs: Mapping[Place, Job[OutputResult]], page: PageOptions) -> None:
-        self.page = page
+    def __init__(
+        self,
+        tree: MappingNode,
+        jobs: Mapping[Place, Job[OutputResult]],
+        page: PageOptions,
+        documents: Sequence[str] = (),
+    ) -> None:
+        self.page, self.documents = page, documents
         self._tree, self._places = tree, list(jobs)
         self.jobs = list(jobs.values())
 
@@ -165,7 +172,7 @@ def read_run(
     document, tree = read(path, RUN, folders, assignments, variables=True)
     builder = _Builder(tree, folders, options, command)
     page = builder.page(document)
-    return RunRequest(tree, builder.jobs(document), page)
+    return RunRequest(tree, builder.jobs(document), page, folders.documents)
 
 
 class _Builder(DocumentBuilder):

@@ -40,7 +40,7 @@ def read_camera(path: pathlib.Path | str) -> CameraScript:
       DocumentError: lines are faulty; all are listed.
       FileError: the file is missing or cannot be read.
     """
-    return read(path, CAMERA)[0].script(pathlib.Path(path).stem)
+    return read(path, CAMERA)[0].script(pathlib.Path(path).stem, str(path))
 
 
 class MujocoConstantName(Text):

@@ -28,10 +28,12 @@ class ReadingContext:
 
     Attributes:
       problems: problems in other documents that this document refers to; they are reported after its own.
+      documents: the files of this document and of those that it refers to, once they are read.
     """
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
+        self.documents: list[str] = []
 
     def input(self, path: str) -> str:
         """Resolves the path of an input file."""

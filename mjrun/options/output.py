@@ -42,7 +42,29 @@ class OutputOptions(Options):
 
 
 @options
-class CommandOptions(Options):
+class RerunOptions(Options):
+    """Options for a second run of the same command, and for build systems."""
+
+    section: ClassVar[str] = "Output"
+
+    if_changed: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Do nothing if the outputs are up to date: the contents of all files that are read and written, the "
+        "options, the code and the versions are those of the last run that made them.",
+    )
+    depfile: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Also write a rule for make or ninja that lists all files that the outputs depend on: the model with its "
+        "includes, meshes and textures, documents, tables, policies and code.",
+    )
+
+
+@options
+class CommandOptions(RerunOptions):
     """Additional outputs of the commands that simulate."""
 
     section: ClassVar[str] = "Output"

@@ -5,12 +5,13 @@ from typing import ClassVar
 from mjrun.options.kinds import Choice, File, Flag, Optional
 from mjrun.options.number_kinds import Processes, Real
 from mjrun.options.option import FrontEnd, option, options
+from mjrun.options.output import RerunOptions
 from mjrun.options.rendering import QUALITIES, BackendOptions
 from mjrun.options.simulation import CodeOptions
 
 
 @options
-class RunOptions(BackendOptions, CodeOptions):
+class RunOptions(BackendOptions, CodeOptions, RerunOptions):
     """Options of a run that only the command line sets."""
 
     section: ClassVar[str] = "Run"

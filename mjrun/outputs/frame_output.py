@@ -24,6 +24,7 @@ from mjrun.options.option import options
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import DrawingCalibration, PanelFile, camera_names, frame_size, unused_options
 from mjrun.outputs.decorations import PlannedDecoration, planned_decorations
+from mjrun.outputs.decorations.ghost import ghost_files
 from mjrun.outputs.event_detection import conditions
 from mjrun.outputs.frame_schedule import FrameSchedule, shot_events
 from mjrun.outputs.output import Context, EventSteps, Job, Output, OutputResult, RendererRequest, SharedRendering
@@ -50,6 +51,12 @@ class VideoOrImageJob(ViewOptions, Job[R_co]):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_view(self)
+
+    @property
+    def inputs(self) -> list[tuple[str, str]]:
+        """The camera scripts, and the files that ghosts follow."""
+        scripts = [camera.file for camera in self.camera if isinstance(camera, CameraScript) and camera.file]
+        return [*(("camera script", file) for file in scripts), *ghost_files(self)]
 
     @property
     def renderer_request(self) -> RendererRequest:

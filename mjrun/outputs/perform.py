@@ -362,7 +362,7 @@ def _check_files(jobs: Sequence[Job[OutputResult]], collected: _UsageErrors) -> 
     for what, path in (each for job in jobs for each in job.inputs):  # several jobs may read one file
         if os.path.realpath(path) not in known:
             known.add(os.path.realpath(path))
-            inputs.append((Path(path), f"the {what} table, which is read"))
+            inputs.append((Path(path), f"the {what}, which is read"))
     for path, owner in inputs:
         if os.path.realpath(path) not in rewritten:
             reserved.reserve_input(path, owner)

@@ -60,7 +60,7 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
     @property
     def inputs(self) -> list[tuple[str, str]]:
         """The golden table, if it is only read."""
-        return [] if self.update else named_files(golden=self.golden)
+        return [] if self.update or self.golden is None else [("golden table", self.golden)]
 
     @property
     def keeps_partial(self) -> bool:

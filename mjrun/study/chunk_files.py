@@ -24,9 +24,9 @@ from mjrun.formats.input_file import is_folder
 from mjrun.formats.temporary_output import remove_left_behind
 from mjrun.model.fingerprint import content_fingerprint
 from mjrun.options.sweep import PARTS
-from mjrun.python_code import ModuleSource
+from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain
-from mjrun.study.spec import FILES, MODEL, PointResult, Status, StudySpec, code_hash, simulation_at, versions
+from mjrun.study.spec import FILES, MODEL, PointResult, Status, StudySpec, simulation_at, versions
 
 if TYPE_CHECKING:
     import pyarrow

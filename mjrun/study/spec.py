@@ -1,7 +1,6 @@
 """Specification of a study, its points and their results: picklable values for other processes and machines."""
 
 import dataclasses
-import hashlib
 import math
 import socket
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,7 +17,7 @@ from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
 from mjrun.options.schema_validation import InvalidValueError
-from mjrun.python_code import ModuleSource, Sealed, module_sources
+from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
 from mjrun.version import __version__
@@ -199,19 +198,6 @@ def _representative(texts: Sequence[str]) -> list[str]:
 def versions() -> dict[str, str]:
     """Returns the versions of all libraries that determine the results of a simulation."""
     return {"mjrun": __version__, "mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
-
-
-def code_hash(code: Iterable[object], known: Iterable[ModuleSource] = ()) -> str:
-    """Returns the SHA-256 of the user's modules that contain `code`; empty if there are no such modules.
-
-    Args:
-      known: see `module_sources`.
-    """
-    digest, count = hashlib.sha256(), 0
-    for source in module_sources(code, known):
-        digest.update(f"{source.name}\0{len(source.content)}\0".encode() + source.content)
-        count += 1
-    return digest.hexdigest() if count else ""
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,17 @@
 """Theorems about stored results: what is stored is what a new check finds, whatever changes in between."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import pytest
 
-from mjrun.check import check, result_cache
-from mjrun.check.result_cache import VARIABLE, ResultCache
+from mjrun.check import check
+from mjrun.check.result_cache import ResultCache
 from mjrun.check.rules.process_failures import TIMEOUT
 from mjrun.check.worker_pool import CheckProcesses, WorkerOutput, WorkerTask
 from mjrun.child_process import ExitStatus
+from mjrun.formats.user_cache import VARIABLE
 from tests.check.models import MESH, PASSIVE, checked, codes, mjcf, write
 
 DONE = ({"loaded": True}, {"done": True})
@@ -111,47 +111,6 @@ def test_only_complete_results_of_unchanged_files_are_stored() -> None:
     write("a.xml", mjcf())
     cache.write(name, TASK, [{"pid": 5}, {"stage": "x"}, *DONE])
     assert cache.read(name) == [*DONE]
-
-
-def test_damaged_entries_and_folders_that_cannot_be_written_are_no_hindrance(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write("a.xml", mjcf())
-    cache, name = ResultCache({}), ResultCache({}).key(TASK)
-    cache.write(name, TASK, DONE)
-    (folder / name).write_text("[{")
-    assert cache.read(name) is None
-    monkeypatch.setenv(VARIABLE, os.devnull)
-    blocked = ResultCache({})
-    blocked.write(name, TASK, DONE)
-    assert blocked.read(name) is None
-
-
-def test_nothing_is_stored_for_a_user_without_a_home_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE)
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as where the user has no entry either
-    write("a.xml", mjcf())
-    before = {*Path().iterdir()}
-    cache = ResultCache({})
-    cache.write(cache.key(TASK), TASK, DONE)
-    assert {*Path().iterdir()} == before
-
-
-def test_the_entries_used_least_recently_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write("a.xml", mjcf())
-    folder.mkdir()
-    for age in range(4):
-        (folder / str(age)).write_bytes(bytes(100))
-        os.utime(folder / str(age), (1000 - age, 1000 - age))
-    monkeypatch.setattr(result_cache, "LARGEST", 300)
-    cache = ResultCache({})
-    cache.trim()
-    assert len([*folder.iterdir()]) == 4  # it has added nothing
-    name = cache.key(TASK)
-    cache.write(name, TASK, DONE)
-    cache.trim()
-    assert {path.name for path in folder.iterdir()} == {name, "0", "1"}
 
 
 def test_an_unchanged_model_is_not_checked_again(monkeypatch: pytest.MonkeyPatch) -> None:

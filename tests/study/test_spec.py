@@ -1,7 +1,6 @@
 """The simulation of a point is that of a command line with its values; versions and code determine its result."""
 
 import pickle
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 from mjrun.errors import BadValueError, UnknownNameError
 from mjrun.model.sources import source_of
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.spec import StudySpec, WorkerVersions, code_hash, simulation_at, versions
+from mjrun.study.spec import StudySpec, WorkerVersions, simulation_at, versions
 from tests.study.models import PENDULUM
 
 
@@ -30,26 +29,6 @@ def test_other_packages_of_an_environment_are_named() -> None:
     other = replace(here, environments={name: f"{code}.dev1"})
     assert other.difference(here) == f"gym:Hopper-v5 {code}.dev1 instead of {code}"
     assert here.difference(WorkerVersions.here([])) == ""  # of a model that this study does not ask about
-
-
-def test_the_hash_of_code_is_of_the_modules_that_it_imports_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    helper = tmp_path / "gains_of_a_test.py"
-    helper.write_text("KP = 1")
-    (tmp_path / "control_of_a_test.py").write_text(
-        "import math\nfrom gains_of_a_test import KP\ndef act(model, data): return KP\n"
-    )
-    import control_of_a_test  # type: ignore[import-not-found]
-
-    act = control_of_a_test.act
-    before = code_hash([act])
-    assert before == code_hash([act]) == code_hash([act, act])
-    helper.write_text("KP = 2")
-    assert code_hash([act]) != before
-    assert code_hash([]) == code_hash([print]) == code_hash([Path]) == ""
-    del sys.modules["control_of_a_test"], sys.modules["gains_of_a_test"]
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from mjrun.options.plot import PlotOptions, TablePlotOptions
 from mjrun.options.simulation import SimulationOptions
 
 if TYPE_CHECKING:
+    from mjrun.outputs.plot import PlotResult
     from mjrun.plotting.table_and_study_plot import TablePlotResult
 
 TABLES = ModelArgument("tables", tables=True, nargs=-1, required=True, type=click.Path(), metavar="TABLE...|MODEL")
@@ -83,11 +84,13 @@ def _plot_simulation(console: Console, command_line: CommandLine, models: Sequen
     command_line = command_line.with_defaults(output=f"{stem(command_line)}.png")
     is_piped = payload_on_stdout(command_line)
     job = command_line.make(Plot, simulation=simulation(command_line), command=console.command)
-    made = make(console, command_line, job)
-    result = TablePlotResult(
-        made.path, job.figure_format, made.size, models, [made.samples], made.panels, made.curves, notes=()
-    )
-    console.answer(_report(result, is_piped))
+
+    def report(made: "PlotResult") -> Report:
+        size, rows = made.size, [made.samples]
+        result = TablePlotResult(made.path, job.figure_format, size, models, rows, made.panels, made.curves, notes=())
+        return _report(result, is_piped)
+
+    console.answer(report(make(console, command_line, job, report=report)))
 
 
 def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[str]) -> None:

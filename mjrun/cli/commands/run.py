@@ -11,7 +11,7 @@ from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
 from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import summary
-from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures
+from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, tell_reason, unchanged
 from mjrun.errors import clean
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
@@ -47,6 +47,7 @@ def run(console: Console, command_line: CommandLine) -> None:
     console.guard_stdout()
     import_mujoco()
     from mjrun.document.run import read_run
+    from mjrun.outputs.last_run import LastRun
     from mjrun.outputs.perform import perform, preview
 
     options = command_line.with_converted("controller", load_controller).make(RunOptions)
@@ -58,12 +59,19 @@ def run(console: Console, command_line: CommandLine) -> None:
             console.answer(Report("", plan, lambda: "\n".join(_plan_lines(plan))))
             return
 
-        with (
-            reported_failures(console, _report, form=form),
-            _page(requests, Path(document).name) as published,
-        ):
-            results = perform(requests.jobs, console, published)
-    console.answer(_report(results), form)
+        with LastRun(requests.jobs, options, requests.documents, requests.page.html) as last:
+            if earlier := last.up_to_date():
+                console.answer(unchanged(earlier), form)
+                return
+            tell_reason(console, last)
+            with (
+                reported_failures(console, _report, form=form),
+                _page(requests, Path(document).name) as shown,
+            ):
+                results = perform(requests.jobs, console, last.adding(shown))
+            report = _report(results)
+            last.finish(report.json, report.cases)
+    console.answer(report, form)
 
 
 def _page(requests: "RunRequest", title: str) -> AbstractContextManager["Published | None"]:

@@ -23,6 +23,7 @@ from mjrun.timeline import Timeline, rational
 
 SETTINGS = ("offset", "opacity", "key", "trace", "recording", "map")
 OPACITY = 0.35
+FILES = {"trace": "table of a ghost", "recording": "recording of a ghost", "map": "map of a ghost"}  # by setting
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,13 @@ class PlannedGhosts:
             Ghost(self.model, ghost.states(self.model, times), ghost.offset, ghost.opacity, visual=self.visual)
             for ghost in self.ghosts
         ]
+
+
+def ghost_files(options: ViewOptions) -> list[tuple[str, str]]:
+    """Returns the files that the ghosts follow, each with its role."""
+    parts = [part.partition("=") for text in options.ghost for part in text.split(",")]
+    files = [(name, value) for name, _, value in parts if name in FILES and value]
+    return [(FILES[name], value) for name, value in files if not (name == "map" and value == NO_MAP)]
 
 
 def planned(options: ViewOptions, model: mujoco.MjModel, simulation: Simulation) -> PlannedGhosts:

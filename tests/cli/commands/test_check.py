@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from mjrun.check.codes import TOPICS, explanation
-from mjrun.check.result_cache import VARIABLE
 from mjrun.check.rule import SEVERITIES
 from mjrun.check.rule_table import RULES
+from mjrun.formats.user_cache import VARIABLE
 from mjrun.version import __version__
 from tests.processes import PATIENCE, children, command_line_of, wait_until, worker
 

@@ -1,0 +1,247 @@
+"""The last run that made the same outputs: it is not repeated while everything that they depend on is unchanged.
+
+What a run depends on, the files that it made and its report are stored in the user's cache folder.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, cast
+
+from mjrun.confinement.confinement import confinement
+from mjrun.dataclass import dataclass
+from mjrun.errors import UsageError, clean, option
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile
+from mjrun.formats.input_file import is_file
+from mjrun.formats.manifest import fingerprint
+from mjrun.formats.table_reader import STDIN
+from mjrun.formats.user_cache import FileDigests, UserCache, program_facts
+from mjrun.options.output import RerunOptions
+from mjrun.outputs.output import Job, OutputResult
+from mjrun.outputs.perform import Published
+from mjrun.packages import installed_versions
+from mjrun.python_code import code_hash, module_sources
+from mjrun.simulation.manifest import plain
+
+VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID", "IMAGEIO_FFMPEG_EXE")  # of the environment, which choose tools
+INCIDENTAL = ("command", "jobs")  # options that do not change an output
+NAMED = 3  # outputs that a message names
+
+Facts = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class EarlierReport:
+    """The report of the run that made the outputs.
+
+    Attributes:
+      outputs: the files that it made.
+      document: its JSON document.
+      cases: its verdicts.
+    """
+
+    outputs: Sequence[str]
+    document: Mapping[str, object]
+    cases: Sequence[Mapping[str, Any]]
+
+    @property
+    def sentence(self) -> str:
+        names = [clean(path) for path in self.outputs]
+        if len(names) > NAMED + 1:
+            names[NAMED:] = [f"{len(names) - NAMED} more"]
+        *first, last = names
+        return f"{', '.join(first)} and {last}: up to date" if first else f"{last}: up to date"
+
+
+class LastRun:
+    """A run, compared with the last one that made the same outputs; a context manager.
+
+    Args:
+      jobs: the outputs, which share one simulation.
+      options: whether the run is omitted if nothing has changed, and the file for the build system.
+      documents: the documents that the outputs are described in.
+      page: the page about the outputs, if any.
+
+    Attributes:
+      reason: why the outputs are made again; empty for the first time, and before `up_to_date` is called.
+
+    Raises:
+      UsageError: the outputs do not allow these options.
+      FileError: the file for the build system cannot be written.
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[Job[OutputResult]],
+        options: RerunOptions,
+        documents: Sequence[Path | str] = (),
+        page: str | None = None,
+    ) -> None:
+        self.reason = ""
+        self._jobs, self._options, self._documents, self._page = jobs, options, documents, page
+        self._stack, self._made, self._facts = ExitStack(), list[Path](), dict[str, Any]()
+        self._digests, self._entries = FileDigests(), UserCache("run")
+        self._check()
+        depfile = options.depfile
+        self._writer = self._stack.enter_context(OutputWriter(StagedFile(Path(depfile)))) if depfile else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def up_to_date(self) -> EarlierReport | None:
+        """Returns the earlier report if it still describes the outputs; None if they have to be made."""
+        if not self._options.if_changed:
+            return None
+        self._facts = self._present_facts()
+        entry = self._entries.read(self._key)
+        if entry is None:
+            return None
+        self.reason = next(_changes(entry["facts"], self._facts), "") or next(self._damages(entry["outputs"]), "")
+        if self.reason:
+            return None
+        self._publish_dependencies()
+        return EarlierReport([output["path"] for output in entry["outputs"]], entry["document"], entry["cases"])
+
+    def adding(self, published: Published | None = None) -> Published:
+        """Returns the function to call with each output that is published, which calls `published` too."""
+
+        def add(facts: Mapping[str, object], result: OutputResult, files: Sequence[Path]) -> None:
+            self._made += files
+            if published:
+                published(facts, result, files)
+
+        return add
+
+    def finish(
+        self, document: Callable[[], Mapping[str, object]], cases: Callable[[], Iterable[object]] = tuple[object]
+    ) -> None:
+        """Stores the report of a complete run, unless its inputs have changed meanwhile, and what it depends on.
+
+        Args:
+          document: makes the JSON document of the report.
+          cases: makes its verdicts, dataclasses.
+        """
+        self._publish_dependencies()
+        if self._options.if_changed and self._facts == self._present_facts():
+            more = [path for path in self._outputs if is_file(path)]  # manifests, and the page
+            outputs = [fingerprint(path) for path in dict.fromkeys([*self._made, *map(Path, more)])]
+            verdicts = [asdict(cast(Any, case)) for case in cases()]
+            entry = {"facts": self._facts, "outputs": outputs, "document": document(), "cases": verdicts}
+            self._entries.write(self._key, entry)
+            self._entries.trim()
+
+    @property
+    def _key(self) -> str:
+        """The name of the entry: a hash of the files that are written."""
+        return hashlib.sha256("\0".join([str(Path.cwd()), *self._outputs]).encode(errors="surrogateescape")).hexdigest()
+
+    @property
+    def _outputs(self) -> list[str]:
+        """The files and folders that are written, each once."""
+        files = [path for job in self._jobs for _, path in job.files]
+        return list(dict.fromkeys([*files, *([self._page] if self._page else [])]))
+
+    def _check(self) -> None:
+        names = [name for name in ("if_changed", "depfile") if getattr(self._options, name)]
+        if not names:
+            return
+        what = option(names[0])
+        if confinement() is not None:
+            reason = "a confined run keeps no record"
+            raise UsageError(f"{what} and {option('untrusted')} exclude each other: {reason}")
+        if STDIN in self._outputs:
+            raise UsageError(f"{what} requires files, not standard output; write to one with {option('output')}")
+        if self._jobs[0].simulation.model == STDIN:
+            raise UsageError(f"{what} requires a model in a file, not on standard input")
+        written = self._options.depfile and os.path.realpath(self._options.depfile)
+        if written and written in map(os.path.realpath, [*self._outputs, *self._inputs()]):
+            raise UsageError(f"{option('depfile')} {clean(str(self._options.depfile))} is another file of this run")
+
+    def _inputs(self) -> list[str]:
+        """Returns the files that are read, each once, without those of code."""
+        paths = [str(path) for _, path in self._jobs[0].simulation.inputs]
+        paths += [path for job in self._jobs for _, path in job.inputs]
+        return list(dict.fromkeys(os.path.normpath(path) for path in [*map(str, self._documents), *paths]))
+
+    def _present_facts(self) -> Facts:
+        """Returns everything that the outputs depend on, as plain values for JSON."""
+        simulation = self._jobs[0].simulation
+        facts = {
+            "files": {path: self._digests.of(path) for path in self._inputs()},
+            "options": [_options(job) for job in self._jobs],
+            "page": self._page,
+            "code": code_hash(simulation.code),
+            "environment": [simulation.source.code, *(os.environ.get(name) for name in VARIABLES)],
+            "versions": installed_versions(),
+            "program": program_facts(),
+        }
+        return json.loads(json.dumps(facts))
+
+    def _damages(self, outputs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+        """Yields a sentence about each output that is not as it was made."""
+        for output in outputs:
+            digest = self._digests.of(output["path"])
+            if digest != output["sha256"]:
+                yield f"{clean(output['path'])} {'has changed' if digest else 'is missing'}"
+
+    def _publish_dependencies(self) -> None:
+        """Writes the file for the build system, unless it has this content already."""
+        if self._writer is None:
+            return
+        code = [source.path for source in module_sources(self._jobs[0].simulation.code)]
+        content = dependencies(self._outputs, [*self._inputs(), *code]).encode(errors="surrogateescape")
+        target = Path(str(self._options.depfile))
+        if not target.is_file() or target.read_bytes() != content:
+            self._writer.write_file(content)
+            self._writer.publish()
+
+
+def dependencies(outputs: Sequence[str], inputs: Sequence[str]) -> str:
+    """Returns the rule of a makefile by which `outputs` depend on `inputs`, as compilers write it.
+
+    Each input is a target without a rule as well, so that make does not miss one that is removed.
+    """
+    targets = " ".join(_escaped(path.rstrip("/")) for path in outputs)
+    sources = [_escaped(path) for path in inputs]
+    rule = " \\\n  ".join([f"{targets}:", *sources])
+    return "\n".join([rule, *(f"{source}:" for source in sources), ""])
+
+
+def _escaped(path: str) -> str:
+    for character in (" ", "#"):
+        path = path.replace(character, f"\\{character}")
+    return path.replace("$", "$$")
+
+
+def _options(job: Job[OutputResult]) -> object:
+    options = cast(Facts, plain(job))
+    return {name: value for name, value in options.items() if name not in INCIDENTAL}
+
+
+def _changes(before: Facts, after: Facts) -> Iterator[str]:
+    """Yields sentences about the differences between the facts of two runs, the most telling first."""
+    for path in dict.fromkeys([*after["files"], *before["files"]]):
+        old, new = before["files"].get(path), after["files"].get(path)
+        if old != new:
+            what = "may be read now" if old is None else "is no longer read" if new is None else "has changed"
+            yield f"{clean(path)} {what}"
+    if before["code"] != after["code"]:
+        yield "the code of the controller or policy has changed"
+    if [before["options"], before["page"]] != [after["options"], after["page"]]:
+        yield "the options have changed"
+    for package, version in after["versions"].items():
+        if version != before["versions"].get(package):
+            yield f"{package} is {version or 'missing'} now, and was {before['versions'].get(package) or 'missing'}"
+    if before != after:
+        yield "mjrun or its environment has changed"

@@ -1,0 +1,252 @@
+"""A run is omitted exactly while everything that its outputs depend on is unchanged."""
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from mjrun import packages
+from mjrun.document.value_forms import read_camera
+from mjrun.errors import UsageError
+from mjrun.formats.user_cache import VARIABLE
+from mjrun.options.output import RerunOptions
+from mjrun.outputs.last_run import LastRun, dependencies
+from mjrun.outputs.trace import Trace
+from mjrun.outputs.video import Video
+from mjrun.simulation.simulation import Simulation
+from tests.check.models import MESH
+from tests.conftest import Command
+
+MODEL = """
+<mujoco>
+  <compiler meshdir="meshes"/>
+  <asset><mesh name="a" file="a.obj"/></asset>
+  <include file="parts/arm.xml"/>
+  <worldbody><geom name="m" type="mesh" mesh="a"/></worldbody>
+</mujoco>
+"""
+ARM = """
+<mujocoinclude>
+  <worldbody><body name="arm"><joint name="hinge" axis="0 1 0"/><geom size=".1" pos=".2 0 0"/></body></worldbody>
+  <actuator><motor name="motor" joint="hinge"/></actuator>
+</mujocoinclude>
+"""
+DOCUMENT = """
+defaults: usual.yaml
+model: model.xml
+ctrl_from: controls.csv
+traces:
+  - {output: run.csv, probe: qpos, golden: gold.csv}
+  - {output: fast.csv, probe: qvel, manifest: fast.json}
+"""
+
+
+@pytest.fixture(autouse=True)
+def _files(mjrun_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with a model of several files, and a cache for one test."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "cache"))
+    for name, text in {
+        "model.xml": MODEL,
+        "parts/arm.xml": ARM,
+        "meshes/a.obj": MESH,
+        "meshes/unused.obj": MESH,
+        "controls.csv": "time,motor\n0,1\n",
+        "run.yaml": DOCUMENT,
+        "usual.yaml": "duration: 0.01\n",
+        "control.py": "from gains import KP\ndef act(model, data): data.ctrl[0] = KP\n",
+        "gains.py": "KP = 2\n",
+    }.items():
+        path = mjrun_here.folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+
+
+@pytest.fixture
+def run(mjrun_here: Command) -> Callable[..., tuple[str, str]]:
+    """Runs the document if something has changed; returns the reason that is told, and the answer."""
+
+    def made(*more: str, document: str = "run.yaml") -> tuple[str, str]:
+        done = mjrun_here("run", document, "-o", "out", "--if-changed", *more)
+        assert done.returncode == 0, done.stderr
+        reason = [line for line in done.stderr.decode().splitlines() if "made again" in line]
+        return reason[0].removeprefix("mjrun: made again: ") if reason else "", done.stdout.decode()
+
+    assert mjrun_here("run", "run.yaml", "-o", "out", "--update").returncode == 0  # makes the golden table
+    return made
+
+
+UP_TO_DATE = "out/run.csv, out/fast.csv and out/fast.json: up to date\n"
+
+
+def test_a_second_run_does_nothing_and_gives_the_same_report(run: Callable[..., tuple[str, str]]) -> None:
+    assert "rows" in run()[1]
+    before = {path: path.stat().st_mtime_ns for path in Path("out").iterdir()}
+    assert run() == ("", UP_TO_DATE)
+    assert run("-q") == ("", "")
+    assert {path: path.stat().st_mtime_ns for path in Path("out").iterdir()} == before
+
+    answers = [run("traces[1].every=2", "--json") for _ in range(2)]
+    assert [reason for reason, _ in answers] == ["the options have changed", ""]
+    first, second = (json.loads(text) for _, text in answers)
+    assert first == second  # even the wall times, which are those of the run that made the outputs
+    assert "<testsuite" in run("traces[1].every=2", "--junit")[1]
+
+
+def test_outputs_are_made_again_exactly_if_a_file_that_they_need_changes(
+    run: Callable[..., tuple[str, str]], mjrun_here: Command
+) -> None:
+    run()
+    for path in sorted(path for path in Path().rglob("*.*") if path.is_file() and path.parts[0] != "out"):
+        content = path.read_bytes()
+        path.unlink()
+        is_needed = mjrun_here("run", "run.yaml", "-o", "other").returncode != 0
+        path.write_bytes(content + b"\n")
+        assert run()[0] == (f"{path} has changed" if is_needed else ""), path
+        path.write_bytes(content)
+        run()
+
+
+@pytest.mark.parametrize("name", ["run.csv", "fast.csv", "fast.json"])
+def test_outputs_that_are_missing_or_changed_are_made_again(run: Callable[..., tuple[str, str]], name: str) -> None:
+    run()
+    path = Path("out") / name
+    content = path.read_bytes()
+    path.write_bytes(content + b" ")
+    assert run()[0] == f"out/{name} has changed"
+    path.unlink()
+    assert run()[0] == f"out/{name} is missing"
+    assert run() == ("", UP_TO_DATE)
+    if name != "fast.json":  # which holds wall times
+        assert path.read_bytes() == content
+
+
+def test_a_new_file_in_the_way_of_another_is_told(run: Callable[..., tuple[str, str]]) -> None:
+    run()
+    Path("a.obj").write_text(MESH)
+    assert run()[0] == "a.obj may be read now"
+    Path("a.obj").unlink()
+    assert run()[0] == "a.obj is no longer read"
+
+
+def test_other_versions_and_environments_make_outputs_again(
+    run: Callable[..., tuple[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run()
+    installed = packages.installed_version
+    monkeypatch.setattr(packages, "installed_version", lambda name: "99" if name == "pillow" else installed(name))
+    assert run()[0] == f"pillow is 99 now, and was {installed('pillow')}"
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    assert run()[0] == "mjrun or its environment has changed"
+
+
+def test_a_failed_run_is_repeated(mjrun_here: Command) -> None:
+    line = ["trace", "model.xml", "--duration", "0.01", "-o", "a.csv", "--if-changed", "--assert", "max(time) < 0"]
+    for _ in range(2):
+        done = mjrun_here(*line)
+        assert (done.returncode, b"up to date" in done.stdout + done.stderr) == (1, False)
+        assert Path("a.csv").exists()
+
+
+def test_the_code_of_a_controller_counts_with_what_it_imports(mjrun_here: Command) -> None:
+    line = ["trace", "model.xml", "--steps", "2", "-o", "a.csv", "--if-changed", "--controller", "control.py:act"]
+
+    def reason() -> bytes:
+        done = mjrun_here(*line)
+        assert done.returncode == 0
+        return done.stderr
+
+    assert reason() == reason() == b""
+    Path("gains.py").write_text("KP = 22\n")
+    assert reason() == b"mjrun: made again: the code of the controller or policy has changed\n"
+    Path("other.py").write_text("KP = 22\n")
+    assert reason() == b""
+
+
+def test_a_file_that_changes_during_the_run_leaves_no_record() -> None:
+    job = Trace(Simulation("model.xml", steps=1), "a.csv", probe=["qpos"])
+
+    def up_to_date(*, edited: bool) -> bool:
+        with LastRun([job], RerunOptions(if_changed=True)) as last:
+            if last.up_to_date():
+                return True
+            job.run()
+            if edited:
+                Path("meshes/a.obj").write_text(f"{MESH}\n")
+            last.finish(dict[str, object])
+        return False
+
+    assert not up_to_date(edited=True)
+    assert not up_to_date(edited=False)
+    assert up_to_date(edited=False)
+
+
+def test_cameras_and_ghosts_depend_on_their_files() -> None:
+    Path("script.yaml").write_text("shots: [{camera: side}]\n")
+    ghosts = ["trace=a.csv,map=b.txt,offset=0/1/0", "recording=c.npz", "trace=d.csv,map=none", "key=home"]
+    job = Video(Simulation("model.xml"), "a.mp4", camera=[read_camera("script.yaml"), "side"], ghost=ghosts)
+    assert [path for _, path in job.inputs] == ["script.yaml", "a.csv", "b.txt", "c.npz", "d.csv"]
+
+
+@pytest.mark.parametrize(
+    ("options", "output", "message"),
+    [
+        ({"if_changed": True}, "-", "if_changed requires files"),
+        ({"depfile": "a.d"}, "-", "depfile requires files"),
+        ({"depfile": "a.csv"}, "a.csv", "depfile a.csv is another file"),
+        ({"depfile": "meshes/../meshes/a.obj"}, "a.csv", "is another file"),
+    ],
+)
+def test_impossible_requests_are_refused(options: dict, output: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        LastRun([Trace(Simulation("model.xml"), output, probe=["qpos"])], RerunOptions(**options))
+
+
+def test_make_knows_what_the_outputs_depend_on(run: Callable[..., tuple[str, str]]) -> None:
+    Path("Makefile").write_text("all: out/run.csv\nout/run.csv out/fast.csv out/fast.json:\n\tfalse\n-include out.d\n")
+
+    def is_up_to_date() -> bool:
+        done = subprocess.run(["make", "-q"], capture_output=True, text=True)
+        assert "No rule" not in done.stderr
+        return done.returncode == 0
+
+    run("--depfile", "out.d")
+    inputs = {"run.yaml", "usual.yaml", "model.xml", "parts/arm.xml", "meshes/a.obj", "controls.csv", "gold.csv"}
+    later = max(path.stat().st_mtime_ns for path in Path("out").iterdir()) + 10**9
+    for path in [path for path in Path().rglob("*.*") if path.is_file() and path.parts[0] != "out"]:
+        os.utime(path, ns=(0, 0))
+    for path in [path for path in Path().rglob("*.*") if path.is_file() and path.parts[0] != "out"]:
+        assert is_up_to_date()
+        os.utime(path, ns=(later, later))
+        assert is_up_to_date() is (str(path) not in inputs), path
+        os.utime(path, ns=(0, 0))
+    Path("meshes/a.obj").unlink()
+    assert not is_up_to_date()
+
+
+def test_a_depfile_is_left_alone_while_it_is_right_and_restored_if_not(run: Callable[..., tuple[str, str]]) -> None:
+    run("--depfile", "out.d")
+    content = Path("out.d").read_text()
+    os.utime("out.d", (1, 1))
+    assert run("--depfile", "out.d") == ("", UP_TO_DATE)
+    assert Path("out.d").stat().st_mtime == 1
+    Path("out.d").unlink()
+    assert run("--depfile", "out.d") == ("", UP_TO_DATE)
+    assert Path("out.d").read_text() == content
+
+
+def test_make_reads_names_with_special_characters(tmp_path: Path) -> None:
+    names = ["a b.xml", "c#d.xml", "e$f.xml", "ü.xml"]
+    for name in names:
+        Path(name).touch()
+    Path("m.mk").write_text("all: out\\ 1.csv\nout\\ 1.csv:\n\tfalse\ninclude out.d\n")
+    Path("out.d").write_text(dependencies(["out 1.csv"], names))
+    Path("out 1.csv").touch()
+    os.utime("out 1.csv", (10**9, 10**9))
+    for newer in [None, *names]:
+        for name in names:
+            os.utime(name, (2 * 10**9, 2 * 10**9) if name == newer else (1, 1))
+        done = subprocess.run(["make", "-q", "-f", "m.mk"], capture_output=True)
+        assert done.returncode == (0 if newer is None else 1), newer
