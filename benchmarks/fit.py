@@ -35,9 +35,9 @@ from mujoco import rollout
 from scipy import optimize, special
 
 from mjrun.errors import MjrunError
-from mjrun.fit.fit import Fit
-from mjrun.fit.free_parameter import FreeParameter, free_parameters, overrides
-from mjrun.fit.prediction import ChunkSimulation, Predictor
+from mjrun.fitting.fit import Fit
+from mjrun.fitting.free_parameter import FreeParameter, free_parameters, overrides
+from mjrun.fitting.prediction import ChunkSimulation, Predictor
 from mjrun.model import state
 from mjrun.model.override import apply
 from mjrun.simulation.simulation import Simulation

@@ -1,11 +1,12 @@
 """MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from mujoco import MjModel
 
 from mjrun.bench.bench import Bench as _Bench
@@ -18,8 +19,7 @@ from mjrun.document.task import read_task as read_task
 from mjrun.document.value_forms import read_camera as read_camera
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
-from mjrun.formats.table import Table as Table
-from mjrun.formats.table_reader import read_table as read_table
+from mjrun.fitting.result import FitResult as FitResult
 from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video
 from mjrun.model.info import Info as Info
@@ -42,6 +42,9 @@ from mjrun.outputs.trace import Trace as _Trace
 from mjrun.outputs.trace import TraceResult as TraceResult
 from mjrun.outputs.video import Video as _Video
 from mjrun.outputs.video import VideoResult as VideoResult
+from mjrun.plotting.table import Figure as Figure
+from mjrun.plotting.table import Table as Table
+from mjrun.plotting.table import read_table as read_table
 from mjrun.plotting.table_and_study_plot import TablePlot as _TablePlot
 from mjrun.plotting.table_and_study_plot import TablePlotResult as TablePlotResult
 from mjrun.policy.load import load_policy as load_policy
@@ -79,6 +82,8 @@ __all__ = [
     "DiffResult",
     "Evaluation",
     "EvaluationResult",
+    "Figure",
+    "FitResult",
     "Image",
     "ImageResult",
     "Info",
@@ -111,6 +116,9 @@ __all__ = [
     "ViewerResult",
     "Visual",
     "__version__",
+    "evaluate",
+    "fit",
+    "frames",
     "load",
     "load_policy",
     "perform",
@@ -119,6 +127,7 @@ __all__ = [
     "read_task",
     "read_video",
     "render",
+    "sweep",
     "trace",
     "verify",
     "write_video",
@@ -635,6 +644,230 @@ class Viewer(_Viewer):
         recording: str | PathLike[str] | None = ...,
         command: str = ...,
     ) -> None: ...
+
+def evaluate(
+    task: Source | str,
+    *,
+    output: str | PathLike[str] = ...,
+    episodes: int = ...,
+    seed: int = ...,
+    compare: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
+    compare_normalize: str | PathLike[str] | None = ...,
+    metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    require: str | Sequence[str] = ...,
+    fail_below: Mapping[str, float | Sequence[float]] = ...,
+    confidence: float = ...,
+    videos: int = ...,
+    camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+    size: Sequence[int] = ...,
+    quality: Literal["draft", "model", "high"] = ...,
+    fps: float | str | Fraction = ...,
+    speed: float | str | Fraction = ...,
+    vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    points: str | PathLike[str] | None = ...,
+    design: Literal["grid", "zip"] = ...,
+    samples: int = ...,
+    sampler: Literal["sobol", "lhs", "random"] = ...,
+    repeats: int = ...,
+    where: str | Sequence[str] = ...,
+    policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
+    normalize: str | PathLike[str] | None = ...,
+    trust: bool = ...,
+    integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
+    timestep: float | str | Fraction | None = ...,
+    ground: float | None = ...,
+    set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    jobs: int | Literal["auto"] = ...,
+) -> EvaluationResult:
+    """Plays episodes of a task with a policy, as `mjrun eval` does; `result.table` has a row for each episode."""
+
+def fit(
+    model: ModelLike | Task | _Simulation,
+    data: str | PathLike[str] | Sequence[str | PathLike[str]],
+    *,
+    key: str | int | None = ...,
+    qpos: Mapping[str, float | Sequence[float]] = ...,
+    qvel: Mapping[str, float | Sequence[float]] = ...,
+    ctrl: Mapping[str, float | Sequence[float]] = ...,
+    ctrl_from: str | PathLike[str] | None = ...,
+    ctrl_interpolation: Literal["hold", "linear"] = ...,
+    ctrl_noise: float = ...,
+    ctrl_noise_time: float = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
+    replay: str | PathLike[str] | None = ...,
+    replay_mode: Literal["states", "controls"] = ...,
+    replay_rate: float | str | Fraction | None = ...,
+    replay_interpolation: Literal["hold", "linear"] = ...,
+    replay_unwrap: bool = ...,
+    map: str | PathLike[str] | Mapping[str, object] | Sequence[str] = ...,
+    quat: Literal["wxyz", "xyzw"] = ...,
+    perturb: float = ...,
+    seed: int = ...,
+    duration: float | str | Fraction | None = ...,
+    steps: int | None = ...,
+    policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
+    normalize: str | PathLike[str] | None = ...,
+    trust: bool = ...,
+    controller: Callable[..., object] | None = ...,
+    control_dt: float | str | Fraction | None = ...,
+    integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
+    timestep: float | str | Fraction | None = ...,
+    ground: float | None = ...,
+    set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    free: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    output: str | PathLike[str] | None = ...,
+    comparison: str | PathLike[str] | None = ...,
+    ranges: str | PathLike[str] | None = ...,
+    html: str | PathLike[str] | None = ...,
+    video: str | PathLike[str] | None = ...,
+    camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+    size: Sequence[int] = ...,
+    noise: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    holdout: float = ...,
+    holdout_data: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
+    starts: int = ...,
+    confidence: float = ...,
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = ...,
+    allow_unidentifiable: bool = ...,
+    keep_partial: bool = ...,
+    excite: str | PathLike[str] | None = ...,
+    excite_noise: float = ...,
+    velocity_limit: float | None = ...,
+) -> FitResult:
+    """Estimates parameters of a model from measurements, as `mjrun fit` does."""
+
+def frames(
+    model: ModelLike | Task | _Simulation,
+    *,
+    key: str | int | None = ...,
+    qpos: Mapping[str, float | Sequence[float]] = ...,
+    qvel: Mapping[str, float | Sequence[float]] = ...,
+    ctrl: Mapping[str, float | Sequence[float]] = ...,
+    ctrl_from: str | PathLike[str] | None = ...,
+    ctrl_interpolation: Literal["hold", "linear"] = ...,
+    ctrl_noise: float = ...,
+    ctrl_noise_time: float = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
+    replay: str | PathLike[str] | None = ...,
+    replay_mode: Literal["states", "controls"] = ...,
+    replay_rate: float | str | Fraction | None = ...,
+    replay_interpolation: Literal["hold", "linear"] = ...,
+    replay_unwrap: bool = ...,
+    map: str | PathLike[str] | Mapping[str, object] | Sequence[str] = ...,
+    quat: Literal["wxyz", "xyzw"] = ...,
+    perturb: float = ...,
+    seed: int = ...,
+    duration: float | str | Fraction | None = ...,
+    steps: int | None = ...,
+    policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
+    normalize: str | PathLike[str] | None = ...,
+    trust: bool = ...,
+    controller: Callable[..., object] | None = ...,
+    control_dt: float | str | Fraction | None = ...,
+    integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
+    timestep: float | str | Fraction | None = ...,
+    ground: float | None = ...,
+    set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    fps: float | str | Fraction | None = ...,
+    speed: float | str | Fraction = ...,
+    plot: str | Sequence[str] = ...,
+    plot_side: Literal["under", "beside"] = ...,
+    jobs: int | Literal["auto"] = ...,
+    size: Sequence[int] = ...,
+    camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+    view: Literal["rgb", "depth", "seg"] | Sequence[Literal["rgb", "depth", "seg"]] = ...,
+    layout: Literal["row", "column", "grid"] = ...,
+    captions: bool = ...,
+    style: Literal["color", "exact"] | None = ...,
+    depth_range: Sequence[float] | None = ...,
+    seg_by: str = ...,
+    stage: Literal["auto", "none", "floor", "light", "sky"]
+    | Sequence[Literal["auto", "none", "floor", "light", "sky"]] = ...,
+    geoms: Literal["visual", "collision", "both"] | None = ...,
+    show: str | Sequence[str] = ...,
+    hide: str | Sequence[str] = ...,
+    geomgroup: Sequence[int] | str | None = ...,
+    sitegroup: Sequence[int] | str | None = ...,
+    jointgroup: Sequence[int] | str | None = ...,
+    tendongroup: Sequence[int] | str | None = ...,
+    actuatorgroup: Sequence[int] | str | None = ...,
+    flexgroup: Sequence[int] | str | None = ...,
+    skingroup: Sequence[int] | str | None = ...,
+    frame_axes: str = ...,
+    label: str = ...,
+    trail: str | Sequence[str] = ...,
+    trail_span: float | str | Fraction | None = ...,
+    ghost: str | Sequence[str] = ...,
+    text: str | None = ...,
+    text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
+    quality: Literal["draft", "model", "high"] = ...,
+    renderer: Literal["classic", "filament"] = ...,
+    gl: str | None = ...,
+    require_gpu: bool = ...,
+) -> Iterator[np.ndarray]:
+    """Simulates a model, and yields the frames of the video that `mjrun video` makes, with the same pixels."""
+
+def sweep(
+    model: ModelLike | Task | _Simulation,
+    *,
+    key: str | int | None = ...,
+    qpos: Mapping[str, float | Sequence[float]] = ...,
+    qvel: Mapping[str, float | Sequence[float]] = ...,
+    ctrl: Mapping[str, float | Sequence[float]] = ...,
+    ctrl_from: str | PathLike[str] | None = ...,
+    ctrl_interpolation: Literal["hold", "linear"] = ...,
+    ctrl_noise: float = ...,
+    ctrl_noise_time: float = ...,
+    push: Push | str | Mapping[str, object] | Sequence[Push | str | Mapping[str, object]] = ...,
+    replay: str | PathLike[str] | None = ...,
+    replay_mode: Literal["states", "controls"] = ...,
+    replay_rate: float | str | Fraction | None = ...,
+    replay_interpolation: Literal["hold", "linear"] = ...,
+    replay_unwrap: bool = ...,
+    map: str | PathLike[str] | Mapping[str, object] | Sequence[str] = ...,
+    quat: Literal["wxyz", "xyzw"] = ...,
+    perturb: float = ...,
+    seed: int = ...,
+    duration: float | str | Fraction | None = ...,
+    steps: int | None = ...,
+    policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
+    normalize: str | PathLike[str] | None = ...,
+    trust: bool = ...,
+    controller: Callable[..., object] | None = ...,
+    control_dt: float | str | Fraction | None = ...,
+    integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
+    timestep: float | str | Fraction | None = ...,
+    ground: float | None = ...,
+    set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    output: str | PathLike[str] = ...,
+    metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    every: int = ...,
+    require: str | Sequence[str] = ...,
+    keep: Literal["trace", "recording", "video"] | Sequence[Literal["trace", "recording", "video"]] = ...,
+    keep_where: str | Sequence[str] = ...,
+    keep_lowest: str | Sequence[str] = ...,
+    keep_highest: str | Sequence[str] = ...,
+    contact_sheet: str | PathLike[str] | None = ...,
+    probe: str | Sequence[str] = ...,
+    camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+    size: Sequence[int] = ...,
+    quality: Literal["draft", "model", "high"] = ...,
+    fps: float | str | Fraction = ...,
+    speed: float | str | Fraction = ...,
+    vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+    points: str | PathLike[str] | None = ...,
+    design: Literal["grid", "zip"] = ...,
+    samples: int = ...,
+    sampler: Literal["sobol", "lhs", "random"] = ...,
+    repeats: int = ...,
+    where: str | Sequence[str] = ...,
+    jobs: int | Literal["auto"] = ...,
+    engine: str = ...,
+    chunk: int | None = ...,
+    time_limit: float | str | Fraction | None = ...,
+    retry_failed: bool = ...,
+) -> StudyResult:
+    """Simulates a model with varied parameters, as `mjrun sweep` does; `result.table` has a row for each point."""
 
 def trace(
     model: ModelLike | Task | _Simulation,

@@ -1,8 +1,11 @@
 """Messages and progress of a running job, which the command line and the Python API report differently."""
 
+import sys
+import time
 import warnings
 from collections.abc import Iterable
-from typing import Protocol
+from importlib import import_module
+from typing import Any, Protocol
 
 from mjrun.errors import MjrunWarning, clean, spelled
 
@@ -27,8 +30,15 @@ class Reporter(Protocol):
         ...
 
 
+PAUSE = 0.2  # [s] between two updates of a bar in a notebook
+
+
 class WarningReporter:
-    """The reporter of the Python API: warnings and requests become Python warnings; the rest is silent."""
+    """The reporter of the Python API: warnings and requests become Python warnings, and notebooks show progress."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None  # IPython's handle of a displayed bar
+        self._updated = 0.0
 
     def note(self, text: str) -> None:
         pass
@@ -40,7 +50,22 @@ class WarningReporter:
         self.warn(text)
 
     def progress(self, what: str, done: int, total: int) -> None:
-        pass
+        if not is_notebook() or (done < total and time.monotonic() - self._updated < PAUSE):
+            return
+        library = import_module("IPython.display")  # which runs the notebook
+        self._updated = time.monotonic()
+        bar = f"<progress value='{done}' max='{total}'></progress> {done} of {total} {what}"
+        shown = library.HTML("" if done == total else bar)
+        if self._bar is None:
+            self._bar = library.display(shown, display_id=True)
+        else:
+            self._bar.update(shown)
+
+
+def is_notebook() -> bool:
+    """Returns whether this process is the kernel of a notebook."""
+    library = sys.modules.get("IPython")
+    return library is not None and hasattr(library.get_ipython(), "kernel")
 
 
 def pass_on(heard: Iterable[str], reporter: Reporter) -> None:

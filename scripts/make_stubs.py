@@ -11,12 +11,15 @@ import inspect
 import subprocess
 import sys
 import types
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ForwardRef, Union, get_args, get_origin
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
+from mjrun.fitting.fit import Fit
+from mjrun.in_memory import OF_FILES
 from mjrun.options.kinds import AnyKind, Camera, Choice, Kind, Optional, Several
 from mjrun.options.number_kinds import Instant, Processes
 from mjrun.options.option import Options, options_of
@@ -26,12 +29,13 @@ from mjrun.options.structured_kinds import OneOf
 STUB = Path(mjrun.__file__).with_name("__init__.pyi")
 HEADER = '''"""MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from mujoco import MjModel
 
 from mjrun.camera.script import CameraScript, Event
@@ -40,6 +44,20 @@ from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike
 from mjrun.options.push import Push
 '''
+# Functions with the options of classes, and those of their options that they lack.
+FUNCTIONS: dict[str, tuple[tuple[type[Options], ...], Sequence[str]]] = {
+    "evaluate": ((mjrun.Evaluation,), ()),
+    "fit": ((mjrun.Simulation, Fit), ("data",)),
+    "frames": ((mjrun.Simulation, mjrun.Video), OF_FILES),
+    "sweep": ((mjrun.Simulation, mjrun.Study), ()),
+    "trace": ((mjrun.Simulation, mjrun.Trace), ()),
+}
+ARGUMENTS = {
+    "model": "ModelLike | Task | _Simulation",
+    "task": "Source | str",
+    "data": "str | PathLike[str] | Sequence[str | PathLike[str]]",
+}
+RETURNED = {"collections.abc.Iterator[numpy.ndarray]": "Iterator[np.ndarray]"}
 INTERNAL = {"rows_to"}  # fields of jobs that are no options and not for users
 # Kinds that accept objects of rooms that declarations do not know.
 ACCEPTED: dict[type[AnyKind], str] = {
@@ -102,25 +120,29 @@ def class_stub(name: str, cls: type[Options]) -> str:
     return f'class {name}(_{name}):\n    """{summary}"""\n    def __init__({parameters},) -> None: ...\n'
 
 
-def trace_stub() -> str:
-    """Returns `mjrun.trace`, which has the options of a simulation and of a trace."""
-    declared = {option.attribute: option for cls in (mjrun.Simulation, mjrun.Trace) for option in options_of(cls)}
-    options = [f"{name}: {accepted(option.kind)} = ..." for name, option in declared.items()]
-    summary = inspect.getdoc(mjrun.trace).partition("\n")[0]  # type: ignore[union-attr]
-    parameters = ", ".join(["model: ModelLike | Task | _Simulation", "*", *options])
-    return f'def trace({parameters},) -> Table:\n    """{summary}"""\n'
+def function_stub(name: str) -> str:
+    """Returns a function of `mjrun.in_memory`, with the options that it takes as keywords."""
+    function, classes, without = getattr(mjrun, name), *FUNCTIONS[name]
+    declared = {option.attribute: option for cls in classes for option in options_of(cls)}
+    options = [f"{each}: {accepted(option.kind)} = ..." for each, option in declared.items() if each not in without]
+    summary = inspect.getdoc(function).partition("\n")[0]  # type: ignore[union-attr]
+    first = [f"{each}: {ARGUMENTS[each]}" for each in inspect.signature(function).parameters if each != "options"]
+    parameters = ", ".join([*first, "*", *options])
+    made = str(inspect.signature(function).return_annotation).strip("'")
+    returned = RETURNED.get(made, made.rpartition(".")[2].strip("'>"))
+    return f'def {name}({parameters},) -> {returned}:\n    """{summary}"""\n'
 
 
 def stub() -> str:
     """Returns the whole file, formatted."""
     imports, classes = [], []
-    for name in sorted(set(mjrun.__all__) - {"__version__", "trace"}):
+    for name in sorted(set(mjrun.__all__) - {"__version__", *FUNCTIONS}):
         value, home = getattr(mjrun, name), mjrun._HOMES[name]
         is_options = isinstance(value, type) and issubclass(value, Options)
         imports.append(f"from {home} import {name} as {'_' * is_options}{name}")
         if is_options:
             classes.append(class_stub(name, value))
-    classes.append(trace_stub())
+    classes += map(function_stub, FUNCTIONS)
     names = f"__all__ = {sorted(mjrun.__all__)!r}\n_HOMES: dict[str, str]\n"
     imports.append("from mjrun.version import __version__ as __version__")
     text = "\n".join([HEADER, *imports, "", names, *classes])

@@ -20,9 +20,9 @@ from mjrun.cli.main import COMMANDS
 # Imports run downward. Rooms on one line are siblings and never import each other.
 HOUSE = (
     ("__main__", "pytest_plugin"),
-    ("cli", "gym"),
+    ("cli", "gym", "in_memory"),
     ("document",),
-    ("doctor", "check", "bench", "fit", "study", "evaluation", "viewer"),
+    ("doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
     ("experiment",),
     ("outputs",),
     ("simulation",),
@@ -67,7 +67,7 @@ LIBRARIES = {
         "physics.random_distribution",
         "experiment.design",
         "plotting.study.statistics",
-        "fit",
+        "fitting",
     ),
     "onnx": ("policy",),
     "onnxruntime": ("policy",),
@@ -78,12 +78,12 @@ LIBRARIES = {
     "warp": ("physics.warp_device",),
     "mujoco_warp": ("physics.warp_device",),
     "mujoco": (
-        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer"),
+        *("cli", "gym", "in_memory", "doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
         *("experiment", "outputs", "simulation"),
         *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats", "model"),
     ),
     "numpy": (
-        *("cli", "gym", "doctor", "check", "bench", "fit", "study", "evaluation", "viewer"),
+        *("cli", "gym", "in_memory", "doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
         *("experiment", "outputs", "simulation"),
         *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats", "model"),
     ),

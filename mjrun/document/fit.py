@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mjrun.document.builder import Request, SimulationDocument
-from mjrun.fit.fit import Fit
+from mjrun.fitting.fit import Fit
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options
 from mjrun.options.simulation import CodeOptions, SimulationOptions

@@ -20,9 +20,11 @@ from mjrun.experiment.results_table import manifest_writer, raise_failures
 from mjrun.formats.atomic_output import OutputWriter, publish_together
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import exists, is_file, is_folder
+from mjrun.formats.study_reader import read_results
 from mjrun.model.source import Source
 from mjrun.options.evaluation import MANIFEST, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.options.option import options
+from mjrun.plotting.table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.version import __version__
@@ -143,6 +145,19 @@ class EvaluationResult:
     steps: int
     wall: float
     schema: str = field(default=SCHEMA)
+
+    @property
+    def table(self) -> Table:
+        """The numbers of the episodes, a row for each: seed, return, length, terms of the reward and metrics.
+
+        Raises:
+          FileError: the folder has been removed.
+        """
+        return Table(dict(read_results(Path(self.path) / FILES[0])[0]))
+
+    def _repr_html_(self) -> str:
+        """Returns the table of episodes for a notebook."""
+        return self.table.to_html()
 
 
 def _publish(writers: Sequence[OutputWriter], folder: Path, videos: Sequence[str]) -> None:

@@ -3,13 +3,14 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, clean
 from mjrun.formats.input_file import decoding, opened
+from mjrun.formats.tables import input_format
 from mjrun.suffixes import MODELS
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 RESULTS, TRACE = "results.parquet", "trace.parquet"  # files of a study, and of a point
 FIRST, STATUS = "point", "status"  # columns around the parameters and the metrics
 NAME = "point.json"  # the manifest of a point
+Numbers = Mapping[str, np.ndarray]  # columns (n,), by name
+Texts = Mapping[str, Sequence[str]]
 _HINT = "a study is a folder that mjrun sweep has written"
 
 
@@ -64,8 +67,6 @@ def read_study(folder: str | Path) -> StudyResults:
       FileError: the folder has no results, or they cannot be read.
       MissingExtraError: pyarrow is not installed.
     """
-    from mjrun.formats.tables import input_format
-
     folder = Path(folder)
     path = folder / RESULTS
     input_format(path)  # which checks that its library is installed
@@ -74,6 +75,27 @@ def read_study(folder: str | Path) -> StudyResults:
         collect = f"mjrun sweep {clean(str(folder))} --collect"
         unfinished = f"the study is not finished: `{collect}` makes a table of the finished points"
         raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
+    numbers, texts, names, manifest = read_results(path)
+    if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
+        raise FileError(path, "holds no results of a study", _HINT)
+    if not texts[STATUS]:
+        raise FileError(path, "has no rows")
+
+    metrics = [name for name in manifest["metrics"] if name in names]
+    parameters = [name for name in names[1 : names.index(STATUS)] if name not in metrics]
+    columns = manifest.get("columns")
+    metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
+    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns)
+
+
+def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any]]:
+    """Reads a table of results: its columns of numbers, its columns of texts, all names in order, and its manifest.
+
+    Raises:
+      FileError: it cannot be read.
+      MissingExtraError: pyarrow is not installed.
+    """
+    input_format(path)
     from pyarrow import parquet
 
     from mjrun.formats.arrow_columns import read_whole_parquet
@@ -81,24 +103,14 @@ def read_study(folder: str | Path) -> StudyResults:
     with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
         text_columns = [field.name for field in parquet.read_schema(stream) if _is_text(field.type)]
         table = read_whole_parquet(path, stream, text_columns)
-    manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
-    names = table.column_names
-    if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
-        raise FileError(path, "holds no results of a study", _HINT)
-    if not table.num_rows:
-        raise FileError(path, "has no rows")
-
-    metrics = [name for name in manifest["metrics"] if name in names]
-    parameters = [name for name in names[1 : names.index(STATUS)] if name not in metrics]
     numbers, texts = dict[str, np.ndarray](), dict[str, Sequence[str]]()
-    for name, column in zip(names, table.columns, strict=True):
+    for name, column in zip(table.column_names, table.columns, strict=True):
         if _is_text(column.type):
             texts[name] = [text for chunk in column.chunks for text in _texts(chunk)]
         else:
             numbers[name] = column.to_numpy().astype(float)
-    columns = manifest.get("columns")
-    metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
-    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns)
+    manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
+    return numbers, texts, table.column_names, manifest
 
 
 def _texts(column: "pyarrow.DictionaryArray") -> Iterator[str]:

@@ -94,8 +94,8 @@ class Table:
         hidden = len(self) - SHOWN_COLUMNS
         return "\n".join([*lines, *([f"  … and {counted(hidden, 'column')} more"] if hidden > 0 else [])])
 
-    def _repr_html_(self) -> str:
-        """Returns the first and last rows as an HTML table, for notebooks."""
+    def to_html(self) -> str:
+        """Returns the first and last rows as an HTML table, which notebooks show."""
         shown = list(self.columns)[:SHOWN_COLUMNS]
         rows = range(self.rows)
         texts = [(html.escape(name), html.escape(self.units[name])) for name in shown]
@@ -107,6 +107,9 @@ class Table:
         hidden = f", of which {len(shown)} are shown" if len(shown) < len(self) else ""
         size = f"{counted(self.rows, 'row')}, {counted(len(self), 'column')}{hidden}"
         return f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(lines)}</tbody></table><p>{size}</p>"
+
+    def _repr_html_(self) -> str:
+        return self.to_html()
 
     def _html_row(self, row: int, names: Sequence[str]) -> str:
         return f"<tr>{''.join(f'<td>{self.columns[name][row]:.6g}</td>' for name in names)}</tr>"

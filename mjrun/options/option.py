@@ -2,13 +2,13 @@
 
 import dataclasses
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from enum import Flag, auto
 from functools import cache
 from typing import Any, ClassVar, TypeVar, cast, dataclass_transform
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, UsageError
+from mjrun.errors import BadValueError, UsageError, suggestion
 from mjrun.errors import option as mention
 from mjrun.options.kinds import AnyKind
 from mjrun.options.schema_validation import InvalidValueError, Path
@@ -184,6 +184,26 @@ def located(message: str, path: Path) -> str:
         else:
             names.append(step)
     return ": ".join([*names, message])
+
+
+def options_for(
+    caller: str, given: Mapping[str, object], *classes: type[Options], without: Collection[str] = ()
+) -> list[dict[str, Any]]:
+    """Returns the keyword arguments of a function that each class declares.
+
+    Args:
+      caller: name of the function, for messages.
+      without: options that the function does not have.
+
+    Raises:
+      TypeError: an option is unknown.
+    """
+    declared = [{each.attribute for each in options_of(cls)} - {*without} for cls in classes]
+    known = sorted(set[str]().union(*declared))
+    for name in given:
+        if name not in known:
+            raise TypeError(f"{caller}: unknown option {name!r}{suggestion(name, known)}")
+    return [{name: value for name, value in given.items() if name in names} for names in declared]
 
 
 def given_values(values: Options) -> dict[str, object]:

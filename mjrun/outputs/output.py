@@ -49,6 +49,12 @@ class OutputResult:
     path: str
     episode: EpisodeResult | None = field(default=None, kw_only=True)
 
+    def _repr_html_(self) -> str | None:
+        """Returns the images and videos for a notebook, or None."""
+        from mjrun.plotting.html_page import media_html
+
+        return media_html(getattr(self, "paths", [self.path]))
+
 
 R_co = TypeVar("R_co", bound=OutputResult, covariant=True)
 

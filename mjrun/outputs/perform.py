@@ -49,7 +49,7 @@ def perform(jobs: Sequence[Job[R]], reporter: Reporter | None = None, published:
     reporter = reporter or WarningReporter()
     with ExitStack() as stack:
         with doing("simulating"), collected_warnings() as warnings, without_timers():
-            current: _Pass[R] = _Pass(jobs, reporter, stack)
+            current: Pass[R] = Pass(jobs, reporter, stack)
             current.simulate()
             current.finish()
         if current.instability is None:  # which describes it better
@@ -92,13 +92,14 @@ def preview(jobs: Sequence[Job[OutputResult]], reporter: Reporter | None = None)
     return PassPreview(float(timeline.timestep), timeline.steps, float(timeline.duration), outputs)
 
 
-class _Pass(Generic[R]):
+class Pass(Generic[R]):
     """A simulation with its open outputs. An output that fails is left out from then on.
 
     Args:
       stack: discards everything that is not published.
 
     Attributes:
+      outputs: the open outputs.
       failures: path and error of each failed output, by index.
       instability: the error that ended the simulation early, if any.
       results: the results of the published outputs.
@@ -118,7 +119,7 @@ class _Pass(Generic[R]):
         self._plans, self._context, self._stepper = _plan(jobs, reporter, rendering)
         for text in self._context.simulation.remarks(self._context.model):
             reporter.warn(text)
-        self._outputs = [plan.open(stack, rendering) for plan in self._plans]
+        self.outputs = [plan.open(stack, rendering) for plan in self._plans]
         self._writers: dict[int, Sequence[OutputWriter]] = {}  # of the outputs that are complete
 
     def simulate(self) -> None:
@@ -150,7 +151,7 @@ class _Pass(Generic[R]):
 
     def finish(self) -> None:
         """Completes the outputs that can be completed."""
-        for index, output in enumerate(self._outputs):
+        for index, output in enumerate(self.outputs):
             wanted = self.instability is None or self._jobs[index].keeps_partial
             if wanted and index not in self.failures:
                 with self._failing(index):
@@ -162,7 +163,7 @@ class _Pass(Generic[R]):
             for index, writers in self._writers.items():
                 with self._failing(index):
                     files, result, facts = self._publish(index, warnings)
-                    for text in self._outputs[index].remarks():
+                    for text in self.outputs[index].remarks():
                         self._context.reporter.warn(text)
                     self.results.append(result)
                     self._made += [str(part.destination.shown) for writer in writers for part in writer.together]
@@ -193,7 +194,7 @@ class _Pass(Generic[R]):
 
     def _verdicts(self) -> list[errors.MjrunError]:
         """Returns the errors of complete outputs with failed assertions or golden differences."""
-        complete = [self._outputs[index] for index in self._writers]
+        complete = [self.outputs[index] for index in self._writers]
         assertions = [message for output in complete for message in output.failed_assertions]
         differences = [message for output in complete for message in output.golden_differences]
         failed: list[errors.MjrunError] = [errors.FailedAssertionError(assertions)] if assertions else []
@@ -201,7 +202,7 @@ class _Pass(Generic[R]):
 
     def _simulate_alone(self, until: int) -> None:
         try:
-            self._outputs[0].simulate(self._stepper, until)
+            self.outputs[0].simulate(self._stepper, until)
         except errors.SimulationError:
             raise
         except errors.MjrunError as error:
@@ -211,7 +212,7 @@ class _Pass(Generic[R]):
 
     def _simulate_together(self, until: int, waiting: Sequence[int]) -> None:
         others = [index for index in range(len(self._plans)) if index not in waiting]
-        taps = [tap for index in others for tap in self._guarded(self._outputs[index].taps({}), [index])]
+        taps = [tap for index in others for tap in self._guarded(self.outputs[index].taps({}), [index])]
         if not waiting:
             observe(self._stepper, taps, until)
             return
@@ -227,7 +228,7 @@ class _Pass(Generic[R]):
         for index in waiting:
             if index not in self.failures:
                 with self._failing(index):
-                    taps += self._guarded(self._outputs[index].taps(detector.event_steps), [index])
+                    taps += self._guarded(self.outputs[index].taps(detector.event_steps), [index])
         observe(detector.replay(self._stepper.model), taps, until)
 
     def _guarded(self, taps: Sequence[AnyTap], indices: Sequence[int]) -> list[AnyTap]:
@@ -262,7 +263,7 @@ class _Pass(Generic[R]):
 
     def _publish(self, index: int, warnings: Sequence[str]) -> tuple[Sequence[Path], R, dict[str, object]]:
         """Publishes an output together with its manifest; returns its files, its result and its facts."""
-        output, manifest = self._outputs[index], self._manifests[index]
+        output, manifest = self.outputs[index], self._manifests[index]
 
         def described(files: Sequence[Path]) -> tuple[Sequence[Path], R, dict[str, object]]:
             summary = PassSummary(time.perf_counter() - self._start, self._simulation_wall, warnings)

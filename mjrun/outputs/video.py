@@ -1,6 +1,6 @@
 """Video output: saves the state of every frame during the simulation, then renders the states into the encoder."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import field
 from fractions import Fraction
@@ -25,7 +25,7 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files, panels_of
 from mjrun.outputs.frame_drawer import FrameDrawer, start_early
-from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
+from mjrun.outputs.frame_output import FrameOutput, FramePlan, R_co, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.rendering.compositor import SceneCompositor
 
@@ -42,8 +42,8 @@ class Video(VideoOptions, VideoOrImageJob["VideoResult"]):
     def encoded_files(self) -> "Sequence[VideoFile]":
         """The files with their encodings.
 
-        UsageError: a format cannot hold the video.
-          UsageError: a format that cannot hold the video.
+        Raises:
+          UsageError: a format cannot hold the video.
         """
         return [_video_file(self, file) for file in panel_files(self, self.output)]
 
@@ -124,18 +124,39 @@ class VideoFile(PanelFile):
         return self.target is not None and [panel.view for panel in self.panels] == ["seg"]
 
 
-class VideoOutput(FrameOutput[VideoResult]):
+class DrawnFrames(FrameOutput[R_co]):
+    """The frames of a video, drawn by one process or several."""
+
+    def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
+        self._count = None if plan.schedule is None else len(plan.schedule.steps)
+        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
+        self._processes = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
+        panels = len(panels_of(job))
+        if self._count is not None:
+            start_early(self._processes, job.size, panels, self._count, rendering)
+        known = {} if self._count is None else {"frames": self._count}
+        super().__init__(plan, job.encoded_files, known, stack, rendering)
+        self._job = job
+        self._drawer = FrameDrawer(self._processes, self._backend, job.size, panels, rendering)
+
+    def start_drawing(self) -> None:
+        """Starts the processes while the simulation runs, if the number of frames is known."""
+        if self._count is not None:
+            self._drawer.start(self._count)
+
+    def drawn(self, compositor: SceneCompositor) -> Iterator[Sequence[np.ndarray]]:
+        """Draws every frame, and yields its pixels in each file, which hold until the next is drawn."""
+        for index, frames in enumerate(self._drawer.draw(compositor, self.states, self._reporter)):
+            yield compositor.parts(frames)
+            self._reporter.progress("frames", index + 1, len(self.states))
+
+
+class VideoOutput(DrawnFrames[VideoResult]):
     """A video with open files."""
 
     def __init__(self, job: Video, plan: FramePlan, stack: ExitStack, rendering: output.SharedRendering) -> None:
-        count = None if plan.schedule is None else len(plan.schedule.steps)
-        # Filament's noise continues from frame to frame: only a single process makes the same video each time.
-        jobs = 1 if job.jobs == AUTO and job.renderer == "filament" else job.jobs
-        panels = len(panels_of(job))
-        if count is not None:
-            start_early(jobs, job.size, panels, count, rendering)
-        super().__init__(plan, job.encoded_files, {} if count is None else {"frames": count}, stack, rendering)
-        self._job, self._draw_wall = job, 0.0
+        super().__init__(job, plan, stack, rendering)
+        self._draw_wall = 0.0
         self._writers, self._labels = list[VideoWriter](), list[LabelsWriter | None]()
         for file in job.encoded_files:
             size, tags = plan.size_of(file), output.metadata_tags(file.target, self.facts)
@@ -144,10 +165,7 @@ class VideoOutput(FrameOutput[VideoResult]):
             self._writers.append(stack.enter_context(writer))
             self._labels.append(stack.enter_context(LabelsWriter(file.path)) if file.is_labelled else None)
         self.open_calibration(numbers=job.style == "exact")
-
-        self._drawer = FrameDrawer(jobs, self._backend, job.size, panels, rendering)
-        if count is not None:
-            self._drawer.start(count)  # the processes start while the simulation runs
+        self.start_drawing()
 
     def finish(self) -> Sequence[OutputWriter]:
         start = perf_counter()
@@ -209,11 +227,10 @@ class VideoOutput(FrameOutput[VideoResult]):
             writer.count = len(states)
         is_depth = [stream.exact and stream.panels[0].view == "depth" for stream in compositor.streams]
         clipped = 0
-        for index, frames in enumerate(self._drawer.draw(compositor, states, self._reporter)):
-            for writer, part, depth in zip(self._writers, compositor.parts(frames), is_depth, strict=True):
+        for parts in self.drawn(compositor):
+            for writer, part, depth in zip(self._writers, parts, is_depth, strict=True):
                 writer.write(part)
                 clipped += np.count_nonzero(part == UINT16_MAX) if depth else 0
-            self._reporter.progress("frames", index + 1, len(states))
         if clipped:
             share = clipped / (len(states) * sum(is_depth) * prod(self._job.size))
             self._reporter.warn(f"{share:.2%} of the pixels are at 65.535 m or beyond, the limit of 16-bit depth")

@@ -4,7 +4,7 @@ import base64
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from urllib.parse import quote
 
@@ -19,6 +19,7 @@ from mjrun.probe.verdict import Verdict
 _STYLE = Path(__file__).with_name("html_page.css")
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: file: 'self'; media-src data: file: 'self'"
 MEGABYTE = 1_000_000
+NOTEBOOK = 32  # [MB] that an output of a notebook may have
 # Media types of suffixes that browsers display.
 IMAGES = {
     ".png": "image/png",
@@ -158,10 +159,24 @@ def page_file(path: str, page: str, limit: float) -> PageFile:
     return PageFile(path, kind if size is not None else None, f"./{quote(beside)}", size)
 
 
+def media_html(paths: Iterable[str | Path], limit: float = NOTEBOOK) -> str | None:
+    """Returns images and videos as a notebook shows them, complete in itself, or None.
+
+    Args:
+      limit: maximum size of an embedded file [MB]; larger ones are named.
+
+    Raises:
+      FileError: a file does not exist or cannot be read.
+    """
+    files = [page_file(str(path), str(path), limit) for path in paths if Path(path).suffix.lower() in IMAGES | VIDEOS]
+    shown = [_medium(file) if file.is_embedded else element("p", f"{file.path} is too large") for file in files]
+    return element("div", *shown) if shown else None
+
+
 def html_page(page: Page) -> str:
     """Returns the whole document; the same page gives the same text."""
     sections = [
-        *((facts.title.lower().replace(" ", "-"), facts.title, [_facts(facts)]) for facts in page.facts),
+        *((facts.title.lower().replace(" ", "-"), facts.title, [facts_table(facts)]) for facts in page.facts),
         ("findings", "Findings", [element("div", *map(_card, page.cards), class_="cards")] if page.cards else []),
         ("assertions", "Assertions", list(_verdicts(page.verdicts))),
         ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
@@ -228,7 +243,8 @@ def _verdicts(verdicts: Sequence[tuple[str, Verdict]]) -> Iterator[Markup]:
     yield table_element("Assertions and what was found", heads, rows)
 
 
-def _facts(facts: PageFacts) -> Markup:
+def facts_table(facts: PageFacts) -> Markup:
+    """Returns a table of words and numbers."""
     rows: list[Markup] = []
     for name, *others in facts.rows:
         cells = [element("th", element("code", name), scope="row")]

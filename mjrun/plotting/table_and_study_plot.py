@@ -14,7 +14,7 @@ from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
 from mjrun.plotting import page_writer
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
-from mjrun.plotting.html_page import Page, PageFigure, PageTable
+from mjrun.plotting.html_page import Page, PageFigure, PageTable, media_html
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
@@ -177,6 +177,10 @@ class TablePlotResult:
     html: str | None = None
     assertions: Sequence[Verdict] = ()
     schema: str = SCHEMA
+
+    def _repr_html_(self) -> str | None:
+        """Returns the plot for a notebook; None if it is not an image."""
+        return media_html([self.path])
 
 
 def _check_outputs(plot: TablePlot) -> None:

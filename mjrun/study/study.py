@@ -16,8 +16,10 @@ from mjrun.errors import FailedPointsError, FileError, LostFilesError, clean
 from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import Requirements, manifest_writer, raise_failures
 from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.study_reader import read_study
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
+from mjrun.plotting.table import Table
 from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
@@ -205,6 +207,19 @@ class StudyResult:
     names: Sequence[str]
     kept: KeptFiles = field(default_factory=KeptFiles)
     schema: str = SCHEMA
+
+    @property
+    def table(self) -> Table:
+        """The numbers of the points, a row for each: its parameters and metrics.
+
+        Raises:
+          FileError: the folder has been removed.
+        """
+        return Table(dict(read_study(self.path).numbers))
+
+    def _repr_html_(self) -> str:
+        """Returns the table of points for a notebook."""
+        return self.table.to_html()
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import pytest
 
 from mjrun.document.fit import read_fit
 from mjrun.errors import DocumentError, UsageError
-from mjrun.fit.fit import Fit
+from mjrun.fitting.fit import Fit
 from mjrun.simulation.simulation import Simulation
-from tests.fit.logs import write_log, write_model
+from tests.fitting.logs import write_log, write_model
 
 HEAD = "model: pendulum.xml\ndata: [log.csv]\n"
 

@@ -10,7 +10,7 @@ from mjrun.options.fit import FitOptions
 from mjrun.options.option import options
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.simulation.simulation import Simulation
-from tests.fit.logs import write_model
+from tests.fitting.logs import write_model
 
 Made = tuple[Simulation, dict[str, object]]
 

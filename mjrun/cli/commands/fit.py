@@ -18,9 +18,9 @@ from mjrun.options.simulation import SimulationOptions
 from mjrun.suffixes import is_yaml
 
 if TYPE_CHECKING:
-    from mjrun.fit.excitation import ExcitationResult
-    from mjrun.fit.fit import Fit
-    from mjrun.fit.result import FitResult
+    from mjrun.fitting.excitation import ExcitationResult
+    from mjrun.fitting.fit import Fit
+    from mjrun.fitting.result import FitResult
 
 CORRELATED = 0.95  # of parameters that are listed
 SHOWN = 40  # rows of a table
@@ -35,7 +35,7 @@ ARGUMENTS = (
     SimulationOptions,
     ConfinementOptions,
     arguments=ARGUMENTS,
-    reports={"fit": "mjrun.fit.result:FitResult", "excite": "mjrun.fit.excitation:ExcitationResult"},
+    reports={"fit": "mjrun.fitting.result:FitResult", "excite": "mjrun.fitting.excitation:ExcitationResult"},
 )
 def fit(console: Console, command_line: CommandLine) -> None:
     """Estimate parameters of MODEL from measurements: DATA are tables with columns such as time, qpos/knee and
@@ -55,7 +55,7 @@ def fit(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    from mjrun.fit.excitation import excite
+    from mjrun.fitting.excitation import excite
 
     def show(result: "FitResult") -> None:
         console.answer(Report("fit", result, summary=lambda: fit_report(result)))
@@ -71,7 +71,7 @@ def fit(console: Console, command_line: CommandLine) -> None:
 
 def _fit(command_line: CommandLine) -> "tuple[Fit, AbstractContextManager[None]]":
     """Returns the fit of a command line or of its document, and the context that locates its errors."""
-    from mjrun.fit.fit import Fit
+    from mjrun.fitting.fit import Fit
 
     model, data = command_line.argument("model"), command_line.arguments("tables")
     if not is_yaml(model):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mjrun.model.sources.file import FileSource
-from tests.fit.logs import noisy, simulate, write_log, write_model
+from tests.fitting.logs import noisy, simulate, write_log, write_model
 from tests.processes import PATIENCE
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """What people read of a fit."""
 
 from mjrun.cli.commands.fit import excitation_report, fit_report
-from mjrun.fit.excitation import ExcitationResult, ExpectedParameter, MotionExtent
-from mjrun.fit.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
+from mjrun.fitting.excitation import ExcitationResult, ExpectedParameter, MotionExtent
+from mjrun.fitting.result import FitResult, FittedInertia, FittedParameter, FittedSignal, InertiaQuantity
 
 PARAMETERS = [
     FittedParameter("joint/a.damping", 0.1, 0.25, 0.2, 0.3, 900.0, ""),

@@ -1,0 +1,298 @@
+"""Information of measurements about parameters: which are identifiable, and confidence intervals.
+
+The unknown states of chunks are eliminated first, by projection. If residuals are white noise, intervals are those of
+linear least squares. Otherwise the fit is linearized around its solution and repeated with blocks of rows drawn with
+replacement: consecutive rows share what the model does not explain (H. R. Künsch, "The jackknife and the bootstrap for
+general stationary observations", 1989).
+
+Contacts can make a motion rough, so that searches end in many places. Blocks do not show this, so draws are also moved
+by the distances between the ends of several searches.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import clean, listing
+from mjrun.fitting.free_parameter import FreeParameter, values_at
+from mjrun.fitting.shooting_problem import STATE_SCALE
+from mjrun.fitting.solution import Floats, Solution
+
+# Least change of the data from one bound to the other, in standard deviations of their noise: a standard error of half
+# the range determines nothing.
+LEAST = 2.0
+SHARE = 0.01  # least effect, relative to the largest, of a parameter in an undetermined combination
+BLOCKS = 20  # fewest blocks
+DRAWS = 4000
+LAGS = 8  # largest distance of rows whose correlation is tested
+DOUBT = 0.005  # probability that white residuals are rejected
+AT_BOUND = 1e-3  # distance from a bound, as a share of the range
+MOST_LEVERAGE = 0.9  # of a block: a parameter that one block alone determines leaves no residuals
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedRows:
+    """Rows of a linear least-squares problem in the coordinates of the parameters alone.
+
+    Attributes:
+      slopes: slopes of the residuals, orthogonal to those of the states, `(n, p)`.
+      residuals: residuals, projected likewise, `(n,)`.
+      times: position of each row in its chunk, from 0 to 1, `(n,)`.
+    """
+
+    slopes: Floats
+    residuals: Floats
+    times: Floats
+
+
+def projected(solution: Solution) -> list[ProjectedRows]:
+    """Returns the rows of each chunk of a solution, with the weights of its loss.
+
+    Projection on the complement of their slopes B eliminates the states of a chunk: with a QR factorization of B,
+    A − Q Qᵀ A (G. H. Golub, V. Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
+    whose variables separate", 1973).
+    """
+    return [
+        _projected(residuals, *slopes, np.sqrt(weights))
+        for residuals, slopes, weights in zip(solution.residuals, solution.sensitivities, solution.weights, strict=True)
+    ]
+
+
+def _projected(residuals: Floats, of_coordinates: Floats, of_states: Floats, weights: Floats) -> ProjectedRows:
+    known = np.isfinite(residuals)
+    rows = np.broadcast_to(np.linspace(0, 1, len(residuals))[:, None], residuals.shape)[known]
+    w = weights[known]
+    a, b, r = w[:, None] * of_coordinates[known], w[:, None] * of_states[known], w * residuals[known]
+    size, count = b.shape[1], len(r)
+    q, _ = np.linalg.qr(np.concatenate([b, np.eye(size) / STATE_SCALE]))
+    a = np.concatenate([a, np.zeros((size, a.shape[1]))])
+    r = np.concatenate([r, np.zeros(size)])
+    return ProjectedRows((a - q @ (q.T @ a))[:count], (r - q @ (q.T @ r))[:count], rows)
+
+
+def information(parts: Sequence[ProjectedRows]) -> Floats:
+    """Returns the information matrix of the coordinates, `(p, p)`."""
+    return np.sum([part.slopes.T @ part.slopes for part in parts], axis=0)
+
+
+def all_information(solution: Solution, parameters: Sequence[FreeParameter]) -> Floats:
+    """Returns the information matrix of the coordinates, including priors, `(p, p)`."""
+    slopes = [each.prior_slope(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
+    return information(projected(solution)) + np.diag(np.square(slopes))
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """Parameters that the data do not determine: a single one, or several that compensate for each other."""
+
+    paths: tuple[str, ...]
+
+    @property
+    def message(self) -> str:
+        """A sentence that names them."""
+        if len(self.paths) == 1:
+            return f"the measurements do not determine {clean(self.paths[0])}"
+        return f"the measurements do not distinguish {listing(self.paths)}: they determine only a combination of them"
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Sensitivity of measurements to parameters.
+
+    Attributes:
+      effects: change of all data from one bound of a parameter to the other, the others being known, in standard
+        deviations of the noise.
+      condition: ratio of the largest to the smallest singular value of the scaled slopes.
+      unidentifiable: parameters that are not determined.
+    """
+
+    effects: tuple[float, ...]
+    condition: float
+    unidentifiable: tuple[Unidentifiable, ...]
+
+
+def sensitivity(solutions: Sequence[Solution], parameters: Sequence[FreeParameter]) -> Sensitivity:
+    """Returns the sensitivity at the best of several solutions, as slopes depend on the parameters."""
+    matrices = [all_information(solution, parameters) for solution in solutions]
+    each = [_of(matrix, parameters) for matrix in matrices]
+    return min(each, key=lambda one: (sum(len(u.paths) for u in one.unidentifiable), one.condition))
+
+
+def _of(matrix: Floats, parameters: Sequence[FreeParameter]) -> Sensitivity:
+    effects = np.sqrt(np.diag(matrix))
+    paths = [each.path for each in parameters]
+    silent = [i for i, effect in enumerate(effects) if effect < LEAST]
+    problems = [Unidentifiable((paths[i],)) for i in silent]
+
+    audible = [i for i in range(len(paths)) if i not in silent]
+    condition = np.inf if silent else 1.0
+    if audible:
+        values, vectors = np.linalg.eigh(matrix[np.ix_(audible, audible)])
+        singular = np.sqrt(np.maximum(values, 0))
+        condition = max(condition, float(singular[-1] / max(singular[0], 1e-300)))
+        for value, vector in zip(singular, vectors.T, strict=True):
+            if value < LEAST:
+                # Effects cancel in this direction: every parameter that has one there is part of the combination.
+                shown = effects[audible] * np.abs(vector)
+                mixed = [paths[audible[i]] for i in np.flatnonzero(shown > max(LEAST, SHARE * shown.max()))]
+                problems.append(Unidentifiable(tuple(mixed)))
+    return Sensitivity(tuple(map(float, effects)), float(condition), tuple(problems))
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Confidence intervals.
+
+    Attributes:
+      low, high: ends of the interval of each parameter.
+      correlation: correlations between the parameters, `(p, p)`.
+      parameters: parameters of the fit.
+      draws: coordinates whose quantiles are the ends of intervals, `(draws, p)`.
+      confidence: confidence level.
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    correlation: Floats
+    parameters: Sequence[FreeParameter]
+    draws: Floats
+    confidence: float
+
+    def of(self, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+        """Returns the ends of the intervals of a function of the parameters."""
+        level = (1 - self.confidence) / 2
+        values = [np.array(values_at(self.parameters, draw)) for draw in self.draws]
+        low, high = np.quantile([function(each) for each in values], [level, 1 - level], axis=0)
+        return low, high
+
+
+def intervals(solution: Solution, parameters: Sequence[FreeParameter], confidence: float, seed: int) -> Intervals:
+    """Estimates confidence intervals of a solution whose noise is that of its residuals.
+
+    As blocks are few, percentiles are widened as Student's t widens a normal distribution.
+    """
+    from scipy import special
+
+    parts = projected(solution)
+    blocks = [rows for part in parts for rows in _blocks(part, -(-BLOCKS // len(parts)))]
+    informations = np.array([a.T @ a for a, _ in blocks])
+    scores = np.array([a.T @ r for a, r in blocks])
+    whole = all_information(solution, parameters)
+    level = (1 - confidence) / 2
+    generator = np.random.default_rng(seed)
+    if solution.loss == "linear" and not solution.ends and is_white(solution, informations, scores, whole):
+        moves, widened = _scattered(solution, whole, generator), 1.0
+    else:
+        moves = _bootstrapped(informations, scores, whole, generator)
+        freedom = _degrees_of_freedom(informations, whole)
+        widened = (
+            special.stdtrit(freedom, 1 - level) / special.ndtri(1 - level) * np.sqrt(len(blocks) / (len(blocks) - 1))
+        )
+    moves = widened * moves
+    if solution.ends:
+        moves += _ended(solution, generator)
+
+    coordinates = np.clip(solution.coordinates + moves, 0, 1)
+    low, high = np.quantile(coordinates, [level, 1 - level], axis=0)
+    spread = np.cov(moves, rowvar=False).reshape(len(parameters), -1)
+    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    lowest, highest = values_at(parameters, low), values_at(parameters, high)
+    return Intervals(lowest, highest, spread / scale / scale[:, None], parameters, coordinates, confidence)
+
+
+def is_white(solution: Solution, informations: Floats, scores: Floats, whole: Floats) -> bool:
+    """Tests whether residuals are independent of each other.
+
+    Two tests: correlations between rows (G. M. Ljung, G. E. P. Box, "On a measure of lack of fit in time series
+    models", 1978), and whether the gradients of blocks are as small in every direction as those of white noise.
+
+    Args:
+      informations: information matrices of blocks of rows, `(blocks, p, p)`.
+      scores: gradients of these blocks, `(blocks, p)`.
+      whole: information of all blocks and the priors, `(p, p)`.
+    """
+    from scipy import special
+
+    statistic, tested = 0.0, 0
+    for residuals in np.concatenate([np.nan_to_num(each) for each in solution.residuals]).T:
+        total = float(residuals @ residuals)
+        lags = [float(residuals[lag:] @ residuals[:-lag]) / max(total, 1e-300) for lag in range(1, LAGS + 1)]
+        statistic += len(residuals) * float(np.square(lags).sum())
+        tested += LAGS
+    if statistic > special.chdtri(tested, DOUBT):
+        return False
+
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    shares = np.einsum("ji,bjk,ki->bi", root, informations, root)
+    expected = (shares * (1 - shares)).sum(axis=0)
+    freedom = np.maximum(shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300) - 1, 1.0)
+    observed = np.square(scores @ root).sum(axis=0) / np.maximum(expected, 1e-300)
+    return bool((observed * freedom < special.chdtri(freedom, DOUBT)).all())
+
+
+def _scattered(solution: Solution, whole: Floats, generator: np.random.Generator) -> Floats:
+    """Draws deviations of the coordinates from the truth by Student's t, `(DRAWS, p)`."""
+    numbers = sum(int(np.isfinite(each).sum()) for each in solution.residuals)
+    freedom = max(numbers - solution.unknowns, 1)
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))
+    draws = generator.normal(size=(DRAWS // 2, len(values)))
+    draws = np.concatenate([draws, -draws]) * solution.cost * np.sqrt(numbers / freedom)
+    return draws / np.sqrt(generator.chisquare(freedom, (DRAWS, 1)) / freedom) @ root.T
+
+
+def _bootstrapped(informations: Floats, scores: Floats, whole: Floats, generator: np.random.Generator) -> Floats:
+    """Returns the changes of the coordinates in refits of blocks drawn with replacement, `(DRAWS, p)`."""
+    count = len(informations)
+    weights = generator.multinomial(count, np.full(count, 1 / count), DRAWS)
+    matrices = np.einsum("wb,bij->wij", weights, informations) + (whole - informations.sum(axis=0))
+    matrices += 1e-12 * np.trace(informations.sum(axis=0)) * np.eye(len(whole))
+    scores = _unfitted(scores, informations, whole)
+    centred = scores - scores.mean(axis=0)  # at a bound their sum is not zero
+    return -np.linalg.solve(matrices, (weights @ centred)[..., None])[..., 0]
+
+
+def _unfitted(scores: Floats, informations: Floats, whole: Floats) -> Floats:
+    """Returns the gradients of blocks after fits without these blocks, `(blocks, p)`.
+
+    A block with much information on a parameter pulls the fit towards itself, so its residuals are too small. Source:
+    R. M. Bell, D. F. McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples"
+    (2002), the jackknife.
+    """
+    values, vectors = np.linalg.eigh(whole)
+    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))  # of the inverse
+    leverages, directions = np.linalg.eigh(root.T @ informations @ root)
+    in_directions = np.einsum("bij,bi->bj", directions, scores @ root)
+    grown = in_directions / (1 - np.minimum(leverages, MOST_LEVERAGE))
+    return np.einsum("bij,bj->bi", directions, grown) @ np.linalg.pinv(root)
+
+
+def _degrees_of_freedom(informations: Floats, whole: Floats) -> Floats:
+    """Estimates the effective number of blocks that determine each parameter, `(p,)`.
+
+    Source: F. E. Satterthwaite, "An approximate distribution of estimates of variance components" (1946).
+    """
+    inverse = np.linalg.pinv(whole, hermitian=True)
+    variances = np.einsum("ij,bjk,ki->bi", inverse, informations, inverse)
+    return np.maximum(variances.sum(axis=0) ** 2 / np.maximum((variances**2).sum(axis=0), 1e-300), 2.0)
+
+
+def _blocks(part: ProjectedRows, count: int) -> list[tuple[Floats, Floats]]:
+    """Divides the rows of a chunk into `count` blocks of time."""
+    places = np.minimum((part.times * count).astype(int), count - 1)
+    return [(part.slopes[places == i], part.residuals[places == i]) for i in range(count) if (places == i).any()]
+
+
+def _ended(solution: Solution, generator: np.random.Generator) -> Floats:
+    """Draws distances between the ends of searches of a rough sum of squares by Student's t, `(DRAWS, p)`."""
+    beside = np.array(solution.ends) - solution.coordinates
+    count = len(beside)
+    draws = generator.normal(size=(DRAWS, count)) @ beside / np.sqrt(count)
+    return draws / np.sqrt(generator.chisquare(count, (DRAWS, 1)) / count)
+
+
+def bound_reached(coordinate: float) -> str:
+    """Returns `low` or `high` if a fitted coordinate is at this bound, otherwise an empty text."""
+    return "low" if coordinate < AT_BOUND else "high" if coordinate > 1 - AT_BOUND else ""

@@ -1,0 +1,272 @@
+"""Logs of a system: measured signals and commands over time, under the names of a model's columns."""
+
+import itertools
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import FileError, UsageError, clean, counted, listing, option
+from mjrun.fitting.rotations_and_noise import normalize, rotations
+from mjrun.model.names import control_names
+from mjrun.physics.timed_rows import SLACK, require_times, without_gaps
+from mjrun.probe.fields import FieldProbe
+from mjrun.probe.select import select
+from mjrun.probe.vocabularies import AvailableProbes
+from mjrun.simulation.column_map import TIME, ColumnMap, column_map, time_hint
+from mjrun.simulation.mapped_table import column_names, evaluated
+
+CONTROLS = "ctrl/"
+GAP = 5  # multiple of the usual time between rows above which a new segment begins
+FEWEST = 16  # least number of rows of a segment
+SPARSE = 100  # timesteps between rows above which times are probably milliseconds
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of a log without gaps.
+
+    Attributes:
+      source: file name of the log.
+      times: times of the rows [s], `(n,)`.
+      values: measured values, `(n, signals)`; NaN where a sample is missing.
+      controls: commands, `(n, nu)`, each of which acts from its time on.
+    """
+
+    source: str
+    times: np.ndarray
+    values: np.ndarray
+    controls: np.ndarray
+
+    def part(self, rows: slice) -> "Segment":
+        """Returns consecutive rows as a separate segment."""
+        return Segment(self.source, self.times[rows], self.values[rows], self.controls[rows])
+
+    def steps(self, timestep: float) -> np.ndarray:
+        """Returns the times of the rows in timesteps after the first, `(n,)`."""
+        return (self.times - self.times[0]) / timestep
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """All segments of all logs, and the signals that they measure.
+
+    Attributes:
+      signals: names of columns of the model.
+      segments: segments in the order of the files and of time.
+      remarks: remarks for the user.
+      rotations: indices of the signals that are quaternions.
+    """
+
+    signals: Sequence[str]
+    segments: Sequence[Segment]
+    remarks: Sequence[str] = ()
+    rotations: Sequence[Sequence[int]] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of all segments."""
+        return sum(len(segment.times) for segment in self.segments)
+
+    def without(self, sources: Collection[str]) -> tuple["Measurements", "Measurements"]:
+        """Separates the logs `sources` from all others, which come first."""
+        rest = [segment for segment in self.segments if segment.source not in sources]
+        held = [segment for segment in self.segments if segment.source in sources]
+        return replace(self, segments=rest), replace(self, segments=held)
+
+    def split(self, share: float) -> tuple["Measurements", "Measurements"]:
+        """Separates the last `share` of every file's time, which is held out, from the first part."""
+        first: list[Segment] = []
+        last: list[Segment] = []
+        for source in dict.fromkeys(segment.source for segment in self.segments):
+            own = [segment for segment in self.segments if segment.source == source]
+            begin, end = own[0].times[0], own[-1].times[-1]
+            limit = end - share * (end - begin)
+            for segment in own:
+                row = int(np.searchsorted(segment.times, limit))
+                first += [segment.part(slice(0, row))] if row >= FEWEST else []
+                last += [segment.part(slice(row, None))] if len(segment.times) - row >= FEWEST else []
+        return replace(self, segments=first), replace(self, segments=last)
+
+
+def read_measurements(
+    paths: Sequence[str], model: mujoco.MjModel, texts: Sequence[str], constant: np.ndarray, *, linear: bool = False
+) -> Measurements:
+    """Reads the measurements of `model` from tables.
+
+    Columns are named as in a trace of the model: `time`, `qpos/knee`, `sensor/gyro/x`, and `ctrl/motor` for commands.
+    A map, `COLUMN=EXPRESSION`, translates other names.
+
+    Args:
+      texts: entries of the map.
+      constant: controls of actuators without commands, `(nu,)`.
+      linear: whether commands are interpolated linearly; otherwise they hold until the next one.
+
+    Raises:
+      UsageError: no columns in common, times that do not increase, infinite numbers, or an invalid map.
+      FileError: a table cannot be read.
+    """
+    tables = [_Table(path, model, texts, linear) for path in paths]
+    signals = list(dict.fromkeys(name for table in tables for name in table.signals))
+    segments: list[Segment] = []
+    remarks: list[str] = []
+    for table in tables:
+        segments += table.segments(signals, constant, remarks)
+    available = AvailableProbes(model).names
+    varies = [_varies([segment.values[:, i] for segment in segments]) for i in range(len(signals))]
+    for group in rotations(signals, available):
+        for i in group:
+            varies[i] = any(varies[j] for j in group)
+    measured = [name for name, is_moving in zip(signals, varies, strict=True) if is_moving]
+    if not measured:
+        raise UsageError(f"nothing varies in the measurements: {listing(signals)}")
+    if still := [name for name in signals if name not in measured]:
+        remarks.append(f"constant, so left out: {listing(still)}")
+    parts = [replace(each, values=each.values[:, np.array(varies)]) for each in segments]
+    return Measurements(measured, parts, remarks, rotations(measured, available))
+
+
+def _varies(parts: Sequence[np.ndarray]) -> bool:
+    values = np.concatenate(parts)
+    values = values[np.isfinite(values)]
+    return bool(len(values)) and float(np.ptp(values)) > 0
+
+
+class _Table:
+    """One log and the expressions for its signals and commands."""
+
+    def __init__(self, path: str, model: mujoco.MjModel, texts: Sequence[str], linear: bool) -> None:
+        self._path, self._model, self._linear = path, model, linear
+        self._commands = [f"{CONTROLS}{name}" for name in control_names(model)]
+        names = column_names(path)
+        mapped = self._mapped(names, texts)
+        if mapped.time is None:
+            raise UsageError(f"{clean(path)} has no column 'time'\n{time_hint(names)}")
+        self._has_time_map = mapped.time_is_mapped
+        in_table = [name for name in names if name in mapped.sources]
+        ordered = {name: mapped.sources[name] for name in in_table} | mapped.sources
+        self._expressions = {TIME: mapped.time, **ordered}
+        self.signals = [name for name in self._expressions if name != TIME and not name.startswith(CONTROLS)]
+        if not self.signals:
+            valid = listing([*AvailableProbes(model).names][1:4])
+            raise UsageError(
+                f"{clean(path)} measures nothing of this model\nits columns are {listing(names)}\n"
+                f"the model has columns such as {valid}; {option('map')} translates names: qpos/knee=knee_deg*pi/180"
+            )
+        for probe in select(model, self.signals):
+            if not isinstance(probe, FieldProbe):
+                raise UsageError(f"{listing([c.name for c in probe.columns])} cannot be fitted: no engine records them")
+
+    def segments(self, signals: Sequence[str], constant: np.ndarray, remarks: list[str]) -> list[Segment]:
+        """Reads its stretches without gaps, with a column for each of `signals`."""
+        columns = evaluated(self._path, self._expressions)
+        times = columns[TIME]
+        require_times(times, self._path)
+        missing = np.full(len(times), np.nan)
+        values = np.column_stack([columns.get(name, missing) for name in signals])
+        if np.isinf(values).any():
+            row, column = np.argwhere(np.isinf(values))[0]
+            raise UsageError(f"{clean(self._path)}, row {row}: {clean(signals[int(column)])} is infinite")
+        if holes := int(np.isnan(values[:, [i for i, name in enumerate(signals) if name in columns]]).sum()):
+            remarks.append(f"{clean(self._path)}: {counted(holes, 'sample')} missing and skipped")
+        normalize(values, rotations(signals, AvailableProbes(self._model).names), clean(self._path))
+        controls = self._controls(columns, constant, remarks)
+        if unknown := int(np.isnan(controls).any(axis=1).sum()):  # at the beginning
+            remarks.append(f"{clean(self._path)}: skipped the {counted(unknown, 'row')} before the first command")
+            times, values, controls = times[unknown:], values[unknown:], controls[unknown:]
+
+        usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        if usual > SPARSE * self._model.opt.timestep and not self._has_time_map:
+            steps = usual / self._model.opt.timestep
+            raise UsageError(
+                f"{clean(self._path)}: rows are {usual:g} s apart, {steps:,.0f} timesteps of the model\n"
+                f"if the times are milliseconds, add {option('map')} time=time/1000; if they are seconds, confirm with "
+                f"{option('map')} time=time"
+            )
+        starts = [0, *(np.flatnonzero(np.diff(times) > GAP * usual) + 1).tolist(), len(times)]
+        parts = [slice(a, b) for a, b in itertools.pairwise(starts)]
+        long = [part for part in parts if part.stop - part.start >= FEWEST]
+        if not long:
+            raise FileError(self._path, f"has no {FEWEST} consecutive rows without a gap")
+        if len(parts) > 1:
+            short = len(parts) - len(long)
+            left_out = f"; skipped {short} with fewer than {FEWEST} rows" if short else ""
+            remarks.append(f"{clean(self._path)}: gaps in time split it into {len(parts)} segments{left_out}")
+        return [Segment(self._path, times[part], values[part], controls[part]) for part in long]
+
+    def _controls(self, columns: Mapping[str, np.ndarray], constant: np.ndarray, remarks: list[str]) -> np.ndarray:
+        """Returns controls `(count, nu)`: commands hold until the next one; before the first one they are NaN."""
+        times = columns[TIME]
+        missing = 0
+        controls = np.tile(constant, (len(times), 1))
+        for index, name in enumerate(self._commands):
+            if (commanded := columns.get(name)) is None:
+                continue
+            bad = np.flatnonzero(np.isinf(commanded))
+            if len(bad):
+                raise UsageError(
+                    f"{clean(self._path)}, row {bad[0]}: {clean(name)} is {commanded[bad[0]]}, not a command"
+                )
+            known = np.flatnonzero(np.isfinite(commanded))
+            if not len(known):
+                raise UsageError(f"{clean(self._path)}: {clean(name)} has no command in any row")
+            missing += len(times) - len(known)
+            filled = without_gaps(times, commanded, known, self._linear)
+            controls[:, index] = np.where(np.arange(len(times)) < known[0], np.nan, filled)
+        if missing:
+            filled_by = "linear interpolation" if self._linear else "the one before"
+            remarks.append(f"{clean(self._path)}: {counted(missing, 'command')} missing and replaced by {filled_by}")
+        return controls
+
+    def _mapped(self, names: Sequence[str], texts: Sequence[str]) -> ColumnMap:
+        """Returns the expressions for its times, signals and commands."""
+        available = AvailableProbes(self._model)
+        measured = [name for name in names if _is_measured(name, available)]
+        others = [name for name in available.names if name != TIME and not name.startswith(CONTROLS)]
+        columns: dict[str, list[str]] = {}
+        for name in dict.fromkeys([*self._commands, *others, *measured]):
+            columns.setdefault(name.partition("/")[0], []).append(name)
+        return column_map(columns, names, texts, self._path, by_name={TIME, *self._commands, *measured})
+
+
+def _is_measured(name: str, available: AvailableProbes) -> bool:
+    return not name.startswith(CONTROLS) and available.column(name) == name and name != TIME
+
+
+def commands(
+    segment: Segment, first: int, count: int, timestep: float, linear: bool, delays: Mapping[int, float]
+) -> np.ndarray:
+    """Returns the controls `(count, nu)` of the steps from `first` on, counted from the beginning of `segment`.
+
+    A command holds until the next one or is interpolated linearly; the first one also acts before its time.
+
+    Args:
+      delays: delays of actuators [s], by index. The control of a step is then the mean over it, which changes smoothly
+        with the delay.
+    """
+    times = (segment.times - segment.times[0]) / timestep
+    steps = np.arange(first, first + count)
+    if linear:
+        controls = np.column_stack([np.interp(steps, times, column) for column in segment.controls.T])
+    else:
+        rows = np.searchsorted(times, steps + SLACK, side="right") - 1
+        controls = segment.controls[np.maximum(rows, 0)]
+    controls = np.array(controls.reshape(count, -1))
+    for actuator, delay in delays.items():
+        edges = np.arange(first, first + count + 1) - delay / timestep
+        controls[:, actuator] = np.diff(_integral(times, segment.controls[:, actuator], edges, linear))
+    return controls
+
+
+def _integral(times: np.ndarray, values: np.ndarray, at: np.ndarray, linear: bool) -> np.ndarray:
+    """Integrates a signal from its first time to each of `at`."""
+    if linear:
+        fine = np.union1d(times, at)
+        inner = np.interp(fine, times, values)
+        sums = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (inner[1:] + inner[:-1]) / 2)])
+        return np.interp(at, fine, sums)
+    knots = np.concatenate([[min(at[0], times[0])], times[1:], [max(at[-1], times[-1]) + 1]])
+    sums = np.concatenate([[0.0], np.cumsum(np.diff(knots) * values)])
+    return np.interp(at, knots, sums)

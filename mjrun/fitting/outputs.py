@@ -1,0 +1,217 @@
+"""The files of a fit: their names are checked before hours of fitting, and all of them appear together, or none."""
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import FileError, UsageError, clean, concerning, listing, option
+from mjrun.fitting.comparison import comparison_rows, write_comparison
+from mjrun.fitting.fit_page import write_fit_page
+from mjrun.fitting.fit_video import FitVideo, VideoStretch
+from mjrun.fitting.free_parameter import FreeParameter, overrides, values_at
+from mjrun.fitting.prediction import Predictor
+from mjrun.fitting.result import FitResult, FittedParameter
+from mjrun.fitting.solution import Solution
+from mjrun.formats.atomic_output import OutputWriter, publish_together, written_file
+from mjrun.formats.destinations import StagedFile
+from mjrun.formats.tables import output_format
+from mjrun.formats.temporary_output import temporary_file
+from mjrun.model.attribute_edits import Change, changes, with_changes
+from mjrun.model.fingerprint import physics_fingerprint
+from mjrun.model.override import Override
+from mjrun.model.source import Source
+from mjrun.model.sources.file import FileSource
+from mjrun.options.fit import FitOptions
+from mjrun.outputs.output_files import ReservedFiles, named_files
+from mjrun.plotting.figure_writer import require_matplotlib
+from mjrun.plotting.page_writer import check_page_name
+from mjrun.reporter import Reporter
+from mjrun.simulation.simulation import Simulation
+from mjrun.suffixes import is_yaml
+
+SUFFIX = ".xml"
+
+Solutions = Mapping[tuple[str, str], Solution]
+
+
+class FitOutputs:
+    """The files that a fit writes.
+
+    Args:
+      simulation: simulation of the model to fit.
+
+    Raises:
+      UsageError: a name does not suit its file, two outputs are the same file, or one is an input.
+      FileError: a file cannot be written.
+    """
+
+    def __init__(
+        self, fit: FitOptions, simulation: Simulation, predictor: Predictor, parameters: Sequence[FreeParameter]
+    ) -> None:
+        self._fit, self._simulation, self._predictor, self._parameters = fit, simulation, predictor, parameters
+        _check_names(fit, simulation)
+        self._model_file = FittedModelFile(Path(fit.output), simulation.source) if fit.output is not None else None
+        if self._model_file:
+            self._model_file.check(overrides(parameters, [each.value(0.5) for each in parameters]))
+        signals = [column.name for column in predictor.columns]
+        self._video = FitVideo(fit, predictor.model, signals) if fit.video is not None else None
+
+    def publish(
+        self,
+        result: FitResult,
+        comparisons: Solutions,
+        logs: Sequence[str],
+        reporter: Reporter,
+        *,
+        model_alone: bool = False,
+    ) -> FitResult:
+        """Writes all files, and returns the result with their names and the changes of the model.
+
+        Args:
+          comparisons: predictions by part, `fitted` or `held`, and model, `nominal` or `fitted`.
+          logs: names of the measured tables.
+          model_alone: whether to write only the model.
+
+        Raises:
+          MjrunError: a file cannot be written; then none is.
+        """
+        fit, columns = self._fit, self._predictor.columns
+        values = [each.value for each in result.parameters]
+        with ExitStack() as stack:
+            writers: list[OutputWriter] = []
+            if self._model_file:
+                writer, made = self._model_file.write(stack, overrides(self._parameters, values))
+                writers.append(writer)
+                result = replace(result, changes=[each.sentence for each in made])
+            if model_alone:
+                return replace(result, files=[str(file) for file in publish_together(writers)])
+            if fit.ranges is not None:
+                writers.append(write_ranges(stack, fit.ranges, self._parameters, result.parameters, fit.confidence))
+            rows = comparison_rows(comparisons, logs)
+            if fit.comparison is not None:
+                writers.append(write_comparison(stack, fit.comparison, columns, rows))
+            if fit.html is not None:
+                name = Path(self._simulation.source.text).name
+                writers.append(write_fit_page(stack, fit.html, name, result, columns, rows, logs))
+            if self._video:
+                stretches = self._stretches(comparisons, logs)
+                delays = {name: v for p, v in zip(self._parameters, values, strict=True) for name in p.delayed}
+                late = [delays.get(column.name, 0.0) for column in columns]
+                model = self._predictor.model_with(values)
+                writers.append(stack.enter_context(self._video.writer(model, stretches, late, reporter)))
+            return replace(result, files=[str(file) for file in publish_together(writers)])
+
+    def _stretches(self, comparisons: Solutions, logs: Sequence[str]) -> list[VideoStretch]:
+        """Returns all stretches in the order of logs and time, with the motion of the fitted model."""
+        stretches: list[VideoStretch] = []
+        for part in ("fitted", "held"):
+            if solution := comparisons.get((part, "fitted")):
+                values = values_at(self._parameters, solution.coordinates)
+                positions = self._predictor.positions(solution.chunks, values, solution.states)
+                stretches += map(VideoStretch, solution.chunks, positions)
+
+        def order(stretch: VideoStretch) -> tuple[int, float]:
+            segment = stretch.chunk.segment
+            return logs.index(segment.source), float(segment.times[stretch.chunk.rows][0])
+
+        return sorted(stretches, key=order)
+
+
+def _check_names(fit: FitOptions, simulation: Simulation) -> None:
+    if fit.comparison is not None:
+        output_format(fit.comparison)
+    if fit.ranges is not None and not is_yaml(fit.ranges):
+        raise UsageError(f"{option('ranges')} {clean(fit.ranges)}: ranges are written as .yaml")
+    if fit.html is not None:
+        check_page_name(fit.html)
+        require_matplotlib()
+    reserved = ReservedFiles()
+    for log in dict.fromkeys([*fit.data, *fit.holdout_data]):
+        reserved.reserve(log, "the log, which is read")
+    for what, path in simulation.tables:
+        reserved.reserve(path, f"the {what}, which is read")
+    outputs = {"output": fit.output, "comparison": fit.comparison, "ranges": fit.ranges, "html": fit.html}
+    for name, path in named_files(**outputs, video=fit.video):
+        with concerning(name):
+            reserved.reserve(path, f"the {name}")
+            StagedFile(Path(path)).discard()  # shows that the file can be written
+
+
+@dataclass(frozen=True)
+class FittedModelFile:
+    """A copy of the model's text in which only the fitted attributes differ.
+
+    Attributes:
+      path: file to write, with the suffix .xml.
+      source: the model, with its overrides, which are not written.
+    """
+
+    path: Path
+    source: Source
+
+    def check(self, overrides: Sequence[Override]) -> None:
+        """Checks with any values that the text of the model can hold the overrides.
+
+        Raises:
+          UsageError: the path does not end in .xml, or the text cannot hold them.
+        """
+        main = self._main
+        if self.path.suffix != SUFFIX:
+            raise UsageError(f"{option('output')} {clean(str(self.path))}: a fitted model is an {SUFFIX} file")
+        elsewhere = [each.element.file.name for each in changes(main, overrides) if each.element.file != main]
+        if elsewhere:
+            raise UsageError(
+                f"{option('output')}: free parameters are set in {listing(list(dict.fromkeys(elsewhere)))}, which "
+                f"{clean(str(main))} includes, and only one file is written\nleave {option('output')} out and edit "
+                "the values there, or fit the included file"
+            )
+
+    def write(self, stack: ExitStack, overrides: Sequence[Override]) -> tuple[OutputWriter, list[Change]]:
+        """Writes the text, to be published by the caller; `stack` discards it otherwise.
+
+        Raises:
+          FileError: the file cannot be written, or does not compile to the model with `overrides`.
+        """
+        made = changes(self._main, overrides)
+        text = with_changes(self._main.read_bytes(), made)
+        output = stack.enter_context(written_file(self.path, text))
+        fitted = replace(self.source, overrides=tuple(overrides)).load()
+        with output.writing(), temporary_file(self.path, text, SUFFIX) as beside:
+            is_same = physics_fingerprint(FileSource(beside).load()) == physics_fingerprint(fitted)
+        if not is_same:
+            raise FileError(self.path, "would not be the fitted model", "an attribute of its text sets several numbers")
+        return output, made
+
+    @property
+    def _main(self) -> Path:
+        main = self.source.main_file
+        if main is None or main.suffix != SUFFIX:
+            raise UsageError(f"{option('output')}: {clean(self.source.text)} has no {SUFFIX} file to change")
+        return main
+
+
+def write_ranges(
+    stack: ExitStack, path: str, free: Sequence[FreeParameter], fitted: Sequence[FittedParameter], confidence: float
+) -> OutputWriter:
+    """Writes the section `vary` of a study, to be published by the caller; `stack` discards it otherwise.
+
+    Each parameter that an override can set alone has a normal distribution with the confidence interval of the fit,
+    truncated to the bounds.
+
+    Raises:
+      FileError: the file cannot be written.
+    """
+    from scipy import special
+
+    width = 2 * float(special.ndtri((1 + confidence) / 2))
+    lines = ["vary:"]
+    for parameter, result in zip(free, fitted, strict=True):
+        if (varied := parameter.override_path) is None:
+            continue
+        spread = max((result.high - result.low) / width, 1e-12 * abs(result.value), 1e-300)
+        numbers = ", ".join(repr(float(n)) for n in (result.value, spread, parameter.low, parameter.high))
+        lines.append(f"  {json.dumps(varied)}: {{truncnormal: [{numbers}]}}")
+    return stack.enter_context(written_file(Path(path), ("\n".join(lines) + "\n").encode()))

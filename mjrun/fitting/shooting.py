@@ -1,0 +1,294 @@
+"""Shooting: joint least squares of parameters and the initial states of stretches of a log.
+
+The result explains whole segments, each from one fitted state. They are tried first. If their residuals stay above the
+noise of the log, the search continues from other starts and over short stretches, each from its own state (H. G. Bock,
+"Recent advances in parameter identification techniques for O.D.E.", 1983), which become longer and begin in the states
+of the shorter ones. If contacts make the motion rough, ensembles fit openings of segments that become longer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import field, replace
+
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.fitting.ensemble_gauss_newton import EnsembleSearch
+from mjrun.fitting.free_parameter import FreeParameter, values_at
+from mjrun.fitting.gauss_newton import (
+    EVALUATIONS,
+    EXPLAINED,
+    ROUGH_TOLERANCE,
+    STAGE_EVALUATIONS,
+    TOLERANCE,
+    GaussNewton,
+)
+from mjrun.fitting.measurements import Segment
+from mjrun.fitting.prediction import Chunk, ChunkInitialStates, Predictor, chunks
+from mjrun.fitting.rotations_and_noise import LEAST_NOISE, shared
+from mjrun.fitting.shooting_problem import Advanced, Result, ShootingProblem, Simulating, together
+from mjrun.fitting.solution import Floats, Solution
+from mjrun.fitting.starting_states import StartingStates, simulated_starts
+
+SHORTEST = 24  # rows of the shortest stretches
+GROWTH = 2
+CONTACT_EVALUATIONS = 8  # evaluations after which a motion with contacts that is not explained counts as rough
+OTHERS = 2  # other starts of whole segments before stretches are tried
+MODEST = 100.0  # reduced χ² below which other starts are tried, and searches that end alike confirm each other
+ALIKE = 0.01  # relative difference of the costs of two searches that end alike
+SHOTS = 3  # number of searches if contacts make the motion rough
+BESIDE = 0.1  # distance between such searches, as a share of the range of a parameter
+WHOLE = 10**9  # rows
+
+
+@dataclass
+class SearchResult:
+    """The result of a search.
+
+    Attributes:
+      own: solution of whole segments by the original model, from the states that fit best.
+      best: solution of whole segments by the best parameters.
+      ways: methods that were tried, in words.
+    """
+
+    own: Solution
+    best: Solution
+    ways: list[str] = field(default_factory=list[str])
+
+
+class Shooting:
+    """A fit of parameters to segments.
+
+    Args:
+      loss: loss function of scipy's `least_squares`; all but `linear` reduce the weight of outliers.
+      seed: seed of random points in searches of rough sums of squares.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        parameters: Sequence[FreeParameter],
+        starting: StartingStates,
+        loss: str = "linear",
+        seed: int = 0,
+    ) -> None:
+        self._predictor, self._parameters, self._starting = predictor, parameters, starting
+        self._loss, self._seed = loss, seed
+        self._states, self._is_rough = ChunkInitialStates(predictor.model), False
+
+    def cut(self, segments: Sequence[Segment], rows: int = WHOLE) -> list[Chunk]:
+        """Cuts segments into chunks of about `rows` rows."""
+        return chunks(segments, rows, self._predictor.timestep, self._predictor.lead)
+
+    def guessed(self, parts: Sequence[Chunk], coordinates: Floats | None, before: Solution | None = None) -> Floats:
+        """Guesses initial states from measurements and, for what is not measured, from the model.
+
+        Args:
+          coordinates: coordinates of the parameters; None for the original model.
+          before: solution of shorter stretches, whose states replace guesses for the same initial rows.
+        """
+        if self._starting.all_measured:
+            states = np.stack([self._starting.guess(part, self._predictor.timestep) for part in parts])
+        else:
+            values = None if coordinates is None else values_at(self._parameters, coordinates)
+            states = simulated_starts(self._predictor, self._starting, parts, values)
+        solved = {_begin(part): s for part, s in zip(before.chunks, before.states, strict=True)} if before else {}
+        return np.stack([solved.get(_begin(part), guess) for part, guess in zip(parts, states, strict=True)])
+
+    def look(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
+        """Returns residuals and sensitivities at a start, without a search."""
+        return replace(self._run(GaussNewton(self._problem(parts, coordinates, states, noise)).look()), loss="linear")
+
+    def solve(self, parts: Sequence[Chunk], coordinates: Floats, states: Floats, noise: Floats) -> Solution:
+        """Minimizes the residuals of `parts` from a start."""
+        return self._run(GaussNewton(self._problem(parts, coordinates, states, noise)).minimize())
+
+    def follow(self, parts: Sequence[Chunk], coordinates: Floats | None, noise: Floats) -> Solution:
+        """Minimizes the residuals of `parts` over the states, with constant parameters.
+
+        Args:
+          coordinates: coordinates of the parameters; None for the original model.
+        """
+        return self._run(self._grown(parts, coordinates, noise, fixed=True))
+
+    def weighted(self, solution: Solution) -> Solution:
+        """Minimizes again from `solution`, with signals weighted by its residuals."""
+        noise = solution.noise_scale
+        values = np.concatenate([part.values for part in solution.chunks])
+        groups = self._predictor.rotations
+        least = LEAST_NOISE * shared(np.nanstd(values, axis=0), groups)
+        weighted = np.maximum(shared(noise, groups), least)
+        again = self.solve(solution.chunks, solution.coordinates, solution.states, weighted)
+        return replace(again, ends=solution.ends)
+
+    def search(
+        self, segments: Sequence[Segment], starts: Sequence[Floats], noise: Floats, advanced: Advanced | None = None
+    ) -> SearchResult:
+        """Searches for the best parameters for whole segments.
+
+        Args:
+          starts: initial coordinates, those of the original model first.
+          advanced: called with every solution that is better than all before.
+        """
+        whole = self.cut(segments)
+        own = self.follow(whole, None, noise)
+        first = self._run(self._grown(whole, starts[0], noise, advanced=advanced))
+        search = SearchResult(own, first, ["whole segments"])
+
+        if not self._is_rough and search.best.reduced >= EXPLAINED:
+            self._continue(search, segments, starts, noise, advanced)
+        if self._is_rough:
+            search.ways.append("ensembles of nearby states, as contacts make the motion rough")
+            begins = [*starts[1:], *self._beside(first.coordinates)]
+            tasks = [self._rough(whole, begins[seed - 1], noise, seed=seed) for seed in range(1, SHOTS)]
+            ends = together(self._predictor, tasks)
+            best = min([search.best, *ends], key=lambda each: each.cost)
+            search.best = replace(best, ends=[each.coordinates for each in [first, *ends] if each is not best])
+        if search.best.cost <= own.cost:
+            return search
+        if self._is_rough:  # no simulation is nearer to the log than that of the original model
+            search.best = replace(search.best, coordinates=starts[0], states=own.states, residuals=own.residuals)
+        else:  # from the states that fit the original model best
+            better = self.solve(whole, starts[0], own.states, noise)
+            search.best = min([search.best, better], key=lambda each: each.cost)
+        return search
+
+    def _beside(self, coordinates: Floats) -> list[Floats]:
+        """Returns coordinates on two opposite sides, so that searches that end alike do not depend on their start."""
+        move = BESIDE * np.random.default_rng(self._seed).choice([-1.0, 1.0], len(coordinates))
+        return [np.clip(coordinates + move, 0, 1), np.clip(coordinates - move, 0, 1)]
+
+    def _continue(
+        self,
+        search: SearchResult,
+        segments: Sequence[Segment],
+        starts: Sequence[Floats],
+        noise: Floats,
+        advanced: Advanced | None,
+    ) -> None:
+        """Tries other starts and stretches until the log is explained or two searches end alike."""
+        whole = self.cut(segments)
+
+        def is_end(solutions: Sequence[Solution]) -> bool:
+            """Keeps the best solution; returns whether the search is complete."""
+            is_same = False
+            for each in solutions:
+                is_same |= abs(each.cost - search.best.cost) < ALIKE * each.cost
+                if each.cost < search.best.cost:
+                    search.best = each
+                    if advanced:
+                        advanced(each)
+            is_same &= search.best.reduced < MODEST
+            return is_same or self._is_rough or search.best.reduced < EXPLAINED
+
+        # Far from the noise, stretches succeed sooner.
+        for start in starts[1 : 1 + OTHERS] if search.best.reduced < MODEST else []:
+            search.ways.append("whole segments from another start")
+            if is_end([self._run(self._grown(whole, start, noise))]):
+                return
+        for group in (starts[:1], starts[1:]):
+            places: list[Floats] = list(group)
+            before: list[Solution | None] = [None] * len(group)
+            for rows, parts in self.stages(segments) if places else []:
+                search.ways.append(f"stretches of {rows} rows")
+                guesses = [self.guessed(parts, *each) for each in zip(places, before, strict=True)]
+                problems = [self._problem(parts, *each, noise) for each in zip(places, guesses, strict=True)]
+                ends = together(self._predictor, [GaussNewton(each).approach() for each in problems])
+                places, before = [each.coordinates for each in ends], [*ends]
+                tasks = [self._grown(whole, each.coordinates, noise, before=each) for each in ends]
+                if is_end(together(self._predictor, tasks)):
+                    return
+
+    def stages(self, segments: Sequence[Segment]) -> list[tuple[int, list[Chunk]]]:
+        """Returns stretches of increasing length, shorter than whole segments: the number of rows, and the chunks."""
+        rows, cuts = SHORTEST, list[tuple[int, list[Chunk]]]()
+        while len(parts := self.cut(segments, rows)) > len(segments):
+            cuts.append((rows, parts))
+            rows *= GROWTH
+        return cuts
+
+    def _grown(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        before: Solution | None = None,
+        advanced: Advanced | None = None,
+    ) -> Simulating[Solution]:
+        """Solves whole chunks from states that fit their first rows, with ensembles if contacts make the motion rough.
+
+        Args:
+          fixed: whether the parameters are constant.
+          before: solution of stretches, whose states replace those of the first rows.
+        """
+        if not self._is_rough:
+            states = self.guessed(parts, coordinates, before)
+            if before is None:
+                openings = [_opening(part) for part in parts]
+                opening = GaussNewton(self._problem(openings, coordinates, states, noise, fixed=True))
+                most = CONTACT_EVALUATIONS if self._predictor.has_impacts else STAGE_EVALUATIONS
+                states = (yield from opening.approach(most)).states
+            tolerance = ROUGH_TOLERANCE if fixed else TOLERANCE
+            search = GaussNewton(self._problem(parts, coordinates, states, noise, fixed=fixed), advanced)
+            if not self._predictor.has_impacts:
+                return (yield from search.minimize(EVALUATIONS, tolerance))
+            solution = yield from search.minimize(CONTACT_EVALUATIONS, tolerance)
+            if solution.reduced < EXPLAINED:
+                nearer = None if coordinates is None else solution.coordinates
+                problem = self._problem(parts, nearer, solution.states, noise, fixed=fixed)
+                return (yield from GaussNewton(problem, advanced).minimize(EVALUATIONS, tolerance))
+            self._is_rough = True
+            ensembles = yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced)
+            return min(ensembles, solution, key=lambda each: each.cost) if fixed else ensembles
+        return (yield from self._rough(parts, coordinates, noise, fixed=fixed, advanced=advanced))
+
+    def _rough(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+        seed: int = 0,
+        advanced: Advanced | None = None,
+    ) -> Simulating[Solution]:
+        """Solves openings of chunks of increasing length by ensembles, each from the end of the one before."""
+        states, scatter, rows = self.guessed(parts, coordinates), None, SHORTEST
+        while True:
+            openings = [_opening(part, rows) for part in parts]
+            is_last = all(a.rows == b.rows for a, b in zip(openings, parts, strict=True))
+            problem = self._problem(openings, coordinates, states, noise, fixed=fixed)
+            search = EnsembleSearch(problem, self._seed + seed, scatter, advanced)
+            solution, scatter = yield from search.minimize(is_last=is_last)
+            if is_last:
+                return solution
+            states, coordinates = solution.states, None if coordinates is None else solution.coordinates
+            rows *= 2
+
+    def _problem(
+        self,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        states: Floats,
+        noise: Floats,
+        *,
+        fixed: bool = False,
+    ) -> ShootingProblem:
+        setting = (self._predictor, self._parameters, self._states)
+        return ShootingProblem(*setting, parts, coordinates, states, noise, self._loss, fixed)
+
+    def _run(self, task: Simulating[Result]) -> Result:
+        (result,) = together(self._predictor, [task])
+        return result
+
+
+def _begin(chunk: Chunk) -> tuple[int, int]:
+    return id(chunk.segment), chunk.first_step
+
+
+def _opening(chunk: Chunk, rows: int = SHORTEST) -> Chunk:
+    """Returns the first rows of a chunk; all if few more follow."""
+    if len(chunk.positions) < 1.5 * rows:
+        return chunk
+    return replace(chunk, rows=slice(chunk.rows.start, chunk.rows.start + rows), positions=chunk.positions[:rows])

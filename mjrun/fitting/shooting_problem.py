@@ -1,0 +1,170 @@
+"""Least squares of multiple shooting: residuals and slopes of all chunks, by finite differences of rollouts.
+
+Functions that simulate are generators: each yields the rollouts that it needs and receives their predictions, so that
+several problems are simulated in one batch on all cores (`together`).
+"""
+
+from collections.abc import Callable, Generator, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.fitting.free_parameter import FreeParameter, values_at
+from mjrun.fitting.prediction import Chunk, ChunkInitialStates, ChunkSimulation, Predictor
+from mjrun.fitting.solution import LOSSES, Floats, Solution
+
+NUDGE = 1e-5  # step of finite differences of coordinates, which go from 0 to 1
+STATE_NUDGE = 1e-6  # step of finite differences of positions, velocities and activations
+STATE_SCALE = 10.0  # standard deviation of a prior of states, for components that no signal determines
+PENALTY = 1e3  # residual where a simulation fails, in standard deviations of the noise
+
+Result = TypeVar("Result")
+Simulating = Generator[Sequence[ChunkSimulation], Sequence[Floats], Result]
+Advanced = Callable[[Solution], None]
+
+
+def together(predictor: Predictor, tasks: Sequence[Simulating[Result]]) -> list[Result]:
+    """Runs generators side by side and simulates their requests as one batch."""
+    results: dict[int, Result] = {}
+    waiting: dict[int, Sequence[ChunkSimulation]] = {}
+
+    def advance(index: int, predicted: Sequence[Floats] | None) -> None:
+        try:
+            waiting[index] = tasks[index].send(predicted)  # pyright: ignore[reportArgumentType]  (None starts)
+        except StopIteration as end:
+            results[index] = end.value
+
+    for index in range(len(tasks)):
+        advance(index, None)
+    while waiting:
+        asked, waiting = waiting, {}
+        predicted = iter(predictor.predict([rollout for rollouts in asked.values() for rollout in rollouts]))
+        for index, rollouts in asked.items():
+            advance(index, [next(predicted) for _ in rollouts])
+    return [results[index] for index in range(len(tasks))]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Values of the unknowns.
+
+    Attributes:
+      coordinates: coordinates of the parameters, `(p,)`.
+      deviations: deviations of the states of the chunks from their guesses, `(chunks, size)`.
+    """
+
+    coordinates: Floats
+    deviations: Floats
+
+
+class ShootingProblem:
+    """Least squares of one stage, whose unknowns are the coordinates, unless fixed, and the state of each chunk.
+
+    Args:
+      parts: chunks to simulate.
+      coordinates: initial coordinates; None for the original model with fixed parameters.
+      guesses: initial states of the chunks, `(chunks, nstate)`.
+      noise: standard deviation of each signal, `(signals,)`.
+      loss: loss function of scipy's `least_squares`.
+      fixed: whether the coordinates are fixed.
+
+    Attributes:
+      parts, noise, loss: the arguments.
+      start: initial point of a search.
+      known: masks of the measured values of each chunk.
+      free: number of free coordinates.
+      size: number of unknowns of a state.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        parameters: Sequence[FreeParameter],
+        states: ChunkInitialStates,
+        parts: Sequence[Chunk],
+        coordinates: Floats | None,
+        guesses: Floats,
+        noise: Floats,
+        loss: str,
+        fixed: bool,
+    ) -> None:
+        self._predictor, self._parameters, self._states, self.parts = predictor, parameters, states, parts
+        self._guesses, self.noise, self.loss = guesses, noise, loss
+        self._is_nominal = coordinates is None
+        self.free, self.size = 0 if fixed or self._is_nominal else len(parameters), states.size
+        first = np.array([p.first_coordinate for p in parameters]) if coordinates is None else coordinates
+        self.start = Point(first, np.zeros((len(parts), states.size)))
+        self.known = [np.isfinite(part.values) for part in parts]
+
+    def states(self, point: Point) -> Floats:
+        """Returns the integration states at the beginning of the chunks, `(chunks, nstate)`."""
+        return np.stack([self._states.moved(g, d) for g, d in zip(self._guesses, point.deviations, strict=True)])
+
+    def residuals(self, points: Sequence[Point]) -> Simulating[list[list[Floats]]]:
+        """Computes residuals of each chunk at each point, `(n, signals)`, in standard deviations of the noise."""
+        starts = [(i, p.coordinates, p.deviations[i]) for p in points for i in range(len(self.parts))]
+        left = yield from self._left(starts)
+        count = len(self.parts)
+        return [left[i * count : (i + 1) * count] for i in range(len(points))]
+
+    def slopes(
+        self, point: Point, residuals: Sequence[Floats], *, of_states: bool = True, wider: float = 1.0
+    ) -> Simulating[tuple[list[Floats], list[Floats]]]:
+        """Computes slopes of each chunk to the coordinates, `(n, signals, p)`, and to its state, `(n, signals, size)`.
+
+        Args:
+          residuals: residuals at `point`.
+          of_states: whether to compute slopes to states; they are empty otherwise.
+          wider: factor of the steps of finite differences.
+        """
+        count, size = len(self.parts), self.size if of_states else 0
+        x, nudge = point.coordinates, wider * STATE_NUDGE
+        moves = np.where(x[: self.free] < 0.5, 1.0, -1.0) * wider * NUDGE  # away from the nearer bound
+        starts: list[tuple[int, Floats, Floats]] = []
+        for j in range(self.free):
+            moved = x.copy()
+            moved[j] += moves[j]
+            starts += [(i, moved, point.deviations[i]) for i in range(count)]
+        for j in range(size):
+            for i in range(count):
+                deviation = point.deviations[i].copy()
+                deviation[j] += nudge
+                starts.append((i, x, deviation))
+        if not starts:
+            return [np.zeros((*r.shape, 0)) for r in residuals], []
+        left = yield from self._left(starts)
+        all_moves = np.concatenate([moves, np.full(size, nudge)])
+        slopes = [(np.stack(left[i::count], axis=-1) - residuals[i][..., None]) / all_moves for i in range(count)]
+        return [each[..., : self.free] for each in slopes], [each[..., self.free :] for each in slopes if size]
+
+    def cost(self, point: Point, residuals: Sequence[Floats]) -> float:
+        """Returns half the sum of squares under the loss, including the priors of states and parameters."""
+        loss = LOSSES[self.loss]
+        squares = sum(float(loss(r[k] ** 2).sum()) for r, k in zip(residuals, self.known, strict=True))
+        priors, _ = self.priors(point.coordinates)
+        return 0.5 * (squares + float(((point.deviations / STATE_SCALE) ** 2).sum()) + float(priors @ priors))
+
+    def solution(self, point: Point, residuals: Sequence[Floats], slopes: Sequence[tuple[Floats, Floats]]) -> Solution:
+        """Returns a point as a solution; `slopes` has those to the coordinates and to the state for each chunk."""
+        shown = [np.where(known, r, np.nan) for r, known in zip(residuals, self.known, strict=True)]
+        return Solution(self.parts, point.coordinates, self.states(point), shown, list(slopes), self.noise, self.loss)
+
+    def priors(self, coordinates: Floats) -> tuple[Floats, Floats]:
+        """Returns the residuals of the coordinates under their priors, `(p,)`, 0 without a prior, and their slopes."""
+        left, slopes = np.zeros(self.free), np.zeros(self.free)
+        for j, each in enumerate(self._parameters[: self.free]):
+            if each.prior:
+                left[j] = (each.value(coordinates[j]) - each.prior[0]) / each.prior[1]
+                slopes[j] = each.prior_slope(coordinates[j])
+        return left, slopes
+
+    def _left(self, starts: Sequence[tuple[int, Floats, Floats]]) -> Simulating[list[Floats]]:
+        """Computes residuals `(n, signals)` for each index of a chunk, coordinates, and deviation of its state."""
+        predicted = yield [self._rollout(*start) for start in starts]
+        left = [(rows - self.parts[i].values) / self.noise for (i, _, _), rows in zip(starts, predicted, strict=True)]
+        return [np.where(np.isfinite(p), each, PENALTY) for each, p in zip(left, predicted, strict=True)]
+
+    def _rollout(self, index: int, coordinates: Floats, deviation: Floats) -> ChunkSimulation:
+        values = None if self._is_nominal else values_at(self._parameters, coordinates)
+        return ChunkSimulation(self.parts[index], values, self._states.moved(self._guesses[index], deviation))

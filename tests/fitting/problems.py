@@ -1,0 +1,71 @@
+"""A pendulum's log and what fits it, shared by tests of what follows from a solution."""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import mujoco
+import numpy as np
+
+from mjrun.fitting.free_parameter import FreeParameter, free_parameters
+from mjrun.fitting.measurements import Segment
+from mjrun.fitting.prediction import Predictor
+from mjrun.fitting.rotations_and_noise import first_noise
+from mjrun.fitting.shooting import Shooting
+from mjrun.fitting.solution import Solution, with_noise
+from mjrun.fitting.starting_states import StartingStates
+from mjrun.model import state
+from mjrun.simulation.simulation import Simulation
+from tests.fitting.logs import noisy, simulate, write_model
+
+THREE = (
+    ("joint/hinge.damping", "log:1e-3..1"),
+    ("joint/hinge.armature", "log:1e-3..1"),
+    ("joint/hinge.frictionloss", "log:1e-3..1"),
+)
+
+
+def segments(seconds: float = 3.0, seed: int = 0, *, exact: bool = False) -> list[Segment]:
+    """The log of the true pendulum."""
+    times, angles = simulate(seconds)
+    values = angles if exact else noisy(angles, seed)
+    return [Segment("log", times, values[:, None], np.zeros((len(times), 1)))]
+
+
+def shooting_of(
+    model: Path,
+    free: Sequence[tuple[str, str]],
+    signals: Sequence[str],
+    controls: Sequence[str],
+    log: Segment | None = None,
+) -> tuple[Shooting, Predictor, StartingStates, list[FreeParameter]]:
+    """Returns a shooting of a model from its default state, and its parts; with a log, guesses know its noise."""
+    simulation = Simulation(str(model))
+    parameters = free_parameters(free, simulation.source, [*signals, *controls])
+    predictor = Predictor(simulation, signals, parameters)
+    noise = first_noise([log.values], predictor.rotations) if log else None
+    start = state.save(predictor.model, mujoco.MjData(predictor.model))
+    starting = StartingStates(predictor.model, signals, start, noise)
+    return Shooting(predictor, parameters, starting), predictor, starting, parameters
+
+
+def shooting(texts: tuple[tuple[str, str], ...]) -> tuple[Shooting, list[FreeParameter]]:
+    """Returns a shooting of the nominal pendulum, and its parameters."""
+    shoot, _, _, parameters = shooting_of(write_model(Path(mkdtemp())), texts, ["qpos/hinge"], ["ctrl/motor"])
+    return shoot, parameters
+
+
+@cache
+def solved() -> tuple[Solution, tuple[FreeParameter, ...]]:
+    """The solution of the log, whose noise is that of its residuals."""
+    shoot, parameters = shooting(THREE)
+    parts = segments()
+    start = np.array([each.first_coordinate for each in parameters])
+    last = shoot.search(parts, [start], first_noise([each.values for each in parts])).best
+    return with_noise(last, last.observed_noise), tuple(parameters)
+
+
+def predictor_of(shoot: Shooting) -> Predictor:
+    """That which simulates for `shoot`."""
+    return shoot._predictor

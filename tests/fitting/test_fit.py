@@ -1,0 +1,275 @@
+"""Whole fits, from tables to files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from mjrun.errors import MjrunWarning, UnidentifiableError, UnimprovedFitError, UsageError
+from mjrun.fitting.fit import Fit
+from mjrun.model.sources.file import FileSource
+from mjrun.reporter import WarningReporter
+from mjrun.simulation.simulation import Simulation
+from tests.fitting.logs import NOISE, TRUTH, noisy, simulate, write_log, write_model
+from tests.fitting.problems import THREE
+
+
+@pytest.fixture
+def pendulum(tmp_path: Path) -> Simulation:
+    return Simulation(str(write_model(tmp_path)))
+
+
+def log(folder: Path, **columns: np.ndarray) -> list[str]:
+    times, angles = simulate(3.0)
+    return [str(write_log(folder / "log.csv", {"time": times + 17, "qpos/hinge": noisy(angles), **columns}))]
+
+
+def test_a_fit_finds_what_the_log_was_made_with(tmp_path: Path, pendulum: Simulation) -> None:
+    output, comparison, ranges = (tmp_path / name for name in ("fitted.xml", "comparison.csv", "ranges.yaml"))
+    files = {"output": str(output), "comparison": str(comparison), "ranges": str(ranges)}
+    fit = Fit(pendulum, data=log(tmp_path), free=THREE, starts=1)
+    result = replace(fit, **files).run()  # type: ignore[arg-type]
+    found = {each.path.rpartition(".")[2]: each for each in result.parameters}
+    for name, truth in TRUTH.items():
+        assert found[name].value == pytest.approx(truth, rel=0.15)
+        assert found[name].low < found[name].value < found[name].high
+    (signal,) = result.signals
+    assert signal.noise == pytest.approx(NOISE, rel=0.1)
+    errors = (signal.fitted, signal.nominal, signal.holdout_fitted, signal.holdout_nominal)
+    fitted, nominal, held_fitted, held_nominal = (float(each or np.nan) for each in errors)
+    assert fitted < 0.01 < nominal
+    assert held_fitted < 0.05 < held_nominal
+    assert sorted(result.files) == sorted(files.values())
+    model = FileSource(output).load()
+    assert [model.dof_damping[0], model.dof_armature[0], model.dof_frictionloss[0]] == [
+        each.value for each in result.parameters
+    ]
+
+
+@pytest.mark.slow
+def test_a_model_that_is_edited_while_it_is_fitted_changes_nothing(tmp_path: Path, pendulum: Simulation) -> None:
+    class Editor(WarningReporter):
+        def progress(self, what: str, done: int, total: int) -> None:
+            write_model(tmp_path, damping=3.0, armature=0.5)
+
+    fit = Fit(pendulum, data=log(tmp_path), free=THREE, starts=1, output=str(tmp_path / "fitted.xml"))
+    before = fit.run()
+    written = (tmp_path / "fitted.xml").read_bytes()
+    edited = fit.run(Editor())
+    assert FileSource(Path(str(pendulum.model))).load().dof_damping[0] == 3.0
+    assert edited.parameters == before.parameters
+    assert (tmp_path / "fitted.xml").read_bytes() == written
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_fit(tmp_path: Path, pendulum: Simulation) -> None:
+    times, angles = simulate(1.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    one, other = (Fit(pendulum, data=data, free=THREE[:2], starts=2).run() for _ in range(2))
+    assert one.parameters == other.parameters
+
+
+def test_a_whole_log_is_held_out_where_asked(tmp_path: Path, pendulum: Simulation) -> None:
+    times, angles = simulate(1.5)
+    more, others = simulate(1.0, start=-1.0)
+    data = [str(write_log(tmp_path / "one.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    held = [str(write_log(tmp_path / "two.csv", {"time": more, "qpos/hinge": noisy(others, 1)}))]
+    result = Fit(pendulum, data=data, holdout_data=held, free=THREE, starts=1).run()
+    assert result.rows == len(times)
+    assert result.signals[0].holdout_fitted is not None
+    assert result.signals[0].holdout_fitted < 0.02
+    with pytest.raises(UsageError, match="is both fitted and held out"):
+        Fit(pendulum, data=data, holdout_data=data, free=THREE).run()
+
+
+def test_what_the_log_does_not_tell_is_refused_and_nothing_is_written(tmp_path: Path, pendulum: Simulation) -> None:
+    free = (*THREE[:1], ("actuator/motor.gear[0]", "0.5..2"))
+    output = tmp_path / "fitted.xml"
+    with pytest.raises(UnidentifiableError, match=r"do not determine actuator/motor\.gear\[0\]"):
+        Fit(pendulum, data=log(tmp_path), free=free, starts=1, output=str(output)).run()
+    assert not output.exists()
+
+
+def test_a_fit_that_predicts_no_better_is_refused(tmp_path: Path) -> None:
+    """The model is right as it is, and the log has noise: what is fitted to that predicts no better but by chance."""
+    truth = Simulation(str(write_model(tmp_path, **TRUTH)))
+    output = tmp_path / "fitted.xml"
+    with pytest.raises(UnimprovedFitError, match="does not explain the rest better"):
+        Fit(truth, data=log(tmp_path), free=THREE[:2], starts=1, output=str(output)).run()
+    assert not output.exists()
+
+
+@pytest.mark.slow
+def test_what_the_model_lacks_is_warned_of_in_text_and_report(tmp_path: Path) -> None:
+    """A rod of another mass: the intervals of damping and friction exclude the truth, and the report says why."""
+    model = write_model(tmp_path, **{**TRUTH, "damping": 0.2})
+    model.write_text(model.read_text().replace('mass="1"', 'mass="1.5"'))
+    times, angles = simulate(1.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    fit = Fit(Simulation(str(model)), data=data, free=(THREE[0], THREE[2]), starts=1)
+    with pytest.warns(MjrunWarning, match="beyond the noise of the log"):
+        result = fit.run()
+    assert result.reduced_chi2 > 2
+    assert any("reduced χ²" in each for each in result.remarks)
+    assert all(each.isprintable() for remark in result.remarks for each in remark.splitlines())
+    with pytest.warns(MjrunWarning, match="beyond the noise of the log"):
+        again = replace(fit, noise=(("qpos/*", "0.0005"),)).run()
+    assert again.reduced_chi2 > 4 * result.reduced_chi2
+
+
+@pytest.mark.parametrize(
+    ("rows", "sign", "late"),
+    [
+        pytest.param(80, -1, 0, marks=pytest.mark.slow, id="flipped sign"),
+        pytest.param(110, 1, 30, id="0.3 s late"),
+    ],
+)
+def test_a_log_that_no_values_explain_is_refused(tmp_path: Path, rows: int, sign: int, late: int) -> None:
+    commanded = np.repeat(0.8 * np.sin(np.arange(rows) * 0.05), 5)
+    times, angles = simulate(rows / 100, start=0.0, controls=commanded)
+    columns = {"time": times, "qpos/hinge": sign * noisy(np.roll(angles, late)), "ctrl/motor": commanded[::5]}
+    output = tmp_path / "fitted.xml"
+    fit = Fit(
+        Simulation(str(write_model(tmp_path, **{**TRUTH, "damping": 0.2}))),
+        data=[str(write_log(tmp_path / "log.csv", {name: values[late:] for name, values in columns.items()}))],
+        free=(THREE[0], THREE[2]),
+        starts=1,
+        output=str(output),
+    )
+    with pytest.raises(UnimprovedFitError, match="nothing was written"):
+        fit.run()
+    assert not output.exists()
+
+
+def test_a_delay_is_found(tmp_path: Path, pendulum: Simulation) -> None:
+    steps = 1500
+    commanded = np.repeat(0.8 * np.sin(np.arange(steps // 5) * 0.05) * (np.sin(np.arange(steps // 5) / 18) > 0), 5)
+    times, angles = simulate(3.0, start=0.0, controls=np.concatenate([np.zeros(12), commanded])[:steps])
+    columns = {"time": times, "qpos/hinge": noisy(angles), "ctrl/motor": commanded[::5]}
+    data = [str(write_log(tmp_path / "log.csv", columns))]
+    free = (("delay:ctrl/motor", "0..0.1"), *THREE)
+    result = Fit(pendulum, data=data, free=free, starts=1).run()
+    assert result.parameters[0].value == pytest.approx(0.024, abs=0.002)
+
+
+def test_too_little_is_reported_before_anything_is_fitted(tmp_path: Path, pendulum: Simulation) -> None:
+    times = np.arange(17) * 0.01
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": np.sin(times)}))]
+    with pytest.raises(UsageError, match="too few for 3 parameters"):
+        Fit(pendulum, data=data, free=THREE, holdout=0).run()
+
+
+@pytest.mark.slow
+def test_outliers_do_not_lead_a_robust_fit_astray(tmp_path: Path, pendulum: Simulation) -> None:
+    times, angles = simulate(1.5)
+    data = [str(write_log(tmp_path / "clean.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    clean = Fit(pendulum, data=data, free=THREE, starts=1, holdout=0).run()
+    generator = np.random.default_rng(5)
+    spoiled = noisy(angles) + np.where(generator.random(len(angles)) < 0.05, generator.normal(0, 0.3, len(angles)), 0)
+    data = [str(write_log(tmp_path / "spoiled.csv", {"time": times, "qpos/hinge": spoiled}))]
+    robust = Fit(pendulum, data=data, free=THREE, starts=1, holdout=0, loss="cauchy").run()
+    assert robust.signals[0].noise == pytest.approx(NOISE, rel=0.2)
+    assert robust.loss == "cauchy"
+    spread = 1.4826 * np.median(np.abs(spoiled - np.median(spoiled)))
+    assert robust.signals[0].fitted == pytest.approx(NOISE / spread, rel=0.2)  # by medians, as its noise is
+    for one, other in zip(clean.parameters, robust.parameters, strict=True):
+        assert other.high - other.low < 3 * (one.high - one.low)
+        assert abs(other.value - TRUTH[one.path.rpartition(".")[2]]) < other.high - other.low
+
+
+def test_parameters_that_are_all_at_bounds_are_refused(tmp_path: Path) -> None:
+    """The friction of the model and of the log is 0, which a logarithmic range has not."""
+    model = str(write_model(tmp_path, **{**TRUTH, "frictionloss": 0.0}))
+    times, angles = simulate(1.0, frictionloss=0.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": angles}))]
+    free = (("joint/hinge.frictionloss", "log:0.01..0.1"),)
+    with pytest.raises(UnimprovedFitError, match="nothing was written"):
+        Fit(Simulation(model), data=data, free=free, starts=1, holdout=0).run()
+
+
+def test_regions_where_the_model_explodes_are_avoided_and_told(tmp_path: Path) -> None:
+    """With stiffness far beyond what the timestep allows, where a start is, the explicit spring diverges."""
+    path = write_model(tmp_path)
+    path.write_text(path.read_text().replace("implicitfast", "Euler"))
+    free = (("joint/hinge.stiffness", "log:1e-3..1e9"), THREE[0])
+    times, angles = simulate(0.6, armature=0.05)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": noisy(angles)}))]
+    fit = Fit(Simulation(str(path)), data=data, free=free, starts=4, holdout=0)
+    with pytest.warns(MjrunWarning, match=r"unstable with joint/hinge\.stiffness=.*failed in all"):
+        result = fit.run()
+    assert result.parameters[0].value < 0.1
+    assert any("becomes unstable" in each for each in result.remarks)
+
+
+def test_a_ball_joint_is_fitted_by_quaternions_of_either_sign_and_any_length(tmp_path: Path) -> None:
+    """A log of a bare loop whose quaternions jump between q and -q, are not of unit length, and lack some rows."""
+    text = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
+      <joint name="socket" type="ball" damping="{}"/>
+      <geom type="capsule" fromto="0 0 0 .1 0 -.5" size=".03" mass="1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text.format(0.05))
+    data, generator = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[:], data.qvel[:] = [0.6, 0.8, 0, 0], [0, 2, 5]
+    rows: list[np.ndarray] = []
+    for step in range(600):
+        if step % 5 == 0:
+            noise = generator.normal(0, 1e-3, 4)
+            rows.append((data.qpos + noise) * generator.choice([-1, 1]) * generator.uniform(0.95, 1.05))
+        mujoco.mj_step(model, data)
+    logged = np.array(rows)
+    logged[40:44, 2] = np.nan
+    columns = {"time": np.arange(120) * 0.01} | {f"qpos/socket/q{c}": logged[:, i] for i, c in enumerate("wxyz")}
+    (tmp_path / "ball.xml").write_text(text.format(0.2))
+    fit = Fit(
+        Simulation(str(tmp_path / "ball.xml")),
+        data=[str(write_log(tmp_path / "log.csv", columns))],
+        free=(("joint/socket.damping", "log:1e-3..1"),),
+        starts=1,
+    )
+    result = fit.run()
+    assert result.parameters[0].value == pytest.approx(0.05, rel=0.02)
+    assert {each.noise for each in result.signals} == {result.signals[0].noise}
+    assert result.signals[0].noise == pytest.approx(1e-3 * np.sqrt(3 / 4), rel=0.15)  # three of four directions
+    assert result.remarks == [f"{fit.data[0]}: 4 samples missing and skipped"]
+
+
+def test_sensors_and_torques_are_signals(tmp_path: Path) -> None:
+    """What sensors of a joint and an accelerometer feel tells mass, damping and the motor's gain."""
+    text = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body pos="0 0 1">
+      <joint name="hinge" axis="0 1 0" damping="{}"/>
+      <geom name="rod" type="capsule" fromto="0 0 0 0 0 -.5" size=".02" mass="{}"/><site name="tip" pos="0 0 -.5"/>
+      </body></worldbody><actuator><motor name="motor" joint="hinge" gear="{}"/></actuator>
+      <sensor><jointpos name="angle" joint="hinge"/><accelerometer name="imu" site="tip"/>
+      <jointactuatorfrc name="torque" joint="hinge"/></sensor></mujoco>"""
+    truth = (0.05, 1.3, 0.8)
+    model = mujoco.MjModel.from_xml_string(text.format(*truth))
+    data, generator = mujoco.MjData(model), np.random.default_rng(0)
+    rows: list[list[float]] = []
+    for step in range(750):
+        data.ctrl[0] = 2 * np.sin(0.05 * (step // 5))
+        mujoco.mj_forward(model, data)
+        if step % 5 == 0:
+            noise = generator.normal(0, 1, 5) * [1e-3, 0.02, 0.02, 0.02, 0.005]
+            rows.append([data.time, data.ctrl[0], *(data.sensordata[:5] + noise)])
+        mujoco.mj_step(model, data)
+    names = ["time", "ctrl/motor", "sensor/angle", *(f"sensor/imu/{c}" for c in "xyz"), "sensor/torque"]
+    (tmp_path / "model.xml").write_text(text.format(0.2, 1.0, 1.0))
+    free = (("joint/hinge.damping", "log:1e-3..1"), ("geom/rod.mass", "0.5..2"), ("actuator/motor.gear[0]", "0.5..2"))
+    log = write_log(tmp_path / "log.csv", dict(zip(names, np.array(rows).T, strict=True)))
+    result = Fit(Simulation(str(tmp_path / "model.xml")), data=[str(log)], free=free, starts=1).run()
+    assert [each.name for each in result.signals] == names[2:]
+    assert [each.value for each in result.parameters] == pytest.approx(truth, rel=0.03)
+
+
+def test_what_the_model_lacks_is_reported_and_so_is_what_explodes(tmp_path: Path, pendulum: Simulation) -> None:
+    """In degrees no damping explains the swing; and with great stiffness an explicit spring diverges."""
+    times, angles = simulate(1.0)
+    data = [str(write_log(tmp_path / "log.csv", {"time": times, "qpos/hinge": np.degrees(noisy(angles))}))]
+    with pytest.raises((UnidentifiableError, UnimprovedFitError), match=r"times its noise(.|\n)*other units"):
+        Fit(pendulum, data=data, free=THREE[:1], starts=1).run()
+
+
+def test_time_is_that_of_the_log(tmp_path: Path, pendulum: Simulation) -> None:
+    with pytest.raises(UsageError, match=r"opt\.timestep: the log determines it"):
+        Fit(pendulum, data=log(tmp_path), free=(("opt.timestep", "0.001..0.01"),)).run()

@@ -1,0 +1,87 @@
+"""Shooting finds what a bare loop was simulated with."""
+
+import numpy as np
+import pytest
+
+from mjrun.fitting.gauss_newton import EXPLAINED, GaussNewton
+from mjrun.fitting.information import intervals
+from mjrun.fitting.shooting_problem import together
+from mjrun.fitting.solution import with_noise
+from tests.fitting.box import FRICTION, box_shooting
+from tests.fitting.cart import TRUTH as CART_TRUTH
+from tests.fitting.cart import cart_log, cart_shooting
+from tests.fitting.logs import NOISE, TRUTH
+from tests.fitting.problems import THREE, predictor_of, segments, shooting, solved
+
+
+def test_without_noise_it_finds_the_truth() -> None:
+    shoot, parameters = shooting(THREE)
+    start = np.array([each.first_coordinate for each in parameters])
+    search = shoot.search(segments(2.0, exact=True), [start], np.array([1e-4]))
+    values = [each.value(c) for each, c in zip(parameters, search.best.coordinates, strict=True)]
+    assert values == pytest.approx(list(TRUTH.values()), rel=2e-4)
+    assert len(search.best.chunks) == 1
+    assert search.best.cost < 1e-2 < search.own.cost
+
+
+def test_with_noise_it_finds_the_truth_and_the_noise() -> None:
+    solution, parameters = solved()
+    values = [each.value(c) for each, c in zip(parameters, solution.coordinates, strict=True)]
+    assert values == pytest.approx(list(TRUTH.values()), rel=0.1)
+    assert solution.noise[0] == pytest.approx(NOISE, rel=0.1)
+    assert solution.cost == pytest.approx(1)
+
+
+def test_short_stretches_lead_where_whole_segments_do_not() -> None:
+    """A cart that is not measured, from parameters far off, to the truth of a bare loop; the ways are reported."""
+    log, _ = cart_log()
+    shoot, _, _, parameters = cart_shooting()
+    search = shoot.search([log], [np.array([0.05, 0.05]), np.array([0.6, 0.4])], np.array([1e-4]))
+    values = [each.value(c) for each, c in zip(parameters, search.best.coordinates, strict=True)]
+    assert values == pytest.approx(CART_TRUTH, rel=0.01)
+    assert search.ways[0] == "whole segments"
+
+
+@pytest.mark.slow
+def test_a_fit_never_ends_worse_than_it_began() -> None:
+    """A box that is thrown and slides: the model is the truth, and so is where the search begins."""
+    shoot, log, noise, parameters = box_shooting()
+    truth = np.array([parameters[0].coordinate(FRICTION)])
+    search = shoot.search([log], [truth], noise)
+    assert search.best.cost <= search.own.cost * 1.001
+    assert abs(search.best.coordinates[0] - truth[0]) < 0.03
+
+
+@pytest.mark.slow
+def test_intervals_of_rough_motions_contain_the_truth() -> None:
+    """A box that slides and rattles, by a bare loop, from one wrong start: searches from there alone end alike, and
+    exclude the truth."""
+    shoot, log, noise, parameters = box_shooting()
+    best = shoot.search([log], [np.array([0.4])], noise).best
+    known = intervals(with_noise(best, best.observed_noise), parameters, 0.95, 0)
+    assert known.low[0] < FRICTION < known.high[0]
+
+
+def test_stages_are_longer_and_longer_stretches() -> None:
+    shoot, _ = shooting(THREE)
+    counts = [len(parts) for _, parts in shoot.stages(segments())]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] > 1
+
+
+def test_longer_stretches_begin_in_the_states_of_shorter_ones() -> None:
+    """Half of the shorter stretches begin where a longer one does; no stretch begins elsewhere."""
+    shoot, _ = shooting(THREE)
+    (_, short), (_, longer), *_ = shoot.stages(segments())
+    coordinates = np.full(3, 0.5)
+    before = shoot.look(short, coordinates, shoot.guessed(short, None) + 1e-3, np.array([NOISE]))
+    np.testing.assert_array_equal(shoot.guessed(longer, None, before), before.states[::2])
+
+
+def test_a_stage_ends_where_the_model_explains_the_log() -> None:
+    shoot, _ = shooting(THREE)
+    parts = shoot.cut(segments(1.0), 24)
+    problem = shoot._problem(parts, np.full(3, 0.5), shoot.guessed(parts, None), np.array([NOISE]))
+    stage, last = together(predictor_of(shoot), [GaussNewton(problem).approach(), GaussNewton(problem).minimize()])
+    assert last.cost < stage.cost
+    assert last.reduced < stage.reduced <= EXPLAINED

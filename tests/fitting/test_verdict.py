@@ -1,0 +1,68 @@
+"""Verdicts on fits against models whose errors are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mjrun.fitting.solution import Solution
+from mjrun.fitting.verdict import all_at_bounds, improvement, misfit
+from mjrun.model.table_column import Column
+from tests.fitting.problems import solved
+
+SIGNAL = Column("qpos/hinge", "rad")
+
+
+def with_residuals(residuals: np.ndarray) -> Solution:
+    return replace(solved()[0], residuals=[residuals])
+
+
+def noise(seed: int) -> np.ndarray:
+    base, _ = solved()
+    return np.random.default_rng(seed).normal(size=base.residuals[0].shape)
+
+
+def test_reduced_chi_square_is_that_of_the_noise_that_is_known() -> None:
+    solution = with_residuals(noise(0))
+    fit = misfit(solution, solution.noise, ())
+    assert fit.reduced == pytest.approx(1, abs=0.25)
+    assert fit.warning() is None
+    doubled = misfit(solution, solution.noise / 2, ())
+    assert doubled.reduced == pytest.approx(4 * fit.reduced)
+    assert doubled.ratios == pytest.approx(2 * fit.ratios)
+    assert f"reduced χ² {doubled.reduced:.3g}" in (doubled.warning() or "")
+    rough = replace(solution, variances=[np.ones_like(each) for each in solution.residuals])
+    assert "rattle" in (misfit(rough, solution.noise / 2, ()).warning() or "")
+    assert "rattle" not in (doubled.warning() or "")
+
+
+def test_residuals_far_beyond_the_noise_are_refused_where_they_are_a_part_of_the_signal() -> None:
+    solution = with_residuals(noise(0))
+    spread = float(np.std(solution.chunks[0].values))
+    wrong = with_residuals(0.5 * spread / solution.noise * noise(0))
+    assert "times its noise" in (misfit(wrong, solution.noise, ()).refusal([SIGNAL], solution.noise) or "")
+    small = solution.noise / 100  # so that residuals are far beyond it, and a small part of the signal
+    assert misfit(solution, small, ()).refusal([SIGNAL], small) is None
+
+
+def test_all_parameters_at_bounds_are_refused_and_one_of_two_is_not() -> None:
+    assert "a at its low bound" in (all_at_bounds(["a", "b"], np.array([0.0, 1.0])) or "")
+    assert all_at_bounds(["a", "b"], np.array([0.0, 0.5])) is None
+
+
+def test_an_improvement_is_certain_if_chance_does_not_make_it() -> None:
+    """Of models that differ from the truth by less than noise shows, hardly any seems better; by more, all do."""
+    certain = {}
+    for size in (0.02, 2.0):
+        wrong = size * np.sin(np.arange(len(noise(0))) / 9)[:, None]
+        pairs = [(with_residuals(noise(seed) + wrong), with_residuals(noise(seed))) for seed in range(40)]
+        certain[size] = np.mean([improvement(before, after).is_certain for before, after in pairs])
+        assert np.mean([improvement(after, before).is_certain for before, after in pairs]) < 0.1
+    assert certain[0.02] < 0.1
+    assert certain[2.0] == 1
+
+
+def test_measurements_are_silent_where_both_models_predict_the_same() -> None:
+    same = with_residuals(noise(0))
+    assert improvement(same, with_residuals(noise(0) + 1e-3)).is_silent
+    assert not improvement(with_residuals(noise(0) + 5), same).is_silent

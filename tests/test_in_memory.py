@@ -1,0 +1,148 @@
+"""Results in memory have the numbers and the pixels of the files that commands write."""
+
+import base64
+import re
+import subprocess
+from pathlib import Path
+
+import imageio.v3 as iio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+import mjrun
+from mjrun.errors import FailedAssertionError, UnknownNameError
+from mjrun.in_memory import OF_FILES, frames
+
+OPTIONS = {"qvel": {"hinge": 3}, "duration": 0.2, "probe": ["energy", "qpos,xpos"]}
+
+
+@pytest.mark.parametrize("more", [{}, {"every": 7}, {"rate": 100}, {"timestep": 0.001, "integrator": "rk4"}])
+def test_a_table_in_memory_is_the_table_in_a_file(swing: Path, tmp_path: Path, more: dict[str, object]) -> None:
+    table = mjrun.trace(swing, output=f"{tmp_path}/t.npz", **OPTIONS, **more)  # type: ignore[arg-type]
+    alone = mjrun.trace(swing, **OPTIONS, **more)  # type: ignore[arg-type]
+    written = mjrun.read_table(tmp_path / "t.npz")
+    assert list(table) == list(alone) == list(written)
+    assert table.units == alone.units == written.units
+    for name in written:
+        assert np.array_equal(table[name], written[name])
+        assert np.array_equal(alone[name], written[name])
+
+
+def test_a_simulation_is_traced_as_its_model_is(swing: Path) -> None:
+    simulation = mjrun.Simulation(swing, qvel={"hinge": 3}, duration=0.2)
+    one, other = mjrun.trace(simulation, probe="qpos"), mjrun.trace(swing, **(OPTIONS | {"probe": "qpos"}))  # type: ignore[arg-type]
+    assert all(np.array_equal(one[name], other[name]) for name in other)
+
+
+def test_wrong_options_are_refused_by_name(swing: Path) -> None:
+    with pytest.raises(TypeError, match=re.escape("trace: unknown option 'durtion' (did you mean 'duration'?)")):
+        mjrun.trace(swing, durtion=1)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="trace: the simulation has these options: duration, key"):
+        mjrun.trace(mjrun.Simulation(swing, steps=1), duration=1, key=0)
+    with pytest.raises(UnknownNameError, match="did you mean 'qpos'"):
+        mjrun.trace(swing, probe="qpo", steps=1)
+    with pytest.raises(FailedAssertionError):
+        mjrun.trace(swing, steps=1, assert_="time < 0")
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"view": "rgb", "camera": ["side", "free"], "captions": True},
+        {"view": "depth"},
+        {"view": "seg", "style": "exact"},
+        {"view": "depth", "style": "exact"},
+    ],
+)
+def test_frames_in_memory_are_those_of_the_lossless_video(swing: Path, tmp_path: Path, more: dict[str, object]) -> None:
+    drawing = {"size": (64, 48), "fps": 20, "speed": 0.5, "jobs": 1, **more}
+    simulation = mjrun.Simulation(swing, qvel={"hinge": 3}, duration=0.1)
+    made = list(frames(simulation, **drawing))
+    file = "f.mkv" if more.get("style") == "exact" else "f/"
+    mjrun.Video(simulation, f"{tmp_path}/{file}", **drawing).run()  # type: ignore[arg-type]
+    if file == "f/":
+        paths = sorted(tmp_path.glob("f/*.png"))
+        written = [iio.imread(path) for path in paths]
+    else:
+        written = list(_lossless(tmp_path / file, made[0].shape))
+    assert len(made) == len(written) == 4
+    assert made[0].dtype == (np.uint16 if more.get("style") == "exact" else np.uint8)
+    for one, other in zip(made, written, strict=True):
+        assert np.array_equal(one, other)
+    assert not np.array_equal(made[0], made[-1])  # each belongs to the caller
+
+
+def _lossless(path: Path, shape: tuple[int, ...]) -> list[np.ndarray]:
+    """Decodes frames of 16 bits by ffmpeg itself."""
+    program = imageio_ffmpeg.get_ffmpeg_exe()
+    raw = ["-i", str(path), "-f", "rawvideo", "-pix_fmt", "gray16le", "-"]
+    done = subprocess.run([program, "-v", "error", *raw], capture_output=True, check=True)
+    return list(np.frombuffer(done.stdout, np.uint16).reshape(-1, *shape))
+
+
+def test_frames_have_no_options_of_files(swing: Path) -> None:
+    for name in OF_FILES:
+        with pytest.raises(TypeError, match=f"frames: unknown option '{name}'"):
+            frames(swing, **{name: "x"})
+
+
+def test_a_study_in_memory_has_the_numbers_of_its_folder_and_leaves_nothing(swing: Path, tmp_path: Path) -> None:
+    vary = {"qvel/hinge": "1..3:3"}
+    chosen = {"vary": vary, "metric": {"far": "max(abs(qpos/hinge))"}, "duration": 0.1, "jobs": 1}
+    result = mjrun.sweep(swing, **chosen)  # type: ignore[arg-type]
+    kept = mjrun.sweep(mjrun.Simulation(swing, duration=0.1), output=tmp_path / "s", **_without(chosen, "duration"))  # type: ignore[arg-type]
+    for index, speed in enumerate([1, 2, 3]):
+        alone = mjrun.trace(swing, qvel={"hinge": speed}, duration=0.1, probe="qpos")
+        assert result.table["far"][index] == kept.table["far"][index] == np.abs(alone["qpos/hinge"]).max()
+    assert "qvel/hinge" in result._repr_html_()
+    folder = Path(result.path)
+    assert folder.is_dir()
+    del result
+    assert not folder.exists()
+    assert (tmp_path / "s" / "results.csv").is_file()
+
+
+def _without(options: dict[str, object], name: str) -> dict[str, object]:
+    return {key: value for key, value in options.items() if key != name}
+
+
+def test_an_evaluation_in_memory_has_a_row_for_each_episode(tmp_path: Path) -> None:
+    result = mjrun.evaluate("scene:car_drive", policy="zero", episodes=2, seed=3, jobs=1)
+    table = result.table
+    assert table["seed"].tolist() == [3, 4]
+    assert table["return"].mean() == pytest.approx(result.policies[0].returns.mean)
+    task = mjrun.read_task("scenes/car_drive.yaml")
+    again = mjrun.evaluate(task, policy="zero", episodes=2, seed=3, jobs=1, output=tmp_path / "e")
+    assert np.array_equal(again.table["return"], table["return"])
+
+
+def test_a_fit_in_memory_writes_nothing_and_shows_its_intervals(
+    swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth = mjrun.trace(swing, set={"joint/hinge.damping": 0.5}, qvel={"hinge": 3}, duration=1, rate=50, probe="qpos/hinge")
+    noise = np.random.default_rng(0).normal(0, 1e-4, truth.rows)
+    rows = zip(truth["time"], truth["qpos/hinge"] + noise, strict=True)
+    lines = [",".join(truth.names), *(",".join(map(repr, map(float, row))) for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    result = mjrun.fit(swing, "log.csv", free={"joint/hinge.damping": "0.05..5"})
+    (damping,) = result.parameters
+    assert damping.value == pytest.approx(0.5, rel=0.02)
+    assert damping.low <= damping.value <= damping.high
+    assert f"{damping.value:.4g}" in result._repr_html_()
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.gl
+def test_notebooks_show_what_was_made(swing: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(swing, steps=2)
+    image = mjrun.Image(simulation, tmp_path / "i.png", size=(64, 48)).run()
+    content = re.search('src="data:image/png;base64,([^"]+)"', str(image._repr_html_()))
+    assert content
+    assert base64.b64decode(content[1]) == (tmp_path / "i.png").read_bytes()
+    assert mjrun.Trace(simulation, tmp_path / "t.csv").run()._repr_html_() is None
+    video = mjrun.Video(simulation, tmp_path / "v.mp4", size=(64, 48)).run()
+    assert '<video src="data:video/mp4;base64,' in str(video._repr_html_())
