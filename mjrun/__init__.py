@@ -33,6 +33,7 @@ _HOMES = {
     "Evaluation": "mjrun.evaluation.evaluation",
     "EvaluationResult": "mjrun.evaluation.evaluation",
     "Figure": "mjrun.plotting.table",
+    "Fit": "mjrun.fitting.fit",
     "FitResult": "mjrun.fitting.result",
     "Image": "mjrun.outputs.image",
     "ImageResult": "mjrun.outputs.image",
@@ -98,6 +99,9 @@ def __getattr__(name: str) -> object:
         from mjrun.packages import require_computing
 
         require_computing()
+    from mjrun.python_help import add_options
+
+    add_options(name, value)
     globals()[name] = value  # so that this function is called once for each name
     return value
 

@@ -19,6 +19,7 @@ from mjrun.document.task import read_task as read_task
 from mjrun.document.value_forms import read_camera as read_camera
 from mjrun.evaluation.evaluation import Evaluation as _Evaluation
 from mjrun.evaluation.evaluation import EvaluationResult as EvaluationResult
+from mjrun.fitting.fit import Fit as _Fit
 from mjrun.fitting.result import FitResult as FitResult
 from mjrun.formats.video_reader import read_video as read_video
 from mjrun.formats.video_writer import write_video as write_video
@@ -83,6 +84,7 @@ __all__ = [
     "Evaluation",
     "EvaluationResult",
     "Figure",
+    "Fit",
     "FitResult",
     "Image",
     "ImageResult",
@@ -135,7 +137,27 @@ __all__ = [
 _HOMES: dict[str, str]
 
 class Action(_Action):
-    """A group of numbers of the action."""
+    """A group of numbers of the action.
+
+    Raises:
+      UsageError: it drives nothing, a gain is missing, or a gain does not apply to its target.
+
+    Options:
+      actuators: Actuators by name or wildcard, in this order.
+      joints: Joints by name or wildcard, in this order, each with one actuator.
+      target: Quantity that the action sets: control, of the actuator; position or velocity, a target q*
+        or q̇* of the joint, reached by a torque kp (q* - q) - kd q̇ or kd (q̇* - q̇) that is computed
+        at every step; or torque, of the joint. One of control, position, velocity, torque. [default:
+        control with actuators]
+      kp: Stiffness of a position target [N·m/rad, N/m].
+      kd: Damping of a target [N·m·s/rad, N·s/m].
+      squash: Function applied to the action first; tanh limits it to -1 … 1. One of none, tanh.
+        [default: 'none']
+      clip: Lowest and highest value, before scale and offset.
+      scale: Factor to multiply by: one number, or one per component. [default: (1.0,)]
+      offset: Value added last: one number, one per component, or the keyframe that contains the
+        targets. [default: (0.0,)]
+    """
     def __init__(
         self,
         *,
@@ -151,7 +173,65 @@ class Action(_Action):
     ) -> None: ...
 
 class Bench(_Bench):
-    """A benchmark of a model. Its options are keywords."""
+    """A benchmark of a model. Its options are keywords.
+
+    Args:
+      model: a file, another source such as `scene:dominos`, or a compiled model.
+      command: command line.
+
+    Rollouts have the length of those of testspeed by default: at most 10,000 steps, fewer if the budget requires it.
+    All points of a `scan` are measured in turn, so that disturbances affect all of them.
+
+    Raises:
+      UsageError: a value is invalid, or would have no effect.
+
+    Options:
+      budget: Approximate wall time to spend [s]. [default: 3]
+      repeats: Number of times to repeat each rollout. [default: 7 to 50]
+      threads: Numbers of simulations to run side by side, each measured in turn: 1,2,auto. [default:
+        1,auto; 1 with --scan]
+      scan: Measure every combination of these settings: integrator=euler,rk4 timestep=.001,.002
+        opt.solver=cg,newton, or any path of set. Separate values that contain commas by semicolons.
+      accuracy: Add the energy drift, and the distance from a run with a smaller timestep.
+      horizon: Simulated time after which accuracy is measured [s]. [default: 1]
+      reference: Timestep of the run against which accuracy is measured [s]. [default: an eighth of the
+        smallest]
+      whole: Also time a complete trace and a complete video of 1 s.
+      engine: Physics engine: c is MuJoCo; warp is MuJoCo Warp, which steps many worlds at once in
+        single precision and requires the extra warp. One of c, warp. [default: 'c']
+      worlds: Number of worlds that Warp steps at once. [default: 4096 on a GPU, 8 on a CPU]
+      device: Warp device: cpu or cuda:N. [default: the first GPU, or cpu]
+      nconmax: Maximum number of contacts per Warp world. [default: chosen by MuJoCo Warp]
+      njmax: Maximum number of constraints per Warp world. [default: chosen by MuJoCo Warp]
+      key: Keyframe to start from, by name or index. [default: test, if it exists]
+      steps: Number of steps per rollout. [default: 10000, or what the budget allows]
+      noise_std: Standard deviation of noise on the controls, as a share of half their range; 0 keeps
+        the initial controls. [default: 0.01]
+      noise_rate: Time constant [s] of the control noise around the keyframe's controls, or the middle
+        of their ranges. [default: 0.1]
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      render: Also time rendering and encoding.
+      size: Width and height of a view [pixels]. [default: 1280x720]
+      camera: Camera, as for mjrun video. [default: free]
+      view: Kind of image: colour, depth or segmentation. [default: rgb]
+      quality: Rendering quality, as for mjrun video. [default: model]
+      renderer: Renderer, as for mjrun video. [default: classic]
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      save: Save the result as a baseline.
+      compare: Compare with a saved baseline.
+      fail_above: Exit with code 1 if the result is certainly more than this much slower than the
+        baseline, such as 10%, or if the simulation became unstable. A slowdown whose confidence
+        interval contains the limit is inconclusive.
+      force: Compare even if the model, the options or the machine differ.
+    """
     def __init__(
         self,
         model: MjModel | Source | str | PathLike[str],
@@ -193,7 +273,53 @@ class Bench(_Bench):
     ) -> None: ...
 
 class Check(_Check):
-    """A check of models and tasks for errors, and for likely causes of later errors."""
+    """A check of models and tasks for errors, and for likely causes of later errors.
+
+    Args:
+      models: files, including task documents, and folders, which represent all models in them.
+
+    Raises:
+      UsageError: a code, severity or number is invalid.
+
+    Options:
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      select: Report only findings with these codes: MJ301, or MJ3 for all codes that begin with it.
+      ignore: Do not report findings with these codes. Errors that prevent a model from loading are
+        always reported.
+      ignore_in: Do not report findings with these codes in files whose path matches a pattern; * also
+        matches slashes.
+      severity: Severity of findings with this code, or codes that begin with it: error, warning or
+        note.
+      threshold: Value beyond which a rule reports something: penetration=0.005. The explanation of a
+        rule lists them.
+      fail_on: Exit with code 1 if a finding has at least this severity. One of error, warning, note.
+        [default: 'error']
+      baseline: Report only findings that are not in this file of known findings; their lines and
+        numbers may change. [default: none]
+      update_baseline: Create or replace the baseline with the present findings.
+      changed_since: Check only models of which a file, an include or an asset is changed or new in git
+        since the branch began at REF. [default: all models]
+      fix: Fix what is certain, in the text of the models, and report what is left. A model must load
+        after that, and change only where it was at fault.
+      unsafe_fixes: Include fixes that need a look, because they change how a model moves; with fix.
+      dry_run: Only count what fix would change, and exit with code 1 if anything.
+      skip_other: Skip XML files that are neither MJCF nor URDF, which folders may contain, instead of
+        reporting them.
+      steps: Number of steps to simulate from the initial state, to find out whether the model becomes
+        unstable; 0 skips this check. [default: 200]
+      timeout: Maximum wall time per model [s]. [default: 60]
+      memory: Maximum memory per model [MiB]. [default: 4096]
+      jobs: Number of models to check at once. [default: auto, one per core]
+      cache: Reuse earlier results of models whose files, and the settings that affect them, have not
+        changed. [default: True]
+    """
     def __init__(
         self,
         models: Sequence[str | Path],
@@ -222,7 +348,21 @@ class Check(_Check):
     ) -> None: ...
 
 class Command(_Command):
-    """A command to the policy."""
+    """A command to the policy.
+
+    Raises:
+      UsageError: it has no source of values or several, or an option that does not apply to its source.
+
+    Options:
+      constant: Constant values.
+      table: Table with a column time [s] and one column per value.
+      interpolation: Interpolation between the rows of the table. One of hold, linear. [default: 'hold']
+      schedule: Values that change at given times [s]: [[0, [1, 0]], [2, [0, 1]]].
+      random: Distribution of each value, or one for all: uniform(-1, 1).
+      size: Number of random values. [default: one per distribution]
+      every: Time after which new random values are drawn [s], a whole number of control periods.
+        [default: once per episode]
+    """
     def __init__(
         self,
         *,
@@ -236,7 +376,33 @@ class Command(_Command):
     ) -> None: ...
 
 class Diff(_Diff):
-    """A comparison of two tables, recordings, videos, images or models: its options are keywords."""
+    """A comparison of two tables, recordings, videos, images or models: its options are keywords.
+
+    Args:
+      a, b: the inputs, both of the same kind, which is detected from the files; a model may be compiled.
+
+    Options:
+      columns: Compare only these columns, by name or wildcard, such as 'qpos/*'. [default: all]
+      align: How rows are paired: time pairs rows with equal times, row pairs rows with equal numbers,
+        and column names pair rows with equal values in those columns, in any order. Points of studies
+        are paired by their parameters, and episodes by their seeds. [default: time, if both have it]
+      common: Compare only rows and columns that exist on both sides; the others are counted, but not
+        treated as differences.
+      model: Model of the two recordings, so that the report can name joints.
+      atol: Absolute tolerance: numbers and pixels count as equal if |a - b| <= ATOL + RTOL·|b|. If both
+        tolerances are 0, they must be identical bit for bit; NaN equals NaN.
+      rtol: Relative tolerance.
+      tol: Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. If
+        several match, the last one applies. The tolerance of the column time determines which times
+        count as equal.
+      min_psnr: Lowest peak signal-to-noise ratio at which frames count as equal [dB]; 40 is visually
+        identical. [default: exact]
+      min_ssim: Lowest structural similarity (SSIM) at which frames count as equal; 0.98 is visually
+        identical. Requires the extra diff. [default: exact]
+      max_changed: Largest share of changed pixels at which frames count as equal, such as 0.1%.
+        [default: exact]
+      output: Image (.png) of the most different frame: A, B and their difference side by side.
+    """
     def __init__(
         self,
         a: MjModel | Source | str | PathLike[str],
@@ -256,7 +422,66 @@ class Diff(_Diff):
     ) -> None: ...
 
 class Evaluation(_Evaluation):
-    """Seeded episodes of `task` under a policy. Its options are keywords."""
+    """Seeded episodes of `task` under a policy. Its options are keywords.
+
+    Args:
+      command: command line, for the manifest.
+      rewritten: function that creates the task with other values of its document, if something there varies.
+
+    Options:
+      output: Folder for the results.
+      episodes: Number of episodes for each policy and each point of a study. [default: 100]
+      seed: Seed of the first episode; each later episode uses the next seed.
+      compare: Second policy, evaluated on the same episodes; the report gives paired differences with
+        confidence intervals.
+      compare_normalize: Normalization statistics for the observations of the second policy.
+      metric: Additional number per episode, computed from a trace with one row per control period:
+        effort=mean(abs(ctrl/motor)).
+      require: Exit with code 1 unless this condition holds for the table of episodes: share(success) >
+        0.9, quantile(return, 0.05) > 100.
+      fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
+        mean return, return=200; the mean of a metric; or the lower end of a confidence interval,
+        success_low=0.8.
+      confidence: Confidence level of all intervals. [default: 0.95]
+      videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
+        and best.
+      camera: Camera of the videos: a camera of the model, or a rig. [default: ('free',)]
+      size: Width and height of the videos [pixels]. [default: (640, 360)]
+      quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
+      fps: Frames per second of the videos [Hz]. [default: 30]
+      speed: Simulated seconds per second of video. [default: 1]
+      vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
+        opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
+        scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
+        objects that match a wildcard separately; or an option of the simulation, such as
+        controller=a.py:act,b.py:act.
+      points: Table of points: one column per parameter, one row per point.
+      design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
+        grid, zip. [default: 'grid']
+      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
+        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
+        random. [default: 'sobol']
+      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      where: Include only points for which this condition holds: mass < 10.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      jobs: Number of processes that run episodes. [default: 'auto']
+    """
     def __init__(
         self,
         task: Source,
@@ -295,8 +520,151 @@ class Evaluation(_Evaluation):
         rewritten: Callable[[Mapping[str, str]], Source] | None = ...,
     ) -> None: ...
 
+class Fit(_Fit):
+    """A fit of parameters of the model of `simulation` to measurements. Its options are keywords.
+
+    Args:
+      simulation: the model, with settings for everything that no log contains; its seed is that of the fit.
+
+    Options:
+      data: Tables of measurements, with columns such as time, qpos/knee and ctrl/motor.
+      free: Parameter to estimate and its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its
+        order of magnitude is unknown. Accepts any path of set, with scale: or wildcards to tie several
+        values together; actuator/NAME.kp and .kv of position servos; delay:ctrl/* or delay:qpos/knee
+        [s]; inertia:BODY.mass [kg], .center (of mass) [m] and .shape (factors for the spread of mass).
+        Append ~normal(MEAN, STD) to add a prior.
+      output: Fitted model (.xml): the original text with only the fitted attributes changed.
+      comparison: Table of the measurements and of the predictions of the model before (/nominal) and
+        after the fit (/fitted), for mjrun plot.
+      ranges: Distributions of the fitted parameters (.yaml), for the key vary in documents of mjrun
+        sweep.
+      html: Self-contained page (.html) about the fit: parameters with confidence intervals, errors,
+        correlations, and plots of the measurements with the model before and after the fit.
+      video: Video of the fitted model with the measured motion as a ghost: mp4, mov, mkv, webm, gif,
+        apng, webp.
+      camera: Camera of the video: a camera of the model, or a rig. [default: ('free',)]
+      size: Width and height of the video [pixels]. [default: (640, 360)]
+      noise: Standard deviation of the measurement noise of a signal, in its unit; accepts wildcards. By
+        default, it is estimated from the high frequencies of the data.
+      holdout: Share of each table, at its end, that is not used for the fit, but predicted to test
+        whether the fit is an improvement. [default: 0.2]
+      holdout_data: Table that is not used for the fit but only predicted, instead of the last part of
+        each table.
+      starts: Number of starting points: first the values of the model, then values spread evenly over
+        the bounds, which are used if the fit does not reach the noise level. [default: 3]
+      confidence: Confidence level of the intervals: the share of repeated fits whose intervals contain
+        the true value. [default: 0.95]
+      loss: Loss function of the residuals. All but linear are robust: they reduce the weight of
+        outliers and estimate noise and errors by medians. One of linear, soft_l1, huber, cauchy.
+        [default: 'linear']
+      allow_unidentifiable: Continue even if the measurements do not determine some parameters or
+        combinations of them.
+      keep_partial: If the fit is interrupted, write the model with the best parameters so far and
+        report them; by default nothing is written.
+      excite: Instead of fitting, write a table of controls that excite the parameters: chirps of 0.1 to
+        10 Hz within the ranges of controls, joints and forces. ctrl_from applies the table; duration
+        sets its length.
+      excite_noise: Expected standard deviation of the measured positions [rad, m], from which excite
+        predicts confidence intervals. [default: 0.001]
+      velocity_limit: Maximum joint velocity under excite [rad/s, m/s].
+    """
+    def __init__(
+        self,
+        simulation: _Simulation,
+        *,
+        data: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
+        free: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+        output: str | PathLike[str] | None = ...,
+        comparison: str | PathLike[str] | None = ...,
+        ranges: str | PathLike[str] | None = ...,
+        html: str | PathLike[str] | None = ...,
+        video: str | PathLike[str] | None = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+        size: Sequence[int] = ...,
+        noise: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+        holdout: float = ...,
+        holdout_data: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
+        starts: int = ...,
+        confidence: float = ...,
+        loss: Literal["linear", "soft_l1", "huber", "cauchy"] = ...,
+        allow_unidentifiable: bool = ...,
+        keep_partial: bool = ...,
+        excite: str | PathLike[str] | None = ...,
+        excite_noise: float = ...,
+        velocity_limit: float | None = ...,
+    ) -> None: ...
+
 class Image(_Image):
-    """An image of one instant of a simulation: its options are keywords."""
+    """An image of one instant of a simulation: its options are keywords.
+
+    The duration of the simulation matters only if the output waits for an event. Depth and segmentation are stored as
+    numbers if the file format can hold them and the image shows nothing else.
+
+    Options:
+      output: png, jpg, webp, tiff; depth as png, npy, exr, tiff; segmentation as png, npy, json (COCO);
+        or - for standard output.
+      time: Time of the image [s]; documents also accept an event. [default: 0]
+      step: Time of the image, as a step number.
+      format: File format; palette stores a segmentation as colours. [default: the output's suffix; png
+        in a pipe]
+      legend: List the objects of a coloured segmentation beside it. [default: True]
+      pointcloud: Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m];
+        view seg adds labels.
+      size: Width and height of one view [pixels]. [default: (1280, 720)]
+      camera: Camera of the model, by name or index; or one of free, orbit, track, look with settings
+        after a colon: free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine
+        track:box,distance=.5 look:from=0/-2/1,at=box; or a camera script, camera.yaml, with a sequence
+        of shots. [default: ('free',)]
+      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
+      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
+      separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
+      captions: Label each view with its camera and its kind.
+      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
+        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
+      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
+      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
+        [default: 'object']
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, or none;
+        auto adds what a model without a floor and a sky lacks. [default: ('auto',)]
+      geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
+        collision, both. [default: visual where both have about the same place]
+      show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
+        joint, …
+      hide: Visual flags to switch off: shadow, skybox, texture, …
+      geomgroup: Groups of geoms to show: 0,1,2, all or none.
+      sitegroup: Groups of sites to show.
+      jointgroup: Groups of joints to show.
+      tendongroup: Groups of tendons to show.
+      actuatorgroup: Groups of actuators to show.
+      flexgroup: Groups of flexes to show.
+      skingroup: Groups of skins to show.
+      frame_axes: Objects whose axes are shown: body, geom, site, camera, light, contact or world.
+        [default: 'none']
+      label: Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …
+        [default: 'none']
+      trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
+        is higher.
+      trail_span: Duration of the motion that a trail shows [s]. [default: all]
+      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
+        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
+        trace=FILE, with map=FILE or map.
+      text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
+        trace as in '{qpos/knee:.1f}'.
+      text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
+        bottom-right. [default: top-left; bottom-right with captions]
+      calibration: File for the calibration of each frame: K, world from camera, near and far [m] and
+        time [s], in OpenCV axes.
+      calibration_format: Format of the calibration file. One of mjrun, nerfstudio, bop, ros. [default:
+        'mjrun']
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -346,7 +714,17 @@ class Image(_Image):
     ) -> None: ...
 
 class Keyframe(_Keyframe):
-    """A keyframe with an instant of a simulation, saved in the model's XML: its options are keywords."""
+    """A keyframe with an instant of a simulation, saved in the model's XML: its options are keywords.
+
+    Options:
+      output: An .xml file, which may be the model itself. Apart from the keyframe, every byte of the
+        XML is unchanged.
+      name: Name of the keyframe; an existing keyframe with this name is replaced. [default: 'end']
+      time: Time to save [s]. [default: the last instant]
+      step: Time to save, as a step number.
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -360,7 +738,30 @@ class Keyframe(_Keyframe):
     ) -> None: ...
 
 class Observation(_Observation):
-    """A term of the observation."""
+    """A term of the observation.
+
+    Raises:
+      UsageError: it has no source or several, or an option that does not apply to its source.
+
+    Options:
+      name: Name of the term.
+      probe: Columns of a trace, by name, group or wildcard, in the model's order: xpos/car,
+        qvel[left_*].
+      joints: Joints by name or wildcard, in this order.
+      of: Quantity of the joints to observe. One of qpos, qvel. [default: 'qpos']
+      action: Previous action of the policy, before any processing; zeros at the start. One of previous.
+      command: Command of the task to observe.
+      phase: Period [s]; the sine and the cosine of 2π t/period are observed.
+      value: An expression over columns: qpos/root/z - 1.2.
+      frame: Body into whose axes vectors of three components are rotated; world leaves them unchanged.
+        [default: 'world']
+      noise: Noise added to each number, drawn at every observation: normal(0, 0.01).
+      offset: Value to subtract: one number, or one per component. [default: (0.0,)]
+      scale: Factor to multiply by: one number, or one per component. [default: (1.0,)]
+      clip: Lowest and highest value.
+      delay: Delay of the observation, in control periods.
+      history: Number of latest values to observe, oldest first. [default: 1]
+    """
     def __init__(
         self,
         *,
@@ -382,7 +783,38 @@ class Observation(_Observation):
     ) -> None: ...
 
 class Plot(_Plot):
-    """A plot of values measured in a simulation: its options are keywords."""
+    """A plot of values measured in a simulation: its options are keywords.
+
+    Options:
+      output: The image to write: png, jpg, webp, tiff, svg, pdf.
+      probe: Values to measure in a simulation and, without y, to plot: energy, qpos[left_*]. Each use
+        adds a panel below the others; values with different units get separate panels. [default: the
+        columns of y, or those of a trace]
+      y: A panel and its curves: columns, qpos/knee; wildcards, qpos/*; or expressions over columns,
+        contact_force/normal/z / 87.36. A curve may have a label and a unit: depth
+        [mm]=penetration/deepest*1000. [default: a panel for each group of columns and each of its
+        units]
+      x: Column or expression on the x axis. [default: time]
+      log: Logarithmic axes: y in all panels, or 2:y in the second panel only.
+      xlim: Range of the x axis, of which the curves then show all details. [default: all values]
+      ylim: Range of the y axis in all panels, -1..1, or in the second panel only, 2:-1..1. [default:
+        all values]
+      mark: Draw a horizontal line in all panels, m·g=87.356, or in the second panel only, 2:m·g=87.356;
+        or a vertical line, x:impact=0.52.
+      mark_event: Draw a vertical line wherever a condition over columns becomes true:
+        landed=contact/ncon > 0.
+      title: Title above all panels.
+      style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
+        of light, dark, print. [default: 'light']
+      size: Width and height [pixels]; in an svg or pdf, a pixel is 1/96 inch. [default: 1280 to 1920
+        wide, and as high as the panels require]
+      columns: Number of panels side by side. [default: chosen by the number of panels]
+      every: Write a row every N steps. [default: 1]
+      rate: Rows per simulated second [Hz], at most one per step, instead of every N steps.
+      format: File format. [default: the output's suffix]
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -408,7 +840,14 @@ class Plot(_Plot):
     ) -> None: ...
 
 class Recording(_Recording):
-    """A recording of the states of all steps of a simulation: its options are keywords."""
+    """A recording of the states of all steps of a simulation: its options are keywords.
+
+    Options:
+      output: An .npz file.
+      keep_partial: If the simulation becomes unstable, keep the states from before.
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -420,7 +859,19 @@ class Recording(_Recording):
     ) -> None: ...
 
 class Reset(_Reset):
-    """The initial state of an episode, and its random parts."""
+    """The initial state of an episode, and its random parts.
+
+    Options:
+      key: Keyframe to start from, by name or index.
+      qpos: Initial joint positions by name [m, rad]: hip, root/z, root.
+      qvel: Initial joint velocities by name [m/s, rad/s].
+      ctrl: Initial controls by actuator name or wildcard.
+      noise: Noise added to the initial state, by column: {'qpos/*': 'uniform(-0.1, 0.1)', 'qvel/*':
+        'normal(0, 0.1)'}. Quaternions are normalized afterwards.
+      set: Random values that replace those of the initial state, by column: {qpos/slider: 'uniform(-1,
+        1)'}.
+      vary: Random values in the model for each episode: {'geom/floor.friction[0]': 'uniform(0.3, 1)'}.
+    """
     def __init__(
         self,
         *,
@@ -434,7 +885,12 @@ class Reset(_Reset):
     ) -> None: ...
 
 class Reward(_Reward):
-    """A term of the reward."""
+    """A term of the reward.
+
+    Options:
+      value: Expression over columns at the end of the period: exp(-norm(xpos/car/x, xpos/car/y)).
+      weight: Weight of the term in the sum. [default: 1.0]
+    """
     def __init__(
         self,
         *,
@@ -443,7 +899,76 @@ class Reward(_Reward):
     ) -> None: ...
 
 class Simulation(_Simulation):
-    """A model, its state at time 0, its inputs, and its duration."""
+    """A model, its state at time 0, its inputs, and its duration.
+
+    Args:
+      model: a file, another source such as `scene:dominos`, or a compiled model, which is copied and never changed.
+      snapshot: copies of its input files, which are read instead.
+
+    A controller is called with (model, data) every `control_dt`, at an instant whose fields are consistent: it writes
+    `data.ctrl` or other inputs, or returns the controls `(nu,)`. If it has a method `reset`, that is called first.
+
+    Raises:
+      UsageError: a value is invalid, or values contradict each other.
+
+    Options:
+      key: Keyframe to start from, by name or index.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
+        left_*=0.5.
+      ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
+        named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
+      ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
+        [default: 'hold']
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
+      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
+        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
+        simulator.
+      replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
+        first state, with the recorded controls and forces. One of states, controls. [default: 'states']
+      replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
+        time]
+      replay_interpolation: Interpolation between the rows of a replayed table and across gaps in it;
+        linear interpolates quaternions along an arc. One of hold, linear. [default: 'linear']
+      replay_unwrap: Unwrap hinge angles: treat a jump of more than half a turn between rows as a
+        continued rotation.
+      map: Column of mjrun and its value, an expression over the columns of a table that is replayed or
+        that a ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching
+        columns 'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.
+      quat: Order of quaternion components in a replayed table whose columns number them instead of
+        naming them qw … qz. One of wxyz, xyzw. [default: 'wxyz']
+      perturb: Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].
+      seed: Seed of all noise; with a policy, seed of the episode.
+      duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
+        view]
+      steps: Number of steps, instead of a duration.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      controller: Python code that sets the controls: a function or class such as policy.py:act or
+        package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
+        class may have a method reset.
+      control_dt: Time between two calls of the controller, or of a policy that has no task document
+        [s]. [default: every step]
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+    """
     def __init__(
         self,
         model: MjModel | Source | str | PathLike[str],
@@ -481,7 +1006,56 @@ class Simulation(_Simulation):
     ) -> None: ...
 
 class Study(_Study):
-    """Many simulations: `simulation` with the values of each point. Its options are keywords."""
+    """Many simulations: `simulation` with the values of each point. Its options are keywords.
+
+    Args:
+      command: command line, for the manifest.
+      controllers: functions by the values of `controller`, where the controller varies.
+      document: the study as a document, for the manifest; paths are relative to the folder of the study.
+
+    Options:
+      output: Folder for the study; running again with the same folder continues the study.
+      metric: Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time,
+        xpos/torso/z < 0.8). Uses the same expressions as assert.
+      every: Evaluate metrics at every N-th step. [default: 1]
+      require: Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.
+      keep: Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet,
+        recording.npz, video.mp4.
+      keep_where: Keep the files of points for which this condition on parameters, metrics and statuses
+        holds: unstable, drift > 1.
+      keep_lowest: Keep the files of the N points with the lowest values of a metric: 4:drift.
+      keep_highest: Keep the files of the N points with the highest values of a metric: 4:drift.
+      contact_sheet: Video that shows the videos of all kept points side by side with their values: mp4,
+        mov, mkv, webm, gif, apng, webp.
+      probe: Values to measure in kept traces, in addition to the columns that the metrics read.
+        [default: qpos,qvel,ctrl,act,energy,contact,sensor]
+      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('free',)]
+      size: Width and height of kept videos [pixels]. [default: (640, 360)]
+      quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
+      fps: Frames per second of kept videos [Hz]. [default: 30]
+      speed: Simulated seconds per second of kept videos. [default: 1]
+      vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
+        opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
+        scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
+        objects that match a wildcard separately; or an option of the simulation, such as
+        controller=a.py:act,b.py:act.
+      points: Table of points: one column per parameter, one row per point.
+      design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
+        grid, zip. [default: 'grid']
+      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
+        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
+        random. [default: 'sobol']
+      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      where: Include only points for which this condition holds: mass < 10.
+      jobs: Number of processes on this machine. [default: 'auto']
+      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
+        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+        concurrent.futures.Executor. [default: 'local']
+      chunk: Number of points per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point [s]. [default: none]
+      retry_failed: Simulate again the points that failed before.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -519,7 +1093,41 @@ class Study(_Study):
     ) -> None: ...
 
 class TablePlot(_TablePlot):
-    """A plot of tables: its options are keywords."""
+    """A plot of tables: its options are keywords.
+
+    Options:
+      output: png, jpg, webp, tiff, svg, pdf, or - for standard output. [default: no image, with html]
+      format: File format. [default: the output's suffix; png in a pipe]
+      assert_: Exit with code 1 unless this condition holds for each table: max(abs(energy/drift)) <
+        1e-3.
+      label: Name of a table in the legend, one for each table in order. [default: the parts of the
+        tables' names that differ]
+      include: Also show this file on the page: an image, a video or a manifest (.json). Other files are
+        linked.
+      html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
+        and manifests.
+      embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
+        [default: 10.0]
+      y: A panel and its curves: columns, qpos/knee; wildcards, qpos/*; or expressions over columns,
+        contact_force/normal/z / 87.36. A curve may have a label and a unit: depth
+        [mm]=penetration/deepest*1000. [default: a panel for each group of columns and each of its
+        units]
+      x: Column or expression on the x axis. [default: time]
+      log: Logarithmic axes: y in all panels, or 2:y in the second panel only.
+      xlim: Range of the x axis, of which the curves then show all details. [default: all values]
+      ylim: Range of the y axis in all panels, -1..1, or in the second panel only, 2:-1..1. [default:
+        all values]
+      mark: Draw a horizontal line in all panels, m·g=87.356, or in the second panel only, 2:m·g=87.356;
+        or a vertical line, x:impact=0.52.
+      mark_event: Draw a vertical line wherever a condition over columns becomes true:
+        landed=contact/ncon > 0.
+      title: Title above all panels.
+      style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
+        of light, dark, print. [default: 'light']
+      size: Width and height [pixels]; in an svg or pdf, a pixel is 1/96 inch. [default: 1280 to 1920
+        wide, and as high as the panels require]
+      columns: Number of panels side by side. [default: chosen by the number of panels]
+    """
     def __init__(
         self,
         tables: Sequence[str | Path] | str | Path,
@@ -545,7 +1153,12 @@ class TablePlot(_TablePlot):
     ) -> None: ...
 
 class Termination(_Termination):
-    """A condition that ends an episode."""
+    """A condition that ends an episode.
+
+    Options:
+      when: Condition on columns, evaluated after each period but not at the start: qpos/root/z < 0.8.
+      as_: Outcome of an episode that ends this way. One of success, failure, timeout.
+    """
     def __init__(
         self,
         *,
@@ -554,7 +1167,36 @@ class Termination(_Termination):
     ) -> None: ...
 
 class Trace(_Trace):
-    """A trace of a simulation, a table of measured values: its options are keywords."""
+    """A trace of a simulation, a table of measured values: its options are keywords.
+
+    Args:
+      written: whether the table is written; one that is only compared with a golden table need not be.
+      rows_to: a function called with the columns, which returns one to call with each block of rows, `(n, columns)`.
+
+    Options:
+      output: csv, feather, h5, jsonl, mat, npz, parquet, or - for standard output. [default: '-']
+      probe: Values to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed,
+        momentum, … or any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a
+        column, xpos/hand/z. [default: qpos,qvel,ctrl,act,energy,contact,sensor]
+      assert_: Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.
+      keep_partial: If the simulation becomes unstable, keep the rows from before.
+      contacts: Second table with one row per contact and instant: the geoms, position and depth [m],
+        force [N] and torque [N m].
+      every: Write a row every N steps. [default: 1]
+      rate: Rows per simulated second [Hz], at most one per step, instead of every N steps.
+      format: File format. [default: the output's suffix]
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+      golden: Table of an earlier run with which to compare, within the tolerances; the exit code is 1
+        if they differ.
+      update: Create or replace the golden table, and report what changed.
+      atol: Absolute tolerance: numbers and pixels count as equal if |a - b| <= ATOL + RTOL·|b|. If both
+        tolerances are 0, they must be identical bit for bit; NaN equals NaN.
+      rtol: Relative tolerance.
+      tol: Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. If
+        several match, the last one applies. The tolerance of the column time determines which times
+        count as equal.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -578,7 +1220,78 @@ class Trace(_Trace):
     ) -> None: ...
 
 class Video(_Video):
-    """A video of a simulation: its options are keywords."""
+    """A video of a simulation: its options are keywords.
+
+    Options:
+      output: mp4, mov, mkv, webm, gif, apng, webp, a folder or pattern of PNGs (frames/,
+        frame_%04d.png), or - for standard output.
+      fps: Frames per second of the video [Hz], such as 60 or 30000/1001. [default: 30; 25 in a GIF]
+      speed: Simulated seconds per second of video; 0.25 is slow motion. [default: 1]
+      format: File format. [default: the output's suffix; mp4 in a pipe]
+      codec: Video codec: h264, h265, av1, h264rgb, prores, vp9, ffv1, ffv1-gray16; each format supports
+        some of them.
+      crf: Constant rate factor of the encoder: lower values give better quality and larger files.
+      preset: Encoder preset, a trade-off between encoding speed and compression.
+      plot: Live plot of measured values under or beside the frame: energy, qpos[left_*]. Each use adds
+        a plot.
+      plot_side: Position of the plots relative to the frame. One of under, beside. [default: 'under']
+      jobs: Number of rendering processes; auto uses one per core for long videos that are rendered on
+        the CPU. [default: 'auto']
+      size: Width and height of one view [pixels]. [default: (1280, 720)]
+      camera: Camera of the model, by name or index; or one of free, orbit, track, look with settings
+        after a colon: free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine
+        track:box,distance=.5 look:from=0/-2/1,at=box; or a camera script, camera.yaml, with a sequence
+        of shots. [default: ('free',)]
+      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
+      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
+      separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
+      captions: Label each view with its camera and its kind.
+      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
+        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
+      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
+      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
+        [default: 'object']
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, or none;
+        auto adds what a model without a floor and a sky lacks. [default: ('auto',)]
+      geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
+        collision, both. [default: visual where both have about the same place]
+      show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
+        joint, …
+      hide: Visual flags to switch off: shadow, skybox, texture, …
+      geomgroup: Groups of geoms to show: 0,1,2, all or none.
+      sitegroup: Groups of sites to show.
+      jointgroup: Groups of joints to show.
+      tendongroup: Groups of tendons to show.
+      actuatorgroup: Groups of actuators to show.
+      flexgroup: Groups of flexes to show.
+      skingroup: Groups of skins to show.
+      frame_axes: Objects whose axes are shown: body, geom, site, camera, light, contact or world.
+        [default: 'none']
+      label: Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …
+        [default: 'none']
+      trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
+        is higher.
+      trail_span: Duration of the motion that a trail shows [s]. [default: all]
+      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
+        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
+        trace=FILE, with map=FILE or map.
+      text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
+        trace as in '{qpos/knee:.1f}'.
+      text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
+        bottom-right. [default: top-left; bottom-right with captions]
+      calibration: File for the calibration of each frame: K, world from camera, near and far [m] and
+        time [s], in OpenCV axes.
+      calibration_format: Format of the calibration file. One of mjrun, nerfstudio, bop, ros. [default:
+        'mjrun']
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -632,7 +1345,26 @@ class Video(_Video):
     ) -> None: ...
 
 class Viewer(_Viewer):
-    """A live view of a simulation: its options are keywords."""
+    """A live view of a simulation: its options are keywords.
+
+    The simulation begins as soon as the view is visible, and lasts until the view is closed, or for its `duration` or
+    `steps`; a replay stays at its last state. It is bit for bit the simulation that a trace measures, until a user
+    perturbs or edits it.
+
+    Args:
+      simulation: the simulation to show.
+      command: the command line, for the recording.
+
+    Options:
+      speed: Simulated seconds per second of wall time; 0.25 is slow motion. [default: 1]
+      paused: Start paused at time 0.
+      browser: Open the view in a browser on this machine instead of a window. [default: a window if a
+        display exists]
+      port: Port of the browser view, served on 127.0.0.1 only; implies browser. [default: the first
+        free one from 8080]
+      recording: File for the state of every step since the last reset (.npz), for replay; written
+        however the view ends.
+    """
     def __init__(
         self,
         simulation: _Simulation,
@@ -679,7 +1411,70 @@ def evaluate(
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     jobs: int | Literal["auto"] = ...,
 ) -> EvaluationResult:
-    """Plays episodes of a task with a policy, as `mjrun eval` does; `result.table` has a row for each episode."""
+    """Plays episodes of a task with a policy, as `mjrun eval` does; `result.table` has a row for each episode.
+
+    Args:
+      task: a task, its document, or a name such as `scene:car_drive` or `gym:Walker2d-v5`.
+      options: the options of `mjrun.Evaluation`. Without `output`, the files exist as long as the result.
+
+    Raises:
+      TypeError: an option is unknown.
+      MjrunError: as `mjrun.Evaluation(…).run()` raises.
+
+    Options:
+      output: Folder for the results.
+      episodes: Number of episodes for each policy and each point of a study. [default: 100]
+      seed: Seed of the first episode; each later episode uses the next seed.
+      compare: Second policy, evaluated on the same episodes; the report gives paired differences with
+        confidence intervals.
+      compare_normalize: Normalization statistics for the observations of the second policy.
+      metric: Additional number per episode, computed from a trace with one row per control period:
+        effort=mean(abs(ctrl/motor)).
+      require: Exit with code 1 unless this condition holds for the table of episodes: share(success) >
+        0.9, quantile(return, 0.05) > 100.
+      fail_below: Exit with code 1 if a value is below its threshold: the success rate, success=90%; the
+        mean return, return=200; the mean of a metric; or the lower end of a confidence interval,
+        success_low=0.8.
+      confidence: Confidence level of all intervals. [default: 0.95]
+      videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
+        and best.
+      camera: Camera of the videos: a camera of the model, or a rig. [default: ('free',)]
+      size: Width and height of the videos [pixels]. [default: (640, 360)]
+      quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
+      fps: Frames per second of the videos [Hz]. [default: 30]
+      speed: Simulated seconds per second of video. [default: 1]
+      vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
+        opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
+        scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
+        objects that match a wildcard separately; or an option of the simulation, such as
+        controller=a.py:act,b.py:act.
+      points: Table of points: one column per parameter, one row per point.
+      design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
+        grid, zip. [default: 'grid']
+      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
+        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
+        random. [default: 'sobol']
+      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      where: Include only points for which this condition holds: mass < 10.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      jobs: Number of processes that run episodes. [default: 'auto']
+    """
 
 def fit(
     model: ModelLike | Task | _Simulation,
@@ -734,7 +1529,117 @@ def fit(
     excite_noise: float = ...,
     velocity_limit: float | None = ...,
 ) -> FitResult:
-    """Estimates parameters of a model from measurements, as `mjrun fit` does."""
+    """Estimates parameters of a model from measurements, as `mjrun fit` does.
+
+    Args:
+      model: a model as in `mjrun.Simulation`, or a simulation.
+      data: one or several tables of measurements.
+      options: the options of `mjrun.Simulation` and of `mjrun fit`; `free` selects the parameters, and `output` is the
+        file of the fitted model, if there is to be one.
+
+    Raises:
+      TypeError: an option is unknown.
+      UnidentifiableError: the measurements do not determine the parameters.
+      UnimprovedFitError: the fitted model does not predict held-out data better.
+      MjrunError: the fit is impossible.
+
+    Options:
+      key: Keyframe to start from, by name or index.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
+        left_*=0.5.
+      ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
+        named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
+      ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
+        [default: 'hold']
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
+      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
+        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
+        simulator.
+      replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
+        first state, with the recorded controls and forces. One of states, controls. [default: 'states']
+      replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
+        time]
+      replay_interpolation: Interpolation between the rows of a replayed table and across gaps in it;
+        linear interpolates quaternions along an arc. One of hold, linear. [default: 'linear']
+      replay_unwrap: Unwrap hinge angles: treat a jump of more than half a turn between rows as a
+        continued rotation.
+      map: Column of mjrun and its value, an expression over the columns of a table that is replayed or
+        that a ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching
+        columns 'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.
+      quat: Order of quaternion components in a replayed table whose columns number them instead of
+        naming them qw … qz. One of wxyz, xyzw. [default: 'wxyz']
+      perturb: Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].
+      seed: Seed of all noise; with a policy, seed of the episode.
+      duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
+        view]
+      steps: Number of steps, instead of a duration.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      controller: Python code that sets the controls: a function or class such as policy.py:act or
+        package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
+        class may have a method reset.
+      control_dt: Time between two calls of the controller, or of a policy that has no task document
+        [s]. [default: every step]
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      free: Parameter to estimate and its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its
+        order of magnitude is unknown. Accepts any path of set, with scale: or wildcards to tie several
+        values together; actuator/NAME.kp and .kv of position servos; delay:ctrl/* or delay:qpos/knee
+        [s]; inertia:BODY.mass [kg], .center (of mass) [m] and .shape (factors for the spread of mass).
+        Append ~normal(MEAN, STD) to add a prior.
+      output: Fitted model (.xml): the original text with only the fitted attributes changed.
+      comparison: Table of the measurements and of the predictions of the model before (/nominal) and
+        after the fit (/fitted), for mjrun plot.
+      ranges: Distributions of the fitted parameters (.yaml), for the key vary in documents of mjrun
+        sweep.
+      html: Self-contained page (.html) about the fit: parameters with confidence intervals, errors,
+        correlations, and plots of the measurements with the model before and after the fit.
+      video: Video of the fitted model with the measured motion as a ghost: mp4, mov, mkv, webm, gif,
+        apng, webp.
+      camera: Camera of the video: a camera of the model, or a rig. [default: ('free',)]
+      size: Width and height of the video [pixels]. [default: (640, 360)]
+      noise: Standard deviation of the measurement noise of a signal, in its unit; accepts wildcards. By
+        default, it is estimated from the high frequencies of the data.
+      holdout: Share of each table, at its end, that is not used for the fit, but predicted to test
+        whether the fit is an improvement. [default: 0.2]
+      holdout_data: Table that is not used for the fit but only predicted, instead of the last part of
+        each table.
+      starts: Number of starting points: first the values of the model, then values spread evenly over
+        the bounds, which are used if the fit does not reach the noise level. [default: 3]
+      confidence: Confidence level of the intervals: the share of repeated fits whose intervals contain
+        the true value. [default: 0.95]
+      loss: Loss function of the residuals. All but linear are robust: they reduce the weight of
+        outliers and estimate noise and errors by medians. One of linear, soft_l1, huber, cauchy.
+        [default: 'linear']
+      allow_unidentifiable: Continue even if the measurements do not determine some parameters or
+        combinations of them.
+      keep_partial: If the fit is interrupted, write the model with the best parameters so far and
+        report them; by default nothing is written.
+      excite: Instead of fitting, write a table of controls that excite the parameters: chirps of 0.1 to
+        10 Hz within the ranges of controls, joints and forces. ctrl_from applies the table; duration
+        sets its length.
+      excite_noise: Expected standard deviation of the measured positions [rad, m], from which excite
+        predicts confidence intervals. [default: 0.001]
+      velocity_limit: Maximum joint velocity under excite [rad/s, m/s].
+    """
 
 def frames(
     model: ModelLike | Task | _Simulation,
@@ -805,7 +1710,133 @@ def frames(
     gl: str | None = ...,
     require_gpu: bool = ...,
 ) -> Iterator[np.ndarray]:
-    """Simulates a model, and yields the frames of the video that `mjrun video` makes, with the same pixels."""
+    """Simulates a model, and yields the frames of the video that `mjrun video` makes, with the same pixels.
+
+    The simulation runs when the first frame is asked for, and frames are drawn one after another.
+
+    Args:
+      model: a model as in `mjrun.Simulation`, or a simulation.
+      options: the options of `mjrun.Simulation` and `mjrun.Video`, without those of its file.
+
+    Yields:
+      Arrays uint8 `(height, width, 3)`; with `style="exact"`, uint16 `(height, width)`: depths [mm], or ids.
+
+    Raises:
+      TypeError: an option is unknown.
+      MjrunError: as `mjrun.Video(…).run()` raises.
+
+    Options:
+      key: Keyframe to start from, by name or index.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
+        left_*=0.5.
+      ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
+        named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
+      ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
+        [default: 'hold']
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
+      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
+        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
+        simulator.
+      replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
+        first state, with the recorded controls and forces. One of states, controls. [default: 'states']
+      replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
+        time]
+      replay_interpolation: Interpolation between the rows of a replayed table and across gaps in it;
+        linear interpolates quaternions along an arc. One of hold, linear. [default: 'linear']
+      replay_unwrap: Unwrap hinge angles: treat a jump of more than half a turn between rows as a
+        continued rotation.
+      map: Column of mjrun and its value, an expression over the columns of a table that is replayed or
+        that a ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching
+        columns 'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.
+      quat: Order of quaternion components in a replayed table whose columns number them instead of
+        naming them qw … qz. One of wxyz, xyzw. [default: 'wxyz']
+      perturb: Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].
+      seed: Seed of all noise; with a policy, seed of the episode.
+      duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
+        view]
+      steps: Number of steps, instead of a duration.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      controller: Python code that sets the controls: a function or class such as policy.py:act or
+        package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
+        class may have a method reset.
+      control_dt: Time between two calls of the controller, or of a policy that has no task document
+        [s]. [default: every step]
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      fps: Frames per second of the video [Hz], such as 60 or 30000/1001. [default: 30; 25 in a GIF]
+      speed: Simulated seconds per second of video; 0.25 is slow motion. [default: 1]
+      plot: Live plot of measured values under or beside the frame: energy, qpos[left_*]. Each use adds
+        a plot.
+      plot_side: Position of the plots relative to the frame. One of under, beside. [default: 'under']
+      jobs: Number of rendering processes; auto uses one per core for long videos that are rendered on
+        the CPU. [default: 'auto']
+      size: Width and height of one view [pixels]. [default: (1280, 720)]
+      camera: Camera of the model, by name or index; or one of free, orbit, track, look with settings
+        after a colon: free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine
+        track:box,distance=.5 look:from=0/-2/1,at=box; or a camera script, camera.yaml, with a sequence
+        of shots. [default: ('free',)]
+      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
+      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
+      captions: Label each view with its camera and its kind.
+      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
+        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
+      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
+      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
+        [default: 'object']
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, or none;
+        auto adds what a model without a floor and a sky lacks. [default: ('auto',)]
+      geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
+        collision, both. [default: visual where both have about the same place]
+      show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
+        joint, …
+      hide: Visual flags to switch off: shadow, skybox, texture, …
+      geomgroup: Groups of geoms to show: 0,1,2, all or none.
+      sitegroup: Groups of sites to show.
+      jointgroup: Groups of joints to show.
+      tendongroup: Groups of tendons to show.
+      actuatorgroup: Groups of actuators to show.
+      flexgroup: Groups of flexes to show.
+      skingroup: Groups of skins to show.
+      frame_axes: Objects whose axes are shown: body, geom, site, camera, light, contact or world.
+        [default: 'none']
+      label: Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …
+        [default: 'none']
+      trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
+        is higher.
+      trail_span: Duration of the motion that a trail shows [s]. [default: all]
+      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
+        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
+        trace=FILE, with map=FILE or map.
+      text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
+        trace as in '{qpos/knee:.1f}'.
+      text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
+        bottom-right. [default: top-left; bottom-right with captions]
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+    """
 
 def sweep(
     model: ModelLike | Task | _Simulation,
@@ -867,7 +1898,116 @@ def sweep(
     time_limit: float | str | Fraction | None = ...,
     retry_failed: bool = ...,
 ) -> StudyResult:
-    """Simulates a model with varied parameters, as `mjrun sweep` does; `result.table` has a row for each point."""
+    """Simulates a model with varied parameters, as `mjrun sweep` does; `result.table` has a row for each point.
+
+    Args:
+      model: a model as in `mjrun.Simulation`, or a simulation.
+      options: the options of `mjrun.Simulation` and `mjrun.Study`. Without `output`, the files of the study exist as
+        long as the result.
+
+    Raises:
+      TypeError: an option is unknown.
+      MjrunError: as `mjrun.Study(…).run()` raises.
+
+    Options:
+      output: Folder for the study; running again with the same folder continues the study.
+      key: Keyframe to start from, by name or index.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
+        left_*=0.5.
+      ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
+        named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
+      ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
+        [default: 'hold']
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
+      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
+        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
+        simulator.
+      replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
+        first state, with the recorded controls and forces. One of states, controls. [default: 'states']
+      replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
+        time]
+      replay_interpolation: Interpolation between the rows of a replayed table and across gaps in it;
+        linear interpolates quaternions along an arc. One of hold, linear. [default: 'linear']
+      replay_unwrap: Unwrap hinge angles: treat a jump of more than half a turn between rows as a
+        continued rotation.
+      map: Column of mjrun and its value, an expression over the columns of a table that is replayed or
+        that a ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching
+        columns 'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.
+      quat: Order of quaternion components in a replayed table whose columns number them instead of
+        naming them qw … qz. One of wxyz, xyzw. [default: 'wxyz']
+      perturb: Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].
+      seed: Seed of all noise; with a policy, seed of the episode.
+      duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
+        view]
+      steps: Number of steps, instead of a duration.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      controller: Python code that sets the controls: a function or class such as policy.py:act or
+        package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
+        class may have a method reset.
+      control_dt: Time between two calls of the controller, or of a policy that has no task document
+        [s]. [default: every step]
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      metric: Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time,
+        xpos/torso/z < 0.8). Uses the same expressions as assert.
+      every: Evaluate metrics at every N-th step. [default: 1]
+      require: Exit with code 1 unless this condition holds over all points: share(failed) < 0.05.
+      keep: Files to write for each kept point, in points/NUMBER in the study's folder: trace.parquet,
+        recording.npz, video.mp4.
+      keep_where: Keep the files of points for which this condition on parameters, metrics and statuses
+        holds: unstable, drift > 1.
+      keep_lowest: Keep the files of the N points with the lowest values of a metric: 4:drift.
+      keep_highest: Keep the files of the N points with the highest values of a metric: 4:drift.
+      contact_sheet: Video that shows the videos of all kept points side by side with their values: mp4,
+        mov, mkv, webm, gif, apng, webp.
+      probe: Values to measure in kept traces, in addition to the columns that the metrics read.
+        [default: qpos,qvel,ctrl,act,energy,contact,sensor]
+      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('free',)]
+      size: Width and height of kept videos [pixels]. [default: (640, 360)]
+      quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
+      fps: Frames per second of kept videos [Hz]. [default: 30]
+      speed: Simulated seconds per second of kept videos. [default: 1]
+      vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
+        opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
+        scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
+        objects that match a wildcard separately; or an option of the simulation, such as
+        controller=a.py:act,b.py:act.
+      points: Table of points: one column per parameter, one row per point.
+      design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
+        grid, zip. [default: 'grid']
+      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
+        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
+        random. [default: 'sobol']
+      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      where: Include only points for which this condition holds: mass < 10.
+      jobs: Number of processes on this machine. [default: 'auto']
+      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
+        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+        concurrent.futures.Executor. [default: 'local']
+      chunk: Number of points per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point [s]. [default: none]
+      retry_failed: Simulate again the points that failed before.
+    """
 
 def trace(
     model: ModelLike | Task | _Simulation,
@@ -916,4 +2056,93 @@ def trace(
     rtol: float = ...,
     tol: Mapping[str, float | Sequence[float]] = ...,
 ) -> Table:
-    """Simulates a model, and returns the table that `mjrun trace` writes, with the same numbers."""
+    """Simulates a model, and returns the table that `mjrun trace` writes, with the same numbers.
+
+    Args:
+      model: a model as in `mjrun.Simulation`, or a simulation.
+      options: the options of `mjrun.Simulation` and `mjrun.Trace`; with `output`, the table is also written.
+
+    Raises:
+      TypeError: an option is unknown.
+      MjrunError: as `mjrun.Trace(…).run()` raises.
+
+    Options:
+      key: Keyframe to start from, by name or index.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
+        left_*=0.5.
+      ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
+        named ctrl/ACTUATOR as in a trace, ACTUATOR or JOINT; one named hip [deg] contains degrees.
+      ctrl_interpolation: Interpolation between the rows of the table of controls. One of hold, linear.
+        [default: 'hold']
+      ctrl_noise: Standard deviation of Gaussian noise on every control, in the actuators' units.
+      ctrl_noise_time: Correlation time of the control noise [s]; 0 makes it independent at every step.
+      push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
+        and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
+        show pertforce draws them.
+      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
+        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
+        simulator.
+      replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
+        first state, with the recorded controls and forces. One of states, controls. [default: 'states']
+      replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
+        time]
+      replay_interpolation: Interpolation between the rows of a replayed table and across gaps in it;
+        linear interpolates quaternions along an arc. One of hold, linear. [default: 'linear']
+      replay_unwrap: Unwrap hinge angles: treat a jump of more than half a turn between rows as a
+        continued rotation.
+      map: Column of mjrun and its value, an expression over the columns of a table that is replayed or
+        that a ghost follows: time=t, 'qpos/knee=knee_deg*pi/180', qpos/root=pelvis, or for all matching
+        columns 'qpos/{}={}_deg*pi/180'. @FILE reads such lines from a file.
+      quat: Order of quaternion components in a replayed table whose columns number them instead of
+        naming them qw … qz. One of wxyz, xyzw. [default: 'wxyz']
+      perturb: Standard deviation of Gaussian noise on the initial velocities [m/s, rad/s].
+      seed: Seed of all noise; with a policy, seed of the episode.
+      duration: Simulated time [s]. [default: 5, or that of the recording or episode; unlimited in a
+        view]
+      steps: Number of steps, instead of a duration.
+      policy: Policy that acts in the task: an ONNX file; a LEAPP package, given by its folder or its
+        .yaml; a Stable-Baselines3 .zip or a TorchScript .pt, which require trust; Python code,
+        policy.py:act or package.module:Policy; random; or zero.
+      normalize: Statistics that normalize the observations: those of VecNormalize (.pkl), or an .npz
+        with mean, var, epsilon and clip. Use none for a Stable-Baselines3 policy that was trained
+        without them.
+      trust: Allow policy files that can run code when they are opened: Stable-Baselines3 archives and
+        torch files.
+      controller: Python code that sets the controls: a function or class such as policy.py:act or
+        package.module:Policy, called with (model, data). It writes data.ctrl or returns the controls; a
+        class may have a method reset.
+      control_dt: Time between two calls of the controller, or of a policy that has no task document
+        [s]. [default: every step]
+      integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
+        discrete.
+      timestep: Timestep [s], instead of the model's.
+      ground: Add a horizontal floor that collides, at this height [m].
+      set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
+        opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
+        vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
+        add:body/box.pos=0,0,.1.
+      output: csv, feather, h5, jsonl, mat, npz, parquet, or - for standard output. [default: '-']
+      probe: Values to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed,
+        momentum, … or any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a
+        column, xpos/hand/z. [default: qpos,qvel,ctrl,act,energy,contact,sensor]
+      assert_: Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.
+      keep_partial: If the simulation becomes unstable, keep the rows from before.
+      contacts: Second table with one row per contact and instant: the geoms, position and depth [m],
+        force [N] and torque [N m].
+      every: Write a row every N steps. [default: 1]
+      rate: Rows per simulated second [Hz], at most one per step, instead of every N steps.
+      format: File format. [default: the output's suffix]
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+      golden: Table of an earlier run with which to compare, within the tolerances; the exit code is 1
+        if they differ.
+      update: Create or replace the golden table, and report what changed.
+      atol: Absolute tolerance: numbers and pixels count as equal if |a - b| <= ATOL + RTOL·|b|. If both
+        tolerances are 0, they must be identical bit for bit; NaN equals NaN.
+      rtol: Relative tolerance.
+      tol: Tolerances for single columns, by name or wildcard: 'qvel/*=1e-6', 'energy/*=0,1e-9'. If
+        several match, the last one applies. The tolerance of the column time determines which times
+        count as equal.
+    """

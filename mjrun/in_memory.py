@@ -17,6 +17,7 @@ from mjrun.model.table_column import Column
 from mjrun.options.option import options_for
 from mjrun.outputs.trace import Trace
 from mjrun.plotting.table import Table
+from mjrun.python_help import OF_FILES
 from mjrun.simulation.simulation import Simulation
 from mjrun.task.task import Task
 
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 Simulated = ModelLike | Task | Simulation
-# Options of a video that concern its file.
-OF_FILES = ("output", "format", "codec", "crf", "preset", "separate", "calibration", "calibration_format", "manifest")
 
 
 def trace(model: Simulated, **options: object) -> Table:

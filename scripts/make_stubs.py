@@ -10,21 +10,20 @@ import dataclasses
 import inspect
 import subprocess
 import sys
+import textwrap
 import types
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ForwardRef, Union, get_args, get_origin
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import mjrun
-from mjrun.fitting.fit import Fit
-from mjrun.in_memory import OF_FILES
 from mjrun.options.kinds import AnyKind, Camera, Choice, Kind, Optional, Several
 from mjrun.options.number_kinds import Instant, Processes
 from mjrun.options.option import Options, options_of
 from mjrun.options.policy import PolicyKind
 from mjrun.options.structured_kinds import OneOf
+from mjrun.python_help import FUNCTIONS, options_of_name
 
 STUB = Path(mjrun.__file__).with_name("__init__.pyi")
 HEADER = '''"""MuJoCo models to videos, images, tables and timing reports; written by scripts/make_stubs.py."""
@@ -44,14 +43,6 @@ from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike
 from mjrun.options.push import Push
 '''
-# Functions with the options of classes, and those of their options that they lack.
-FUNCTIONS: dict[str, tuple[tuple[type[Options], ...], Sequence[str]]] = {
-    "evaluate": ((mjrun.Evaluation,), ()),
-    "fit": ((mjrun.Simulation, Fit), ("data",)),
-    "frames": ((mjrun.Simulation, mjrun.Video), OF_FILES),
-    "sweep": ((mjrun.Simulation, mjrun.Study), ()),
-    "trace": ((mjrun.Simulation, mjrun.Trace), ()),
-}
 ARGUMENTS = {
     "model": "ModelLike | Task | _Simulation",
     "task": "Source | str",
@@ -116,21 +107,23 @@ def class_stub(name: str, cls: type[Options]) -> str:
         parameter = f"{field.name}: {kind}{'' if required else ' = ...'}"
         (keywords if field.kw_only else positional).append(parameter)
     parameters = ", ".join(["self", *positional, *(["*"] if keywords else []), *keywords])
-    summary = inspect.getdoc(cls).partition("\n")[0]  # type: ignore[union-attr]
-    return f'class {name}(_{name}):\n    """{summary}"""\n    def __init__({parameters},) -> None: ...\n'
+    return f"class {name}(_{name}):\n    {documentation(cls)}\n    def __init__({parameters},) -> None: ...\n"
+
+
+def documentation(value: object) -> str:
+    """Returns the docstring of a class or function with all options, which editors show."""
+    return f'"""{textwrap.indent(str(value.__doc__).rstrip(), "    ").lstrip()}\n    """'
 
 
 def function_stub(name: str) -> str:
     """Returns a function of `mjrun.in_memory`, with the options that it takes as keywords."""
-    function, classes, without = getattr(mjrun, name), *FUNCTIONS[name]
-    declared = {option.attribute: option for cls in classes for option in options_of(cls)}
-    options = [f"{each}: {accepted(option.kind)} = ..." for each, option in declared.items() if each not in without]
-    summary = inspect.getdoc(function).partition("\n")[0]  # type: ignore[union-attr]
+    function = getattr(mjrun, name)
+    options = [f"{option.attribute}: {accepted(option.kind)} = ..." for option in options_of_name(name)]
     first = [f"{each}: {ARGUMENTS[each]}" for each in inspect.signature(function).parameters if each != "options"]
     parameters = ", ".join([*first, "*", *options])
     made = str(inspect.signature(function).return_annotation).strip("'")
     returned = RETURNED.get(made, made.rpartition(".")[2].strip("'>"))
-    return f'def {name}({parameters},) -> {returned}:\n    """{summary}"""\n'
+    return f"def {name}({parameters},) -> {returned}:\n    {documentation(function)}\n"
 
 
 def stub() -> str:

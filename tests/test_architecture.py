@@ -21,7 +21,7 @@ from mjrun.cli.main import COMMANDS
 HOUSE = (
     ("__main__", "pytest_plugin"),
     ("cli", "gym", "in_memory"),
-    ("document",),
+    ("document", "python_help"),
     ("doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
     ("experiment",),
     ("outputs",),

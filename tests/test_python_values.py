@@ -19,6 +19,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "Check": (["scene:pendulum"],),
     "Diff": ("a.csv", "b.csv"),
     "Evaluation": (mjrun.read_task("scene:car_drive"), "folder"),
+    "Fit": (PENDULUM,),
     "Image": (PENDULUM, "a.png"),
     "Keyframe": (PENDULUM, "a.xml"),
     "Plot": (PENDULUM, "a.png"),
@@ -52,10 +53,10 @@ def test_a_value_of_any_type_is_accepted_or_refused_by_name(cls: type[Options], 
             cls(*arguments, **{**required, each.attribute: value})
 
 
-@pytest.mark.parametrize("cls", [mjrun.Video, mjrun.Image, mjrun.Trace, mjrun.Recording, mjrun.Study])
+@pytest.mark.parametrize("cls", [mjrun.Video, mjrun.Image, mjrun.Trace, mjrun.Recording, mjrun.Study, mjrun.Fit])
 def test_a_model_in_place_of_a_simulation_is_refused_with_what_to_write(cls: type) -> None:
     with pytest.raises(UsageError) as error:
-        cls("scene:car", "output")
+        cls("scene:car", **({} if cls is mjrun.Fit else {"output": "output"}))
     assert str(error.value) == "simulation: 'scene:car' is not a simulation; write mjrun.Simulation('scene:car')"
     with pytest.raises(UsageError, match="'None' is not a simulation"):
         mjrun.Viewer(None)  # type: ignore[arg-type]
