@@ -120,12 +120,14 @@ def shell_environment(folder: Path, smaller: Mapping[str, str]) -> dict[str, str
 def models_of_others(folder: Path) -> Path:
     """Makes packages in dm_control's layout and a small menagerie, which tests do not install; returns the folder."""
     suite = folder / "dm_control/suite"
-    scenes = [folder / "menagerie" / name for name in ("unitree_go2/scene.xml", "go2/scene_flat.xml")]
+    scenes = [folder / "menagerie" / name for name in ("unitree_go2/scene.xml",)]
     for each in (suite, *(scene.parent for scene in scenes)):
         each.mkdir(parents=True)
     (folder / "dm_control/__init__.py").touch()
     (suite / "humanoid.py").write_text("@SUITE.add()\ndef walk(): ...\n")
     (suite / "humanoid.xml").write_text('<mujoco><worldbody><camera name="side"/></worldbody></mujoco>')
     for scene in scenes:
-        scene.write_text('<mujoco><keyframe><key name="home"/></keyframe></mujoco>')
+        body = '<body><joint name="hip"/><geom size=".1"/></body>'
+        moved = '<actuator><motor joint="hip"/></actuator><keyframe><key name="home"/></keyframe>'
+        scene.write_text(f"<mujoco><worldbody>{body}</worldbody>{moved}</mujoco>")
     return folder

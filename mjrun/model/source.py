@@ -83,6 +83,18 @@ class Source(ABC):
 
 
 @dataclass(frozen=True)
+class CollectionEntry:
+    """A line in the list of a collection.
+
+    Attributes:
+      facts: what the list states, by the name of the column.
+    """
+
+    name: str
+    facts: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class CollectionSource(Source):
     """A model in a collection, written `PREFIX:NAME`. A module in `mjrun.model.sources` defines each collection."""
 
@@ -96,6 +108,16 @@ class CollectionSource(Source):
     @abstractmethod
     def descriptions(cls) -> Mapping[str, str]:
         """Returns a line about each model of the collection, by name."""
+
+    @classmethod
+    def entries(cls) -> Sequence[CollectionEntry]:
+        """Returns the lines of a list of the collection; a collection may be listed by groups of its models."""
+        return [CollectionEntry(name, {"description": text}) for name, text in cls.descriptions().items()]
+
+    @classmethod
+    def remark(cls) -> str:
+        """Returns a sentence below the list; empty for none."""
+        return ""
 
     @property
     def text(self) -> str:

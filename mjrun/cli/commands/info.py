@@ -15,7 +15,7 @@ from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.model import InfoOptions, ModelOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from mjrun.model.info import InfoResult
     from mjrun.model.source import CollectionSource
@@ -99,13 +99,40 @@ def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[
 
 def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:
     """Lists a collection of models, such as the scenes of mjrun, one per line."""
-    models = {f"{collection.PREFIX}:{name}": text for name, text in collection.descriptions().items()}
+    entries = {f"{collection.PREFIX}:{entry.name}": entry.facts for entry in collection.entries()}
     if console.as_json:
-        console.document({"models": [{"name": name, "description": text} for name, text in models.items()]})
+        console.document({"models": [{"name": name, **facts} for name, facts in entries.items()]})
         return
-    width = max(map(len, models), default=0)
-    for name, text in models.items():
-        console.result(clean(f"{name:{width}}  {text}"))
+    if not entries:
+        console.result(f"no {collection.KIND}s")
+        return
+    headings = list(next(iter(entries.values())))
+    if len(headings) > 1:
+        _show_table(console, collection, entries, headings)
+        return
+    width = max(map(len, entries), default=0)
+    for name, facts in entries.items():
+        console.result(clean(f"{name:{width}}  {' '.join(facts.values())}"))
+
+
+def _show_table(
+    console: Console,
+    collection: "type[CollectionSource]",
+    entries: "Mapping[str, Mapping[str, str]]",
+    headings: "Sequence[str]",
+) -> None:
+    from mjrun.cli.page_layout import PageLayout
+    from mjrun.cli.table_cells import Column
+
+    page = PageLayout()
+    cells = [[clean(facts[heading]) for facts in entries.values()] for heading in headings]
+    columns = [Column("name", [clean(name) for name in entries], whole=True)]
+    for heading, texts in zip(headings, cells, strict=True):
+        columns.append(Column(heading, texts, right=all(text.isdecimal() for text in texts if text)))
+    page.table(f"{collection.PREFIX}:", columns, len(entries))
+    if remark := collection.remark():
+        page.note(remark)
+    console.result(page.text())
 
 
 def _page(result: "InfoResult", asked: bool, model: str) -> str:
