@@ -913,8 +913,8 @@ class Simulation(_Simulation):
 
     Options:
       key: Keyframe to start from, by name or index.
-      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
-      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.
       ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
         left_*=0.5.
       ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
@@ -1545,8 +1545,8 @@ def fit(
 
     Options:
       key: Keyframe to start from, by name or index.
-      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
-      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.
       ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
         left_*=0.5.
       ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
@@ -1727,8 +1727,8 @@ def frames(
 
     Options:
       key: Keyframe to start from, by name or index.
-      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
-      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.
       ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
         left_*=0.5.
       ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
@@ -1912,8 +1912,8 @@ def sweep(
     Options:
       output: Folder for the study; running again with the same folder continues the study.
       key: Keyframe to start from, by name or index.
-      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
-      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.
       ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
         left_*=0.5.
       ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is
@@ -2068,8 +2068,8 @@ def trace(
 
     Options:
       key: Keyframe to start from, by name or index.
-      qpos: Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.
-      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.
+      qpos: Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.
+      qvel: Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.
       ctrl: Constant controls by actuator name or wildcard, in the actuator's units: motor=20,
         left_*=0.5.
       ctrl_from: Table of controls over time, with a column time [s] and one for each actuator, which is

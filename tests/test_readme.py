@@ -278,7 +278,8 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
     names = "video|image|trace|plot|run|schema|info|check|bench|diff|view|sweep|eval|fit"
-    known = rf"mjrun ({names}) |mjrun doctor|for |make |pip install ('?\.|mujoco-menagerie)|mujoco-menagerie |cat |seq |sed |eval "
+    packages = r"pip install ('?\.|mujoco-menagerie)|mujoco-menagerie "
+    known = rf"mjrun ({names}) |mjrun doctor|for |make |{packages}|cat |seq |sed |eval "
     assert all(re.match(known, command) for command in COMMANDS)
 
 

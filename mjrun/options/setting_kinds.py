@@ -1,6 +1,7 @@
 """Kinds of settings: numbers, texts and variations by name, and maps of columns."""
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike, fspath
 from typing import cast
@@ -38,6 +39,79 @@ class NamedNumbers(Kind[Mapping[str, float | Sequence[float]], Mapping[str, Numb
 
     def plain(self, value: Mapping[str, Numbers]) -> dict[str, float | Sequence[float]]:
         return {name: numbers[0] if len(numbers) == 1 else [*numbers] for name, numbers in value.items()}
+
+
+class Angle(float):
+    """An angle [rad] or its rate, for which a unit was given."""
+
+
+class Length(float):
+    """A length [m] or its rate, for which a unit was given."""
+
+
+UNITS: Mapping[str, tuple[type[Angle | Length], float]] = {
+    "deg": (Angle, math.pi / 180),
+    "rad": (Angle, 1.0),
+    "mm": (Length, 0.001),
+    "cm": (Length, 0.01),
+    "m": (Length, 1.0),
+}
+QUANTITY = re.compile(rf"\s*([-+.\deE]+)\s*({'|'.join(UNITS)})(/s)?\s*")
+
+
+class JointNumbers(NamedNumbers):
+    """Positions or velocities by the name of the joint, whose numbers may have units: `hip=30deg`, `root/z=25cm`.
+
+    Args:
+      rate: the numbers are velocities, with units per second.
+    """
+
+    accepted = "a mapping of names to numbers, as in {'hip': 0.3} or {'hip': '20deg'}"
+
+    def __init__(self, *, rate: bool = False) -> None:
+        super().__init__()
+        self._rate = rate
+        self._units = [f"{unit}/s" if rate else unit for unit in UNITS]
+
+    @property
+    def form(self) -> Schema:
+        units = "/s" if self._rate else ""
+        pattern = rf"^\s*[-+.\deE]+\s*({'|'.join(UNITS)}){units}\s*$"
+        listed = f"which may have units: {', '.join(self._units)}"
+        one: Schema = {"type": "string", "pattern": pattern, "expected": f"a number, {listed}"}
+        several: Schema = {"type": "array", "items": {"anyOf": [NUMBER, one]}, "minItems": 1}
+        forms = f"a number or a list of numbers, {listed}"
+        numbers: Schema = {"anyOf": [NUMBER, {**one, "expected": forms}, several], "forms": forms}
+        return {"type": "object", "additionalProperties": numbers}
+
+    def __call__(self, value: Mapping[str, float | str | Sequence[float | str]]) -> Mapping[str, Numbers]:
+        return {
+            name: tuple(map(self._number, [numbers] if isinstance(numbers, str | float | int) else numbers))
+            for name, numbers in value.items()
+        }
+
+    def parse(self, text: str) -> tuple[str, Numbers]:
+        """Splits text into a name and its numbers."""
+        name, equals, written = text.rpartition("=")
+        if not (equals and name):
+            raise InvalidValueError("NAME=VALUE, or NAME=VALUE,VALUE,…")
+        return name, tuple(map(self._number, written.split(",")))
+
+    def _number(self, value: float | str) -> float:
+        """Converts a number, or a text that may have a unit, to SI units."""
+        if not isinstance(value, str):
+            return value if isinstance(value, Angle | Length) else float(value)
+        match = QUANTITY.fullmatch(value)
+        if match is None and math.isfinite(number := to_float(value)):
+            return number
+        if match and bool(match[3]) == self._rate:
+            kind, factor = UNITS[match[2]]
+            if math.isfinite(number := to_float(match[1]) * factor):
+                return kind(number)
+        raise InvalidValueError(f"a list of finite numbers, which may have units: {', '.join(self._units)}")
+
+    def plain(self, value: Mapping[str, Numbers]) -> dict[str, float | Sequence[float]]:
+        return super().plain({name: tuple(map(float, numbers)) for name, numbers in value.items()})
 
 
 class Settings(Kind[Mapping[str, object] | Sequence[tuple[str, object]], tuple[tuple[str, str], ...]]):

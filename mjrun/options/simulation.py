@@ -10,7 +10,7 @@ from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
 from mjrun.options.push import Push, PushKind
-from mjrun.options.setting_kinds import ColumnMap, NamedNumbers
+from mjrun.options.setting_kinds import ColumnMap, JointNumbers, NamedNumbers
 
 INTERPOLATIONS = ("hold", "linear")
 NO_VALUES: dict[str, Numbers] = {}
@@ -74,14 +74,14 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
 
     key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
-        converter=NamedNumbers(),
+        converter=JointNumbers(),
         default=NO_VALUES,
-        help="Initial joint positions by name [m, rad]: hip=0.3, root/z=1, root=0,0,1,1,0,0,0.",
+        help="Initial joint positions by name [m, rad]: hip=0.3, hip=20deg, root/z=1, root=0,0,1,1,0,0,0.",
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=NamedNumbers(),
+        converter=JointNumbers(rate=True),
         default=NO_VALUES,
-        help="Initial joint velocities by name [m/s, rad/s]: hip=2, root/wx=1.",
+        help="Initial joint velocities by name [m/s, rad/s]: hip=2, hip=90deg/s, root/wx=1.",
     )
     ctrl: Mapping[str, Numbers] = option(
         converter=NamedNumbers(),

@@ -9,7 +9,7 @@ from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import NUMBERS, ExactNumber, Integer, Numbers, NumberVector, Real
 from mjrun.options.option import Exclusion, Options, option, options, required
 from mjrun.options.schema_validation import NUMBER, TEXT, InvalidValueError, Schema
-from mjrun.options.setting_kinds import DISTRIBUTION, NamedNumbers, VariedSettings, distribution_text
+from mjrun.options.setting_kinds import DISTRIBUTION, JointNumbers, NamedNumbers, VariedSettings, distribution_text
 from mjrun.options.simulation import INTERPOLATIONS, NO_VALUES
 
 # The extras of policies and tasks, with the libraries that each installs and the feature that needs them.
@@ -156,10 +156,10 @@ class ResetOptions(Options):
 
     key: str | None = option(converter=Optional(Key()), default=None, help="Keyframe to start from, by name or index.")
     qpos: Mapping[str, Numbers] = option(
-        converter=NamedNumbers(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
+        converter=JointNumbers(), default=NO_VALUES, help="Initial joint positions by name [m, rad]: hip, root/z, root."
     )
     qvel: Mapping[str, Numbers] = option(
-        converter=NamedNumbers(), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]."
+        converter=JointNumbers(rate=True), default=NO_VALUES, help="Initial joint velocities by name [m/s, rad/s]."
     )
     ctrl: Mapping[str, Numbers] = option(
         converter=NamedNumbers(), default=NO_VALUES, help="Initial controls by actuator name or wildcard."

@@ -9,8 +9,11 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, control_names, control_slices, identify, matching, names
+from mjrun.options.setting_kinds import Angle, Length
 
 Values = float | Sequence[float]
+HINGE = mujoco.mjtJoint.mjJNT_HINGE
+LENGTHS, ANGLES = ("length", "x", "y", "z", "vx", "vy", "vz"), ("angle", "wx", "wy", "wz")  # components of joints
 
 
 @dataclass(frozen=True)
@@ -50,9 +53,11 @@ class InitialState:
         self._reset_to_source(model, data)
         for name, values in self.qpos.items():
             with concerning("qpos", name):
+                _check_units(model, QPOS_COMPONENTS, name, values, "qpos")
                 _set(data.qpos, _joint_slices(model, model.jnt_qposadr, QPOS_COMPONENTS, name), values, "qpos", name)
         for name, values in self.qvel.items():
             with concerning("qvel", name):
+                _check_units(model, QVEL_COMPONENTS, name, values, "qvel")
                 _set(data.qvel, _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name), values, "qvel", name)
         for name, values in self.ctrl.items():
             with concerning("ctrl", name):
@@ -75,6 +80,24 @@ class InitialState:
                 mujoco.mj_resetDataKeyframe(model, data, identify(model, "keyframe", self.key))
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
+        """Returns a warning for each control that MuJoCo will clamp, and for angles that look like degrees."""
+        return [*self._turns(model), *self._clamped(model)]
+
+    def _turns(self, model: mujoco.MjModel) -> list[str]:
+        """Returns a warning for each hinge that starts beyond a turn, if its angle has no unit."""
+        texts: list[str] = []
+        for name, values in self.qpos.items():
+            hinges = [joint for joint, _ in _joints(model, QPOS_COMPONENTS, name) if model.jnt_type[joint] == HINGE]
+            (value, *_) = values if isinstance(values, Sequence) else [values]
+            if hinges and abs(value) > 2 * np.pi and not isinstance(value, Angle):
+                turns = f"{abs(value) / (2 * np.pi):.3g} turns"
+                texts.append(
+                    f"{option('qpos')} {clean(name)}={value:g} is {turns}, as angles are in radians; {value:g}deg is "
+                    f"{value:g} degrees, and {value:g}rad means the turns"
+                )
+        return texts
+
+    def _clamped(self, model: mujoco.MjModel) -> list[str]:
         """Returns a warning for each control that MuJoCo will clamp."""
         data, controls = self.data(model), control_names(model)
         driven = {i for name in self.ctrl for part in control_slices(model, name) for i in range(part.start, part.stop)}
@@ -87,6 +110,25 @@ class InitialState:
                 limits = f"[{low:g}, {high:g}]"
                 texts.append(f"{option('ctrl')} {value} is beyond the actuator's range; MuJoCo clamps it to {limits}")
         return texts
+
+
+def _check_units(
+    model: mujoco.MjModel, parts: dict[int, tuple[str, ...]], name: str, values: Values, what: str
+) -> None:
+    """Raises BadValueError if a value has the unit of a length where an angle is expected, or the other way round."""
+    numbers = values if isinstance(values, Sequence) else [values]
+    if not any(isinstance(number, Angle | Length) for number in numbers):
+        return
+    for joint, component in _joints(model, parts, name):
+        kind = int(model.jnt_type[joint])
+        names_of = parts.get(kind, ("angle" if kind == HINGE else "length",))
+        places = names_of if component is None else [names_of[component]]
+        for number, place in zip(numbers, places, strict=False):
+            fits = (isinstance(number, Length) and place in LENGTHS) or (isinstance(number, Angle) and place in ANGLES)
+            if isinstance(number, Angle | Length) and not fits:
+                unit = "a length" if place in LENGTHS else "an angle"
+                wanted = unit if place in (*LENGTHS, *ANGLES) else "a number without a unit"
+                raise BadValueError(f"{option(what)} {clean(name)}", f"{number:g}", wanted)
 
 
 def _set(vector: np.ndarray, slices: Sequence[slice], values: Values, what: str, name: str) -> None:
