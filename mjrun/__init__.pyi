@@ -213,6 +213,9 @@ class Bench(_Bench):
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -251,6 +254,7 @@ class Bench(_Bench):
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
+        position_control: str | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         key: str | int | None = ...,
         steps: int | None = ...,
@@ -476,6 +480,9 @@ class Evaluation(_Evaluation):
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -491,6 +498,7 @@ class Evaluation(_Evaluation):
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
+        position_control: str | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         trust: bool = ...,
         policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
@@ -964,6 +972,9 @@ class Simulation(_Simulation):
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -976,6 +987,7 @@ class Simulation(_Simulation):
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
+        position_control: str | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         controller: Callable[..., object] | None = ...,
         control_dt: float | str | Fraction | None = ...,
@@ -1408,6 +1420,7 @@ def evaluate(
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
+    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     jobs: int | Literal["auto"] = ...,
 ) -> EvaluationResult:
@@ -1469,6 +1482,9 @@ def evaluate(
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -1508,6 +1524,7 @@ def fit(
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
+    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     free: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     output: str | PathLike[str] | None = ...,
@@ -1596,6 +1613,9 @@ def fit(
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -1672,6 +1692,7 @@ def frames(
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
+    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     fps: float | str | Fraction | None = ...,
     speed: float | str | Fraction = ...,
@@ -1778,6 +1799,9 @@ def frames(
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -1869,6 +1893,7 @@ def sweep(
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
+    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     output: str | PathLike[str] = ...,
     metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1963,6 +1988,9 @@ def sweep(
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -2040,6 +2068,7 @@ def trace(
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
+    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     output: str | PathLike[str] = ...,
     probe: str | Sequence[str] = ...,
@@ -2119,6 +2148,9 @@ def trace(
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,

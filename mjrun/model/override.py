@@ -18,6 +18,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError, clean, option
 from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_index
+from mjrun.model.servos import add_servos
 from mjrun.model.stage import add_ground, add_to_stage
 from mjrun.options.model import ModelOptions
 
@@ -45,8 +46,12 @@ ROOTS: dict[str, Callable[[mujoco.MjSpec], Any]] = {
     "compiler": lambda spec: spec.compiler,
     "size": _Sizes,
 }
-# Options that add elements, with an empty path.
-ADDITIONS: dict[str, Callable[[mujoco.MjSpec, str], None]] = {"ground": add_ground, "stage": add_to_stage}
+# Options that add or replace elements, with an empty path.
+ADDITIONS: dict[str, Callable[[mujoco.MjSpec, str], None]] = {
+    "ground": add_ground,
+    "stage": add_to_stage,
+    "position_control": add_servos,
+}
 # The list of MjSpec with the elements of each kind.
 ELEMENTS = {
     kind: PLURALS.get(kind, f"{kind}s")
@@ -144,7 +149,10 @@ def _path_parts(path: str) -> tuple[str, str, int | None]:
 
 def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
     """Returns the overrides that `options` define, in the order in which they are applied."""
-    overrides = [Override(path, text) for path, text in options.set]
+    overrides: list[Override] = []
+    if options.position_control is not None:  # first, so that other overrides do not change the gains
+        overrides.append(Override("", options.position_control, "position_control"))
+    overrides += [Override(path, text) for path, text in options.set]
     if options.integrator is not None:
         overrides.append(Override("opt.integrator", options.integrator, "integrator"))
     if options.ground is not None:

@@ -1,14 +1,48 @@
 """Options of models: overrides before compilation, and what `info` prints."""
 
+import math
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, Optional
-from mjrun.options.number_kinds import ExactNumber, Real
+from mjrun.options.kinds import Choice, Flag, Optional, Text
+from mjrun.options.number_kinds import ExactNumber, Real, to_float
 from mjrun.options.option import FrontEnd, Options, option, options
+from mjrun.options.schema_validation import InvalidValueError, Schema
 from mjrun.options.setting_kinds import Settings
 
 INTEGRATORS = ("euler", "rk4", "implicit", "implicitfast", "discrete")
+
+
+AUTO = "auto"  # gains of servos that are derived from the model
+GAINS = ("kp", "kd")
+
+
+class ServoGains(Text):
+    """Gains of servos: `auto`, or `kp=50,kd=2`; in documents and Python also True, for `auto`."""
+
+    metavar = "[kp=KP,kd=KD]"
+    accepted = "auto, or gains as in kp=50,kd=2, which are positive numbers"
+
+    @property
+    def form(self) -> Schema:
+        number = r"[-+.\deE]+"
+        pattern = rf"^(auto|(kp|kd)={number}(,(kp|kd)={number})?)$"
+        return {"anyOf": [{"const": True}, {"type": "string", "pattern": pattern}], "expected": self.accepted}
+
+    def __call__(self, value: object) -> str:
+        if value is True or value == AUTO:
+            return AUTO
+        text = super().__call__(value)
+        gains = parse_gains(text)
+        if not gains or not all(name in GAINS and 0 < gain < math.inf for name, gain in gains.items()):
+            raise InvalidValueError(self.accepted)
+        return text
+
+
+def parse_gains(text: str) -> dict[str, float]:
+    """Returns the gains in a text such as `kp=50,kd=2`, which may be NaN."""
+    parts = [part.partition("=") for part in text.split(",")]
+    return {name.strip(): to_float(number) for name, _, number in parts}
 
 
 @options
@@ -27,6 +61,14 @@ class ModelOptions(Options):
         converter=Optional(Real(least=None, metavar="HEIGHT")),
         default=None,
         help="Add a horizontal floor that collides, at this height [m].",
+    )
+    position_control: str | None = option(
+        converter=Optional(ServoGains()),
+        default=None,
+        flag_value=AUTO,
+        help="Replace motors on joints by servos, whose controls are joint positions [rad, m], from the initial ones "
+        "on; a model without actuators gets a servo on each joint. Gains that are left out follow from inertias, "
+        "weights and force limits.",
     )
     set: tuple[tuple[str, str], ...] = option(
         converter=Settings(),

@@ -64,6 +64,7 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
         Exclusion(("policy", "replay"), "the replayed file drives the simulation"),
         *(Exclusion(("policy", name), "both drive the actuators") for name in ("controller", "ctrl_from", "ctrl")),
         *(Exclusion(("policy", name), "the task of the policy sets the start of an episode") for name in TASK_START),
+        Exclusion(("policy", "position_control"), "the task of the policy says what its actions control"),
         Exclusion(("policy", "ctrl_noise"), "the task of the policy sets the noise"),
         *(Exclusion(("replay", name), "the replayed file drives the simulation") for name in DRIVERS),
         *(

@@ -117,6 +117,8 @@ class Pass(Generic[R]):
 
         rendering = stack.enter_context(closing(SharedRendering()))
         self._plans, self._context, self._stepper = _plan(jobs, reporter, rendering)
+        for text in self._context.simulation.notes(self._context.model):
+            reporter.note(text)
         for text in self._context.simulation.remarks(self._context.model):
             reporter.warn(text)
         self.outputs = [plan.open(stack, rendering) for plan in self._plans]

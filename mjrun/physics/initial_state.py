@@ -9,6 +9,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, ModelError, UnknownNameError, UsageError, clean, concerning, option, quoted
 from mjrun.model.names import QPOS_COMPONENTS, QVEL_COMPONENTS, control_names, control_slices, identify, matching, names
+from mjrun.model.servos import servos
 from mjrun.options.setting_kinds import Angle, Length
 
 Values = float | Sequence[float]
@@ -27,6 +28,7 @@ class InitialState:
       ctrl: actuators by name, wildcard or index, held constant.
       perturb: standard deviation of Gaussian noise added to every initial velocity.
       seed: the seed of that noise; the same seed gives the same start.
+      position_control: servos on joints hold the initial positions, unless `ctrl` sets their controls; None if not.
     """
 
     key: str | None = None
@@ -35,6 +37,7 @@ class InitialState:
     ctrl: Mapping[str, Values] = field(default_factory=dict[str, Values])
     perturb: float = 0.0
     seed: int = 0
+    position_control: str | None = None
 
     def data(self, model: mujoco.MjModel) -> mujoco.MjData:
         """Returns a new MjData in this state.
@@ -59,6 +62,9 @@ class InitialState:
             with concerning("qvel", name):
                 _check_units(model, QVEL_COMPONENTS, name, values, "qvel")
                 _set(data.qvel, _joint_slices(model, model.jnt_dofadr, QVEL_COMPONENTS, name), values, "qvel", name)
+        if self.position_control is not None:
+            for index in servos(model):
+                data.ctrl[index] = data.qpos[model.jnt_qposadr[model.actuator_trnid[index, 0]]]
         for name, values in self.ctrl.items():
             with concerning("ctrl", name):
                 _set(data.ctrl, control_slices(model, name), values, "ctrl", name)

@@ -18,6 +18,7 @@ from mjrun.model import known_bugs, state
 from mjrun.model.fingerprint import physics_fingerprint
 from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
+from mjrun.model.servos import sentence
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.option import Exclusion, is_given, options
@@ -66,7 +67,7 @@ class Simulation(SimulationOptions):
     @property
     def start(self) -> InitialState:
         """State at time 0."""
-        return InitialState(self.key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed)
+        return InitialState(self.key, self.qpos, self.qvel, self.ctrl, self.perturb, self.seed, self.position_control)
 
     def initial_data(self, model: mujoco.MjModel) -> mujoco.MjData:
         """Returns the state of `model` at time 0.
@@ -243,6 +244,10 @@ class Simulation(SimulationOptions):
             controller = PeriodicController(self.controller, period, timestep)
         control = ControlSources(timestep, data.ctrl.copy(), table, self._noise(model), controller)
         return PhysicsStepper(model, data, control, self._pushes(model))
+
+    def notes(self, model: mujoco.MjModel) -> list[str]:
+        """Returns information for the user before the simulation runs."""
+        return [] if self.position_control is None else [sentence(model)]
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks for the user before the simulation runs."""

@@ -18,6 +18,7 @@ from mjrun.options.diff import ColumnTolerances
 from mjrun.options.evaluation import EvaluationOptions, Thresholds
 from mjrun.options.fit import FitOptions
 from mjrun.options.kinds import Kind
+from mjrun.options.model import ServoGains
 from mjrun.options.option import Option, document_options
 from mjrun.options.policy import NormalizationKind, PolicyKind
 from mjrun.options.push import PushKind
@@ -128,6 +129,8 @@ def values(kind: Kind[Any, Any]) -> st.SearchStrategy[Any]:
             return st.sampled_from(["none", "a.npz"])
         case kinds.Camera():
             return st.sampled_from(["free", "top", "orbit:lookat=box", 2])
+        case ServoGains():
+            return st.sampled_from(["auto", "kp=5", "kd=1e-3,kp=2"]) | st.just(True)
         case kinds.Text():
             return st.sampled_from(["energy", "qpos[left_*]", "12", "true", "a: b #c"])
     raise AssertionError(f"no values of {type(kind).__name__} are known")
