@@ -60,7 +60,8 @@ def sentence(model: mujoco.MjModel) -> str:
     """Describes the servos of a model and their gains."""
     found = servos(model)
     kp, kd = (np.abs(prm[found, i]) for prm, i in ((model.actuator_gainprm, 0), (model.actuator_biasprm, 2)))
-    return f"{counted(len(found), 'servo')}, kp {_span(kp)}, kd {_span(kd)}; {option('position_control')} kp=…,kd=… sets the gains"
+    gains = f"{counted(len(found), 'servo')}, kp {_span(kp)}, kd {_span(kd)}"
+    return f"{gains}; {option('position_control')} kp=…,kd=… sets the gains"
 
 
 def _span(values: np.ndarray) -> str:
