@@ -406,12 +406,18 @@ class Diff(_Diff):
       max_changed: Largest share of changed pixels at which frames count as equal, such as 0.1%.
         [default: exact]
       output: Image (.png) of the most different frame: A, B and their difference side by side.
+      html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
+        and manifests.
+      embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
+        [default: 10.0]
     """
     def __init__(
         self,
         a: MjModel | Source | str | PathLike[str],
         b: MjModel | Source | str | PathLike[str],
         *,
+        html: str | PathLike[str] | None = ...,
+        embed_up_to: float = ...,
         min_psnr: float | None = ...,
         min_ssim: float | None = ...,
         max_changed: float | None = ...,

@@ -11,7 +11,8 @@ from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.output import KeyframeOptions
-from mjrun.options.plot import PageOptions, PlotOptions
+from mjrun.options.page import PageOptions
+from mjrun.options.plot import PlotOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Optional, Several, Text
-from mjrun.options.number_kinds import Integer, Range, Real, Size
+from mjrun.options.number_kinds import Integer, Range, Size
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
+from mjrun.options.page import PageOptions
 from mjrun.options.trace import SamplingOptions
 
 STYLES = ("light", "dark", "print")
@@ -79,24 +80,6 @@ class FigureOptions(Options):
         default=None,
         usual="chosen by the number of panels",
         help="Number of panels side by side.",
-    )
-
-
-@options
-class PageOptions(Options):
-    """A self-contained page about a result, which any browser opens without network or scripts."""
-
-    section: ClassVar[str] = "Page"
-
-    html: str | None = option(
-        converter=Optional(File(written=True)),
-        default=None,
-        help="Page about the result (.html): plots, images, videos, descriptions of columns, assertions and manifests.",
-    )
-    embed_up_to: float = option(
-        converter=Real(metavar="MB"),
-        default=10.0,
-        help="Embed images and videos up to this size in the page; larger ones are linked.",
     )
 
 

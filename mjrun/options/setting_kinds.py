@@ -93,9 +93,13 @@ class JointNumbers(NamedNumbers):
     def parse(self, text: str) -> tuple[str, Numbers]:
         """Splits text into a name and its numbers."""
         name, equals, written = text.rpartition("=")
-        if not (equals and name):
-            raise InvalidValueError("NAME=VALUE, or NAME=VALUE,VALUE,…")
-        return name, tuple(map(self._number, written.split(",")))
+        try:
+            if equals and name:
+                return name, tuple(map(self._number, written.split(",")))
+        except InvalidValueError:
+            pass
+        units = f"with finite numbers, which may have units: {', '.join(self._units)}"
+        raise InvalidValueError(f"NAME=VALUE, or NAME=VALUE,VALUE,… {units}")
 
     def _number(self, value: float | str) -> float:
         """Converts a number, or a text that may have a unit, to SI units."""

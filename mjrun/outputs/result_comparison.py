@@ -6,6 +6,7 @@ from dataclasses import field
 from functools import partial
 from os import fspath
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import mujoco
 
@@ -23,9 +24,16 @@ from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
 from mjrun.options.diff import DiffOptions
 from mjrun.options.option import is_given, options, options_of
+from mjrun.plotting.page_writer import check_page_name
 from mjrun.reporter import Reporter, WarningReporter, pass_on
 
+if TYPE_CHECKING:
+    from mjrun.diff.pictures import WorstFrames
+
 TABLE, RECORDING, VIDEO, IMAGE, MODEL = "table", "recording", "video", "image", "model"
+
+
+Compared = tuple[DiffResult, "WorstFrames | None"]  # the result, and the two frames that differ most
 
 
 @options
@@ -48,11 +56,19 @@ class Diff(DiffOptions):
           UsageError: the inputs are of different kinds, or an option does not apply to their kind.
         """
         a, b = _name(self.a), _name(self.b)
+        if self.html is not None:
+            check_page_name(self.html)
         if a is None or b is None or (kind := common_kind(a, b)) == MODEL:
             self._require_applicable(MODEL)
-            return _models(self, self.a, self.b, reporter)
-        self._require_applicable(kind)
-        return COMPARISONS[kind](self, a, b)
+            result, worst = _models(self, self.a, self.b, reporter), None
+        else:
+            self._require_applicable(kind)
+            result, worst = COMPARISONS[kind](self, a, b)
+        if self.html is not None:
+            from mjrun.outputs.comparison_page import write_comparison_page
+
+            write_comparison_page(result, self, worst)
+        return result
 
     def _require_applicable(self, kind: str) -> None:
         """Raises UsageError if an option is set that does not apply to results of this kind."""
@@ -73,21 +89,21 @@ def _name(compared: ModelLike) -> str | None:
             return fspath(compared)
 
 
-def _tables(diff: Diff, a: str, b: str) -> DiffResult:
+def _tables(diff: Diff, a: str, b: str) -> Compared:
     from mjrun.diff.table_files import compare_tables
 
     table, notes = compare_tables(a, b, diff)
     differences = table_sentences(table, clean(a), clean(b), common=diff.common)
-    return DiffResult(TABLE, a, b, not differences, differences, notes, table)
+    return DiffResult(TABLE, a, b, not differences, differences, notes, table), None
 
 
-def _recordings(diff: Diff, a: str, b: str) -> DiffResult:
+def _recordings(diff: Diff, a: str, b: str) -> Compared:
     from mjrun.diff.recordings import compare_recordings
 
     model = None if diff.model is None else source_of(diff.model).load()
     table, differences, notes = compare_recordings(a, b, diff, model)
     differences += table_sentences(table, clean(a), clean(b), "state", common=diff.common) if table else []
-    return DiffResult(RECORDING, a, b, not differences, differences, notes, table)
+    return DiffResult(RECORDING, a, b, not differences, differences, notes, table), None
 
 
 def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -> DiffResult:
@@ -100,7 +116,7 @@ def _models(diff: Diff, a: ModelLike, b: ModelLike, reporter: Reporter | None) -
     return DiffResult(MODEL, model.a, model.b, model.equal, model_sentences(model), model=model)
 
 
-def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
+def _pictures(kind: str, diff: Diff, a: str, b: str) -> Compared:
     from mjrun.diff.pictures import compare_images, compare_videos, require_library
     from mjrun.diff.sentences import picture_sentences
     from mjrun.outputs.worst_frame_image import write_worst_frame
@@ -116,22 +132,22 @@ def _pictures(kind: str, diff: Diff, a: str, b: str) -> DiffResult:
     differences = picture_sentences(picture, clean(a), clean(b), diff)
     if diff.output is not None and worst is not None:
         write_worst_frame(diff.output, worst, (a, b), picture.worst)
-    return DiffResult(kind, a, b, not differences, differences, picture=picture)
+    return DiffResult(kind, a, b, not differences, differences, picture=picture), worst
 
 
 # Options that apply to files of each kind.
-TOLERANCE = {"atol", "rtol"}
+TOLERANCE, PAGE = {"atol", "rtol"}, {"html", "embed_up_to"}
 LIMITS = {"min_psnr", "min_ssim", "max_changed", "output"}
 APPLICABLE = {
-    TABLE: TOLERANCE | {"tol", "columns", "align", "common"},
-    RECORDING: TOLERANCE | {"tol", "columns", "model", "common"},
-    VIDEO: TOLERANCE | LIMITS,
-    IMAGE: TOLERANCE | LIMITS,
-    MODEL: TOLERANCE | {"tol"},
+    TABLE: TOLERANCE | PAGE | {"tol", "columns", "align", "common"},
+    RECORDING: TOLERANCE | PAGE | {"tol", "columns", "model", "common"},
+    VIDEO: TOLERANCE | PAGE | LIMITS,
+    IMAGE: TOLERANCE | PAGE | LIMITS,
+    MODEL: TOLERANCE | PAGE | {"tol"},
 }
 
 # The function that compares files of each kind.
-COMPARISONS: Mapping[str, Callable[[Diff, str, str], DiffResult]] = {
+COMPARISONS: Mapping[str, Callable[[Diff, str, str], Compared]] = {
     TABLE: _tables,
     RECORDING: _recordings,
     VIDEO: partial(_pictures, VIDEO),

@@ -9,7 +9,8 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import MjrunError, PartlyDoneError
 from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
-from mjrun.options.plot import FigureOptions, PageOptions
+from mjrun.options.page import PageOptions
+from mjrun.options.plot import FigureOptions
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import Job, OutputResult

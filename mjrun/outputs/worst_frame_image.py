@@ -45,12 +45,17 @@ def write_worst_frame(output: str, frames: WorstFrames, names: Sequence[str], fr
 
 def worst_frame(frames: WorstFrames, names: Sequence[str], frame: FrameDifference | None) -> np.ndarray:
     """Returns the comparison image, `(height, width, 3)` uint8."""
-    shown, difference, scale = (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
+    shown, difference, scale = shown_frames(frames)
     factor = max(1, math.ceil(LEGIBLE / min(frames.a.shape[:2])))
     panels = [_enlarged(panel, factor) for panel in (*shown, difference)]
     when = "" if frame is None or frame.time is None else f"frame {frame.frame}, {frame.time:.6g} s"
     labels = [("A", Path(names[0]).name, when), ("B", Path(names[1]).name, when), ("difference", scale, _facts(frame))]
     return _side_by_side(panels, labels)
+
+
+def shown_frames(frames: WorstFrames) -> tuple[list[np.ndarray], np.ndarray, str]:
+    """Returns A and B and their difference as colours, `(height, width, 3)` uint8 each, and the scale of the latter."""
+    return (_colours if is_colour(frames.a) else _numbers)(frames.a, frames.b)
 
 
 def _facts(frame: FrameDifference | None) -> str:

@@ -19,6 +19,7 @@ from mjrun.probe.verdict import Verdict
 _STYLE = Path(__file__).with_name("html_page.css")
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: file: 'self'; media-src data: file: 'self'"
 MEGABYTE = 1_000_000
+SMALLEST = 320  # width of a compared picture [pixels]
 NOTEBOOK = 32  # [MB] that an output of a notebook may have
 # Media types of suffixes that browsers display.
 IMAGES = {
@@ -112,6 +113,25 @@ class PageCard:
 
 
 @dataclass(frozen=True)
+class PagePair:
+    """Two pictures of the same size under a slider, and their difference.
+
+    Attributes:
+      a, b, difference: their addresses.
+      width: width of each [pixels].
+      caption: facts about the two.
+      scale: facts about the difference.
+    """
+
+    a: str
+    b: str
+    width: int
+    caption: str
+    difference: str
+    scale: str
+
+
+@dataclass(frozen=True)
 class Page:
     """A page about a result.
 
@@ -122,6 +142,8 @@ class Page:
       cards: findings and fixes with pictures, shown after the facts.
       notes: paragraphs below the title.
       verdicts: verdicts of assertions, each with its file.
+      verdict: whether all is well, and in words; None if assertions say so.
+      pairs: pictures to compare.
     """
 
     title: str
@@ -134,6 +156,8 @@ class Page:
     facts: Sequence[PageFacts] = ()
     cards: Sequence[PageCard] = ()
     notes: Sequence[str] = ()
+    verdict: tuple[bool, str] | None = None
+    pairs: Sequence[PagePair] = ()
 
 
 def page_file(path: str, page: str, limit: float) -> PageFile:
@@ -180,6 +204,7 @@ def html_page(page: Page) -> str:
         ("findings", "Findings", [element("div", *map(_card, page.cards), class_="cards")] if page.cards else []),
         ("assertions", "Assertions", list(_verdicts(page.verdicts))),
         ("plots", "Plots", [_figure(figure, index) for index, figure in enumerate(page.figures)]),
+        ("comparison", "Side by side", list(map(_pair, page.pairs))),
         ("media", "Images and videos", list(_gallery([file for file in page.files if file.kind]))),
         ("columns", "Columns", [_columns(table) for table in page.tables]),
         ("origin", "How it was made", list(manifest_articles(page.manifests))),
@@ -210,6 +235,9 @@ def _header(page: Page, sections: Sequence[tuple[str, str]]) -> Markup:
     if count:
         text = f"{failed} of {count} assertions failed" if failed else f"{_counted(count, 'assertion')} passed"
         badge = element("p", element("span", text, class_=f"badge {'fail' if failed else 'pass'}"))
+    elif page.verdict:
+        is_well, text = page.verdict
+        badge = element("p", element("span", text, class_=f"badge {'pass' if is_well else 'fail'}"))
     links = [element("a", title, href=f"#{name}") for name, title in sections]
     contents = element("nav", *links, aria_label="Contents") if len(links) > 1 else Markup()
     return element("header", element("h1", page.title), badge, *(element("p", note) for note in page.notes), contents)
@@ -291,6 +319,19 @@ def inline_svg(svg: str, label: str) -> str:
     style = f' style="--drawn: {drawn[1]}"' if drawn else ""  # the width at which letters have their nominal size
     opening = re.sub(r'\s(width|height|version|role)="[^"]*"', "", opening)
     return f'{opening}{style} role="img" aria-labelledby="{label}">{rest}'
+
+
+def _pair(pair: PagePair) -> Markup:
+    """Returns two pictures, of which a corner uncovers the second, and their difference below."""
+    under = element("img", src=pair.b, alt="Picture B")
+    over = element("div", element("img", src=pair.a, alt="Picture A"), class_="over", tabindex="0")
+    both = element("div", under, over, class_="pair", style=f"--width: {max(pair.width, SMALLEST)}px")
+    words = "A on the left, B on the right; drag the corner at the bottom of the line"
+    caption = element("figcaption", f"{words} · {pair.caption}")
+    difference = element("img", src=pair.difference, alt="Difference of the pictures", class_="wide")
+    style = f"--width: {max(pair.width, SMALLEST)}px"
+    shown = element("figure", element("div", difference, style=style), element("figcaption", pair.scale))
+    return element("div", element("figure", both, caption), shown)
 
 
 def _gallery(files: Sequence[PageFile]) -> Iterator[Markup]:

@@ -21,6 +21,7 @@ from mjrun.model.override import overrides_of
 from mjrun.model.servos import sentence
 from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike, source_of
+from mjrun.options.model import GAINS, parse_gains
 from mjrun.options.option import Exclusion, is_given, options
 from mjrun.options.policy import is_code
 from mjrun.options.simulation import CONTROLS, START, TABLE_READING, SimulationOptions
@@ -247,7 +248,8 @@ class Simulation(SimulationOptions):
 
     def notes(self, model: mujoco.MjModel) -> list[str]:
         """Returns information for the user before the simulation runs."""
-        return [] if self.position_control is None else [sentence(model)]
+        gains = self.position_control
+        return [] if gains is None or {*parse_gains(gains)} == {*GAINS} else [sentence(model)]
 
     def remarks(self, model: mujoco.MjModel) -> list[str]:
         """Returns remarks for the user before the simulation runs."""
