@@ -1,5 +1,6 @@
 """Shared parts of the tests: paths, a renderer, and oracles that inspect files from outside."""
 
+import gc
 import os
 import re
 import shutil
@@ -46,8 +47,14 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_finish() -> None:
-    """Keeps modules that a test imports from a folder from leaving bytecode there, among the files that it lists."""
+    """Keeps modules that a test imports from a folder from leaving bytecode there, among the files that it lists.
+
+    The collected tests are a million objects, which the garbage collector would scan again and again.
+    """
     sys.dont_write_bytecode = True
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(100_000, 20, 100)
 
 
 # Property tests draw the same examples everywhere. `make explore` draws others; what it finds becomes an `@example`.
