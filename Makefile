@@ -24,13 +24,13 @@ gallery: setup ## make the videos, images, tables and plots of all scenes at ful
 	for scene in scenes/*.xml; do .venv/bin/mjrun run "$${scene%.xml}.yaml" -o "out/$$(basename "$$scene" .xml)" || exit; done
 
 test: setup ## run the tests
-	.venv/bin/pytest -n auto --maxprocesses 6 --dist worksteal $(ARGS)
+	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
 quick: setup ## run the tests without the slow ones
-	.venv/bin/pytest -n auto --maxprocesses 6 --dist worksteal -m 'not slow' $(ARGS)
+	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m 'not slow' $(ARGS)
 
 explore: setup ## run the property tests on examples drawn at random; add what fails as @example
-	.venv/bin/pytest -n auto --maxprocesses 6 --dist worksteal -m hypothesis --hypothesis-profile explore $(ARGS)
+	.venv/bin/pytest -n auto --maxprocesses 4 --dist worksteal -m hypothesis --hypothesis-profile explore $(ARGS)
 
 # Tests of what libraries with a lower bound in pyproject.toml decide.
 LOWEST = tests/test_packages.py tests/formats tests/document tests/plotting tests/diff tests/policy tests/gym \
@@ -45,7 +45,7 @@ test-lowest: setup ## run the tests of what libraries do, with the lowest versio
 	.venv/bin/python -m venv .venv-lowest
 	.venv-lowest/bin/python -m pip install --quiet 'pip>=25.1'
 	.venv-lowest/bin/python -m pip install --quiet --constraint .venv/lowest.txt --editable '.[all,dask,slurm,warp]' --group dev
-	.venv-lowest/bin/pytest -n auto --maxprocesses 6 --dist worksteal -W default $(LOWEST) $(ARGS)
+	.venv-lowest/bin/pytest -n auto --maxprocesses 4 --dist worksteal -W default $(LOWEST) $(ARGS)
 
 lint: setup-python ## check the code's style and layout
 	.venv/bin/ruff check

@@ -40,12 +40,6 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
-def pytest_xdist_auto_num_workers() -> int:
-    """Starts three workers for two cores, since tests of processes often wait for these."""
-    available = cores.available_cores()
-    return available + available // 2
-
-
 def pytest_collection_finish() -> None:
     """Keeps modules that a test imports from a folder from leaving bytecode there, among the files that it lists.
 
