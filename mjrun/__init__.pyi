@@ -213,9 +213,6 @@ class Bench(_Bench):
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -254,7 +251,6 @@ class Bench(_Bench):
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
-        position_control: str | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         key: str | int | None = ...,
         steps: int | None = ...,
@@ -486,9 +482,6 @@ class Evaluation(_Evaluation):
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -504,7 +497,6 @@ class Evaluation(_Evaluation):
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
-        position_control: str | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         trust: bool = ...,
         policy: str | PathLike[str] | Policy | Callable[..., object] | None = ...,
@@ -974,13 +966,13 @@ class Simulation(_Simulation):
         class may have a method reset.
       control_dt: Time between two calls of the controller, or of a policy that has no task document
         [s]. [default: every step]
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -993,8 +985,8 @@ class Simulation(_Simulation):
         integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
         timestep: float | str | Fraction | None = ...,
         ground: float | None = ...,
-        position_control: str | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+        position_control: str | None = ...,
         controller: Callable[..., object] | None = ...,
         control_dt: float | str | Fraction | None = ...,
         trust: bool = ...,
@@ -1426,7 +1418,6 @@ def evaluate(
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
-    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     jobs: int | Literal["auto"] = ...,
 ) -> EvaluationResult:
@@ -1488,9 +1479,6 @@ def evaluate(
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -1527,10 +1515,10 @@ def fit(
     trust: bool = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
+    position_control: str | None = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
-    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     free: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     output: str | PathLike[str] | None = ...,
@@ -1615,13 +1603,13 @@ def fit(
         class may have a method reset.
       control_dt: Time between two calls of the controller, or of a policy that has no task document
         [s]. [default: every step]
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -1695,10 +1683,10 @@ def frames(
     trust: bool = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
+    position_control: str | None = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
-    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     fps: float | str | Fraction | None = ...,
     speed: float | str | Fraction = ...,
@@ -1801,13 +1789,13 @@ def frames(
         class may have a method reset.
       control_dt: Time between two calls of the controller, or of a policy that has no task document
         [s]. [default: every step]
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -1896,10 +1884,10 @@ def sweep(
     trust: bool = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
+    position_control: str | None = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
-    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     output: str | PathLike[str] = ...,
     metric: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
@@ -1990,13 +1978,13 @@ def sweep(
         class may have a method reset.
       control_dt: Time between two calls of the controller, or of a policy that has no task document
         [s]. [default: every step]
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
@@ -2071,10 +2059,10 @@ def trace(
     trust: bool = ...,
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
+    position_control: str | None = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
-    position_control: str | None = ...,
     set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     output: str | PathLike[str] = ...,
     probe: str | Sequence[str] = ...,
@@ -2150,13 +2138,13 @@ def trace(
         class may have a method reset.
       control_dt: Time between two calls of the controller, or of a policy that has no task document
         [s]. [default: every step]
+      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
+        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
+        left out follow from inertias, weights and force limits.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
       ground: Add a horizontal floor that collides, at this height [m].
-      position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
-        from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
-        left out follow from inertias, weights and force limits.
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,

@@ -19,7 +19,7 @@ from mjrun.cli.report_forms import Case, Report
 from mjrun.cli.result_summary import summary
 from mjrun.errors import MjrunError, UsageError, clean, option, quoted
 from mjrun.options.console import ConsoleOptions
-from mjrun.options.model import ModelOptions
+from mjrun.options.model import ServoOptions
 from mjrun.options.output import LAST_INSTANT, CommandOptions
 from mjrun.options.policy import ZERO
 from mjrun.options.trace import TraceOptions
@@ -73,7 +73,7 @@ def source(command_line: CommandLine) -> "Source":
     from mjrun.model.override import overrides_of
 
     whole = _source(command_line)
-    return replace(whole, overrides=(*whole.overrides, *overrides_of(command_line.make(ModelOptions))))
+    return replace(whole, overrides=(*whole.overrides, *overrides_of(command_line.make(ServoOptions))))
 
 
 def stem(command_line: CommandLine) -> str:

@@ -20,7 +20,7 @@ from mjrun.errors import BadValueError, OptionPath, UnknownNameError, UsageError
 from mjrun.model.names import PLURALS, enum_members, enum_value, is_enum, is_index
 from mjrun.model.servos import add_servos
 from mjrun.model.stage import add_ground, add_to_stage
-from mjrun.options.model import ModelOptions
+from mjrun.options.model import ModelOptions, ServoOptions
 
 
 class _Sizes:
@@ -150,7 +150,9 @@ def _path_parts(path: str) -> tuple[str, str, int | None]:
 def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
     """Returns the overrides that `options` define, in the order in which they are applied."""
     overrides: list[Override] = []
-    if options.position_control is not None:  # first, so that other overrides do not change the gains
+    if (
+        isinstance(options, ServoOptions) and options.position_control is not None
+    ):  # first, so that other overrides do not change the gains
         overrides.append(Override("", options.position_control, "position_control"))
     overrides += [Override(path, text) for path, text in options.set]
     if options.integrator is not None:

@@ -62,6 +62,21 @@ class ModelOptions(Options):
         default=None,
         help="Add a horizontal floor that collides, at this height [m].",
     )
+    set: tuple[tuple[str, str], ...] = option(
+        converter=Settings(),
+        default=(),
+        help="Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10, "
+        "opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1, vis.quality.shadowsize=1024; "
+        "relative to the model's value, scale:geom/*.density=1.2, add:body/box.pos=0,0,.1.",
+    )
+
+
+@options
+class ServoOptions(ModelOptions):
+    """Overrides of a model that is simulated without a task, which would say what actions control."""
+
+    section: ClassVar[str] = "Model"
+
     position_control: str | None = option(
         converter=Optional(ServoGains()),
         default=None,
@@ -69,13 +84,6 @@ class ModelOptions(Options):
         help="Replace motors on joints by servos, whose controls are joint positions [rad, m], from the initial ones "
         "on; a model without actuators gets a servo on each joint. Gains that are left out follow from inertias, "
         "weights and force limits.",
-    )
-    set: tuple[tuple[str, str], ...] = option(
-        converter=Settings(),
-        default=(),
-        help="Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10, "
-        "opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1, vis.quality.shadowsize=1024; "
-        "relative to the model's value, scale:geom/*.density=1.2, add:body/box.pos=0,0,.1.",
     )
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Flag, Key, Optional, PythonFunction, Several
-from mjrun.options.model import ModelOptions
+from mjrun.options.model import ServoOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Real
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options
 from mjrun.options.policy import PolicyOptions, TrustOptions
@@ -54,7 +54,7 @@ class CodeOptions(ControllerOptions, TrustOptions):
 
 
 @options
-class SimulationOptions(PolicyOptions, ControllerOptions, ModelOptions):
+class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
     """All options of a simulation but its model."""
 
     section: ClassVar[str] = "Simulation"

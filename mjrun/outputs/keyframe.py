@@ -48,6 +48,9 @@ class Keyframe(KeyframeOptions, output.Job["KeyframeResult"]):
             )
         if not self.name.strip():
             raise UsageError(f"{option('save_key')}: the keyframe needs a name", path=("name",))
+        if self.simulation.position_control is not None:
+            reason = "the controls of the keyframe would be positions, and the file has no servos"
+            raise UsageError(f"{option('save_key')} and {option('position_control')} exclude each other: {reason}")
         self._main_file()
 
     def _main_file(self) -> Path:

@@ -12,6 +12,7 @@ from mjrun.model.override import Override
 from mjrun.model.servos import sentence, servos
 from mjrun.model.sources import load, parse_source
 from mjrun.model.variants import ModelVariants
+from mjrun.options.option import options_of
 from mjrun.simulation.simulation import Simulation
 
 ARM = """
@@ -167,3 +168,25 @@ def test_models_without_motors_are_refused(tmp_path: Path, actuators: str, messa
 def test_gains_are_positive_numbers(text: object) -> None:
     with pytest.raises(BadValueError, match="auto, or gains as in kp=50,kd=2"):
         Simulation("scene:pendulum", position_control=text)  # type: ignore[arg-type]
+
+
+def test_a_keyframe_is_not_saved_for_actuators_that_the_file_lacks(arm: str, tmp_path: Path) -> None:
+    job = mjrun.Keyframe(Simulation(arm, position_control="auto", steps=1), tmp_path / "key.xml")
+    with pytest.raises(UsageError, match="save_key and position_control exclude each other"):
+        job.run()
+    assert not (tmp_path / "key.xml").exists()
+
+
+def test_tasks_say_themselves_what_actions_control(arm: str) -> None:
+    with pytest.raises(UsageError, match="policy and position_control exclude each other"):
+        Simulation("scene:car_drive", policy="zero", position_control="auto")
+    for cls in (mjrun.Evaluation, mjrun.Bench):
+        assert "position_control" not in {option.name for option in options_of(cls)}
+
+
+def test_a_recording_is_replayed_on_the_same_servos(arm: str, tmp_path: Path) -> None:
+    made = Simulation(arm, position_control="auto", key="up", duration=0.1)
+    mjrun.Recording(made, tmp_path / "r.npz").run()
+    again = Simulation(arm, position_control="auto", replay=str(tmp_path / "r.npz"), replay_mode="controls")
+    one, other = (mjrun.trace(each, probe=["qpos", "ctrl"]) for each in (made, again))
+    assert all(np.array_equal(one[name], other[name]) for name in one)

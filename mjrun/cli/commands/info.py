@@ -12,7 +12,7 @@ from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
-from mjrun.options.model import InfoOptions, ModelOptions
+from mjrun.options.model import InfoOptions, ServoOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
 
 @command(
     InfoOptions,
-    ModelOptions,
+    ServoOptions,
     ConfinementOptions,
     arguments=[MODEL, SECTION_ARGUMENT],
     reports={"info": "mjrun.model.info:InfoResult", "info-task": "mjrun.task.description:TaskDescription"},
