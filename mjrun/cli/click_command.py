@@ -4,9 +4,10 @@ import faulthandler
 import gc
 import sys
 import textwrap
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
@@ -153,7 +154,7 @@ class SectionedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         try:
-            return super().parse_args(ctx, args)
+            return super().parse_args(ctx, [*self._with_values(args)])
         except click.NoSuchOption as error:
             typed = error.option_name.removeprefix("--")
             names = [param.name for param in self.params if isinstance(param, click.Option) and param.name]
@@ -161,6 +162,14 @@ class SectionedCommand(click.Command):
             meant = [name for name in others if name in names]
             hint = suggestion(typed, (), *map(flag, meant))
             raise click.UsageError(f"No such option {quoted(error.option_name)}{hint}.", ctx) from None
+
+    def _with_values(self, args: Sequence[str]) -> Iterator[str]:
+        """Yields the arguments; an option whose value is optional gets one if something else follows it."""
+        declared = [param for param in self.params if isinstance(param, DeclaredOption)]
+        optional = {name: each for each in declared if each.declared.flag_value is not None for name in each.opts}
+        for arg, following in zip_longest(args, args[1:], fillvalue="-"):
+            has_value = following.startswith("-") or arg not in optional or optional[arg].takes(following)
+            yield arg if has_value else f"{arg}={optional[arg].declared.flag_value}"
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         for param in self.params:
@@ -211,6 +220,14 @@ class DeclaredOption(click.Option):
             optional |= {"is_flag": False, "flag_value": declared.flag_value}
         several = is_repeatable(declared)
         super().__init__(names, type=chosen, multiple=several, metavar=metavar, default=None, **optional)
+
+    def takes(self, text: str) -> bool:
+        """Returns whether a text is a value of this option, perhaps a wrong one."""
+        try:
+            _given_kind(self.declared).parse(text)
+        except InvalidValueError:
+            return "=" in text
+        return True
 
     def write_help(self) -> None:
         """Sets the help text, which is made only on request because it lists formats."""

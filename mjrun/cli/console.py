@@ -166,12 +166,15 @@ class Console:
             from rich.console import Console as Terminal
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            pace = TextColumn("{task.fields[pace]}")
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), pace, TimeRemainingColumn())
             self._progress = Progress(*columns, console=Terminal(stderr=True), transient=True)
             self._progress.start()
-            self._task = self._progress.add_task(what, total=total)
+            self._task = self._progress.add_task(what, total=total, pace="")
         assert self._task is not None
-        self._progress.update(self._task, completed=done, total=total)
+        speed = self._progress.tasks[0].speed
+        pace = f"{speed:.3g}/s" if speed else ""
+        self._progress.update(self._task, completed=done, total=total, pace=pace)
         if done == total:
             self.close()
 

@@ -38,6 +38,9 @@ class ServoGains(Text):
             raise InvalidValueError(self.accepted)
         return text
 
+    def parse(self, text: str) -> str:
+        return self(text)
+
 
 def parse_gains(text: str) -> dict[str, float]:
     """Returns the gains in a text such as `kp=50,kd=2`, which may be NaN."""

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from mjrun.cli.click_command import CommandLine, command
 from mjrun.cli.console import Console
 from mjrun.options.kinds import Choice, Flag, Optional, Several, Text
+from mjrun.options.model import ServoGains
 from mjrun.options.number_kinds import ExactNumber, Integer, Size
 from mjrun.options.option import FrontEnd, Options, option, options, required
 from mjrun.options.setting_kinds import NamedNumbers, Settings
@@ -154,3 +155,38 @@ def test_what_an_option_is_called_elsewhere_suggests_it(name: str, suggested: st
 def test_what_a_command_does_not_have_by_any_name_is_not_suggested() -> None:
     with pytest.raises(click.UsageError, match=r"^No such option '--at'\.$"):
         baked("apple", "--at", "1")
+
+
+@options
+class _Optional(Options):
+    """An option that may do without its value."""
+
+    gains: str | None = option(converter=Optional(ServoGains()), default=None, flag_value="auto", help="Gains.")
+
+
+@pytest.mark.parametrize(
+    ("line", "gains", "model"),
+    [
+        (["--gains", "a.xml"], "auto", "a.xml"),
+        (["a.xml", "--gains"], "auto", "a.xml"),
+        (["--gains", "kp=3", "a.xml"], "kp=3", "a.xml"),
+        (["--gains=kp=3", "a.xml"], "kp=3", "a.xml"),
+        (["--gains", "-q", "a.xml"], "auto", "a.xml"),
+        (["a.xml"], None, "a.xml"),
+    ],
+)
+def test_an_option_that_may_do_without_a_value_takes_no_argument(
+    line: list[str], gains: str | None, model: str
+) -> None:
+    made: list[tuple[object, str]] = []
+
+    @command(_Optional, arguments=[click.Argument(["model"])])
+    def measure(console: Console, command_line: CommandLine) -> None:
+        """Measure."""
+        made.append((command_line.make(_Optional).gains, command_line.argument("model")))
+
+    assert CliRunner().invoke(measure, line, obj=Console()).exit_code == 0
+    assert made == [(gains, model)]
+    done = CliRunner().invoke(measure, ["--gains", "kp=x", "a.xml"], obj=Console())
+    assert done.exit_code == 2
+    assert "'kp=x' is not auto, or gains as in kp=50,kd=2" in done.output

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -78,8 +79,10 @@ def test_on_a_terminal_progress_is_a_bar_that_leaves_nothing(monkeypatch: pytest
     console.warn("meanwhile")
     console.progress("frames", 77, 100)
     assert console._progress
+    console.progress("frames", 78, 100)  # a pace needs two intervals
     console._progress.refresh()
-    assert "77/100" in screen.getvalue()
+    assert "78/100" in screen.getvalue()
+    assert re.search(r"\d/s", screen.getvalue())
     console.progress("frames", 100, 100)
     assert console._progress is None
     assert sys.stderr is screen

@@ -270,5 +270,5 @@ def _robots(text: str) -> Mapping[str, Robot]:
         else:
             known.models.update({name: path for name, path in robot.models.items() if name not in known.models})
     if not robots:
-        raise ModelNotFoundError(text, f"no clone of MuJoCo Menagerie was found\n{HOW}")
+        raise ModelNotFoundError(text, f"no robot was found\n{HOW}")
     return robots

@@ -69,7 +69,7 @@ def test_a_user_without_a_home_has_none(monkeypatch: pytest.MonkeyPatch, cache: 
     monkeypatch.delenv("HOME")
     monkeypatch.setattr("pwd.getpwuid", unknown)
     monkeypatch.setenv("ROBOT_DESCRIPTIONS_CACHE", cache)
-    with pytest.raises(ModelNotFoundError, match="no clone of MuJoCo Menagerie was found"):
+    with pytest.raises(ModelNotFoundError, match="no robot was found"):
         parse_source("menagerie:unitree_go2").load()
 
 
@@ -98,7 +98,7 @@ def test_without_any_the_error_says_how_to_get_them() -> None:
     with pytest.raises(ModelNotFoundError) as caught:
         parse_source("menagerie:unitree_go2/scene").load()
     first, second = str(caught.value).splitlines()
-    assert first == "menagerie:unitree_go2/scene: no clone of MuJoCo Menagerie was found"
+    assert first == "menagerie:unitree_go2/scene: no robot was found"
     assert second.startswith(
         "`pip install mujoco-menagerie` and `mujoco-menagerie prefetch ROBOT`, or git clone https:"
     )
