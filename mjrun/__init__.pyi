@@ -451,7 +451,7 @@ class Evaluation(_Evaluation):
       confidence: Confidence level of all intervals. [default: 0.95]
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
         and best.
-      camera: Camera of the videos: a camera of the model, or a rig. [default: ('free',)]
+      camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of the videos [Hz]. [default: 30]
@@ -548,7 +548,7 @@ class Fit(_Fit):
         correlations, and plots of the measurements with the model before and after the fit.
       video: Video of the fitted model with the measured motion as a ghost: mp4, mov, mkv, webm, gif,
         apng, webp.
-      camera: Camera of the video: a camera of the model, or a rig. [default: ('free',)]
+      camera: Camera of the video: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the video [pixels]. [default: (640, 360)]
       noise: Standard deviation of the measurement noise of a signal, in its unit; accepts wildcards. By
         default, it is estimated from the high frequencies of the data.
@@ -617,10 +617,10 @@ class Image(_Image):
       pointcloud: Point cloud (.ply) of all visible surfaces, with colours, in world coordinates [m];
         view seg adds labels.
       size: Width and height of one view [pixels]. [default: (1280, 720)]
-      camera: Camera of the model, by name or index; or one of free, orbit, track, look with settings
-        after a colon: free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine
-        track:box,distance=.5 look:from=0/-2/1,at=box; or a camera script, camera.yaml, with a sequence
-        of shots. [default: ('free',)]
+      camera: Camera of the model, by name or index; or one of auto, free, orbit, track, look with
+        settings after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
+        orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
+        a camera script, camera.yaml, with a sequence of shots. [default: ('auto',)]
       view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
       layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
       separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
@@ -1039,7 +1039,7 @@ class Study(_Study):
         mov, mkv, webm, gif, apng, webp.
       probe: Values to measure in kept traces, in addition to the columns that the metrics read.
         [default: qpos,qvel,ctrl,act,energy,contact,sensor]
-      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('free',)]
+      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of kept videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of kept videos [Hz]. [default: 30]
@@ -1248,10 +1248,10 @@ class Video(_Video):
       jobs: Number of rendering processes; auto uses one per core for long videos that are rendered on
         the CPU. [default: 'auto']
       size: Width and height of one view [pixels]. [default: (1280, 720)]
-      camera: Camera of the model, by name or index; or one of free, orbit, track, look with settings
-        after a colon: free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine
-        track:box,distance=.5 look:from=0/-2/1,at=box; or a camera script, camera.yaml, with a sequence
-        of shots. [default: ('free',)]
+      camera: Camera of the model, by name or index; or one of auto, free, orbit, track, look with
+        settings after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
+        orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
+        a camera script, camera.yaml, with a sequence of shots. [default: ('auto',)]
       view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
       layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
       separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
@@ -1448,7 +1448,7 @@ def evaluate(
       confidence: Confidence level of all intervals. [default: 0.95]
       videos: Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median
         and best.
-      camera: Camera of the videos: a camera of the model, or a rig. [default: ('free',)]
+      camera: Camera of the videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of the videos [Hz]. [default: 30]
@@ -1628,7 +1628,7 @@ def fit(
         correlations, and plots of the measurements with the model before and after the fit.
       video: Video of the fitted model with the measured motion as a ghost: mp4, mov, mkv, webm, gif,
         apng, webp.
-      camera: Camera of the video: a camera of the model, or a rig. [default: ('free',)]
+      camera: Camera of the video: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of the video [pixels]. [default: (640, 360)]
       noise: Standard deviation of the measurement noise of a signal, in its unit; accepts wildcards. By
         default, it is estimated from the high frequencies of the data.
@@ -1808,10 +1808,10 @@ def frames(
       jobs: Number of rendering processes; auto uses one per core for long videos that are rendered on
         the CPU. [default: 'auto']
       size: Width and height of one view [pixels]. [default: (1280, 720)]
-      camera: Camera of the model, by name or index; or one of free, orbit, track, look with settings
-        after a colon: free:azimuth=90,elevation=-20 orbit:lookat=box,azimuth=140..240,ease=cosine
-        track:box,distance=.5 look:from=0/-2/1,at=box; or a camera script, camera.yaml, with a sequence
-        of shots. [default: ('free',)]
+      camera: Camera of the model, by name or index; or one of auto, free, orbit, track, look with
+        settings after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
+        orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
+        a camera script, camera.yaml, with a sequence of shots. [default: ('auto',)]
       view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
       layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
       captions: Label each view with its camera and its kind.
@@ -2003,7 +2003,7 @@ def sweep(
         mov, mkv, webm, gif, apng, webp.
       probe: Values to measure in kept traces, in addition to the columns that the metrics read.
         [default: qpos,qvel,ctrl,act,energy,contact,sensor]
-      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('free',)]
+      camera: Camera of kept videos: a camera of the model, or a rig. [default: ('auto',)]
       size: Width and height of kept videos [pixels]. [default: (640, 360)]
       quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of kept videos [Hz]. [default: 30]

@@ -179,6 +179,16 @@ def fitted(pose: Pose, points: np.ndarray, size: tuple[int, int], margin: float)
     return Pose(center - distance * toward, pose.rotation, seen, distance)
 
 
+def contains(pose: Pose, points: np.ndarray, size: tuple[int, int]) -> bool:
+    """Returns whether all of `points` `(n, 3)` [m] are inside an image of `size`, in front of the near plane."""
+    local = (points - pose.position) @ pose.rotation
+    seen, depths = pose.frustum, -local[:, 2]
+    scale = np.ones(len(depths)) if seen.orthographic else depths / seen.near
+    across = np.abs(local[:, 0] - seen.center * scale) <= seen.halfwidth(size) * scale
+    down = (seen.bottom * scale <= local[:, 1]) & (local[:, 1] <= seen.top * scale)
+    return bool(np.all(across & down & (depths >= seen.near)))
+
+
 def pose_of(scene: mujoco.MjvScene) -> Pose:
     """Returns the pose of the camera in `scene` without stereo: midway between its two eyes."""
     camera = mujoco.mjv_averageCamera(scene.camera[0], scene.camera[1])

@@ -8,11 +8,12 @@ import numpy as np
 
 from mjrun.camera.easing_and_shake import ShakeNoise, blend_weight
 from mjrun.camera.pose import EMPTY_FRUSTUM, Frustum, Pose, fitted, rotation
+from mjrun.camera.rigs.auto import BoundAutoRig, MotionSurvey
 from mjrun.camera.rigs.rig import BoundRig, ModelCameras, ShotTime, compute_positions
 from mjrun.camera.script import CameraScript, Shot
 from mjrun.camera.targets import Bounds, object_bounds
 from mjrun.dataclass import dataclass
-from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning
+from mjrun.errors import BadValueError, ModelError, UsageError, clean, concerning, option
 from mjrun.model.state import restore
 
 Span = tuple[float, float]
@@ -73,6 +74,23 @@ class CameraMotion:
             views = list(views)
             for pose, view in zip(self._blended(views, spans), views, strict=True):
                 yield self._shaken(pose, view)
+
+    def frame(self, states: Iterable[np.ndarray], times: Sequence[float], spans: Sequence[Span]) -> list[str]:
+        """Moves the cameras that show the whole motion, before `poses`; returns remarks about those that move.
+
+        Args:
+          states, times, spans: as in `poses`.
+        """
+        surveys = {i: survey for i, shot in enumerate(self._shots) if (survey := shot.survey(self._size))}
+        if not surveys:
+            return []
+        for state, time in zip(states, times, strict=True):
+            restore(self._model, self._data, state)
+            compute_positions(self._model, self._data)
+            for i in surveys.keys() & set(_visible(self._weights(time, spans))):
+                surveys[i].add(self._data)
+        remarks = [self._shots[i].frame(survey) for i, survey in surveys.items()]
+        return [f"{text}; {option('camera')} free stays where MuJoCo puts it" for text in remarks if text]
 
     def pose(self, state: np.ndarray) -> Pose:
         """Returns the pose for one state, at the beginning of the first shot."""
@@ -142,6 +160,17 @@ class _BoundShot:
     shot: Shot
     rig: BoundRig
     bounds: Bounds | None
+
+    def survey(self, size: tuple[int, int]) -> MotionSurvey | None:
+        """Returns an empty survey of the motion for a camera that shows all of it; None for other cameras."""
+        if not isinstance(self.rig, BoundAutoRig):
+            return None
+        fovy, frustum = self.shot.fovy, self.rig.frustum
+        return self.rig.survey(frustum.opened(min(fovy.start, fovy.end)) if fovy else frustum, size)
+
+    def frame(self, survey: MotionSurvey) -> str:
+        """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
+        return self.rig.frame(survey) if isinstance(self.rig, BoundAutoRig) else ""
 
     def pose(self, data: mujoco.MjData, at: ShotTime, size: tuple[int, int]) -> Pose:
         pose = self.rig.pose(data, at)

@@ -26,6 +26,7 @@ POSITIONS = {**TARGETS, "subtree": "subtree_com"}
 ROTATIONS = {"body": "xmat", "geom": "geom_xmat", "site": "site_xmat", "subtree": "xmat"}
 
 PLANE = mujoco.mjtGeom.mjGEOM_PLANE
+VISIBLE_GROUPS = np.array(mujoco.MjvOption().geomgroup, bool)
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
@@ -124,12 +125,59 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
     ids = np.flatnonzero(_inside(model, target.id)[model.geom_bodyid])
     if target.kind == "geom":
         ids = np.array([target.id])
+    bounds = _geom_bounds(model, ids)
+    if bounds is None:
+        raise UsageError(f"{clean(text)} cannot be fitted into an image: it has no geoms of finite size")
+    return bounds
+
+
+@dataclass(frozen=True)
+class MovingParts:
+    """Everything that joints or mocap can move, and that images show by default.
+
+    Attributes:
+      bounds: the boxes around its geoms.
+      shares: the share of each body in its mass `(nbody,)`.
+    """
+
+    model: mujoco.MjModel
+    bounds: Bounds | None
+    shares: np.ndarray
+
+    def points(self, data: mujoco.MjData) -> np.ndarray:
+        """Returns the current corners of the boxes around geoms, and the vertices of flexes `(n, 3)` [m]."""
+        corners = self.bounds.points(data) if self.bounds else np.empty((0, 3))
+        if not self.model.nflex:
+            return corners
+        mujoco.mj_flex(self.model, data)
+        return np.concatenate([corners, data.flexvert_xpos])
+
+    def center(self, data: mujoco.MjData) -> np.ndarray:
+        """Returns its centre of mass `(3,)` [m]; the mean position of its bodies if it has no mass."""
+        center: np.ndarray = self.shares @ data.xipos
+        return center
+
+
+def moving_parts(model: mujoco.MjModel) -> MovingParts | None:
+    """Returns what moves in a model; None if nothing visible does."""
+    moving = (model.body_weldid != 0) | (model.body_mocapid[model.body_rootid] >= 0)
+    visible = VISIBLE_GROUPS[model.geom_group] & (model.geom_rgba[:, 3] > 0)
+    bounds = _geom_bounds(model, np.flatnonzero(moving[model.geom_bodyid] & visible))
+    if bounds is None and not model.nflex:
+        return None
+    masses = model.body_mass * moving
+    weights = masses if masses.any() else np.maximum(moving, not moving.any())
+    return MovingParts(model, bounds, weights / weights.sum())
+
+
+def _geom_bounds(model: mujoco.MjModel, ids: np.ndarray) -> Bounds | None:
+    """Returns the bounds of these geoms, without infinite planes; None if no geom is finite."""
     centers, halves = model.geom_aabb[ids, :3].copy(), model.geom_aabb[ids, 3:].copy()
     planes = model.geom_type[ids] == PLANE  # whose boxes are infinite even if the visible part is not
     centers[planes], halves[planes] = 0.0, model.geom_size[ids[planes]] * [1, 1, 0]
     finite = ~planes | (model.geom_size[ids, :2] > 0).all(axis=1)
     if not finite.any():
-        raise UsageError(f"{clean(text)} cannot be fitted into an image: it has no geoms of finite size")
+        return None
     return Bounds("geom", ids[finite], (centers[:, None] + halves[:, None] * CORNERS)[finite])
 
 

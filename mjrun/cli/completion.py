@@ -133,7 +133,7 @@ def _names_of(kind: str, suffix: str = "") -> Callable[[object, str], Iterator[s
 
 def _cameras(model: object, incomplete: str) -> Iterator[str]:
     yield from _names_of("camera")(model, incomplete)
-    yield from ("free", "orbit:", "track:", "look:")
+    yield from ("auto", "free", "orbit:", "track:", "look:")
 
 
 def _probes(model: object, incomplete: str) -> Iterator[str]:

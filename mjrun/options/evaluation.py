@@ -61,7 +61,7 @@ class EpisodeVideoOptions(Options):
         help="Number of episodes to record as videos, evenly spaced by return: 3 gives the worst, median and best.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="free", help="Camera of the videos: a camera of the model, or a rig."
+        converter=Several(Camera()), default="auto", help="Camera of the videos: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(
         converter=Size(), default=(640, 360), help="Width and height of the videos [pixels]."

@@ -62,7 +62,7 @@ class FitOptions(Options):
         help=f"Video of the fitted model with the measured motion as a ghost: {VIDEOS}.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="free", help="Camera of the video: a camera of the model, or a rig."
+        converter=Several(Camera()), default="auto", help="Camera of the video: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(converter=Size(), default=(640, 360), help="Width and height of the video [pixels].")
     noise: tuple[tuple[str, str], ...] = option(

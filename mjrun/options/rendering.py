@@ -12,6 +12,7 @@ LAYOUTS = ("row", "column", "grid")
 STYLES = ("color", "exact")
 # The rigs that the command line supports, each with an example.
 RIGS = {
+    "auto": "auto:azimuth=90",
     "free": "free:azimuth=90,elevation=-20",
     "orbit": "orbit:lookat=box,azimuth=140..240,ease=cosine",
     "track": "track:box,distance=.5",
@@ -79,7 +80,7 @@ class ViewOptions(RendererOptions):
     size: tuple[int, int] = option(converter=Size(), default=(1280, 720), help="Width and height of one view [pixels].")
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),
-        default="free",
+        default="auto",
         help=f"Camera of the model, by name or index; or one of {', '.join(RIGS)} with settings after a colon: "
         f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots.",
     )

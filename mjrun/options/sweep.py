@@ -77,7 +77,7 @@ class KeepOptions(Options):
         help="Values to measure in kept traces, in addition to the columns that the metrics read.",
     )
     camera: tuple[object, ...] = option(
-        converter=Several(Camera()), default="free", help="Camera of kept videos: a camera of the model, or a rig."
+        converter=Several(Camera()), default="auto", help="Camera of kept videos: a camera of the model, or a rig."
     )
     size: tuple[int, int] = option(
         converter=Size(), default=(640, 360), help="Width and height of kept videos [pixels]."

@@ -223,6 +223,9 @@ class FrameOutput(Output[R_co]):
           UsageError: a camera coincides at some time with the point that it looks at.
         """
         count = len(self.states)
+        for motion, spans in zip(self._plan.motions, self.schedule.spans, strict=True):
+            for text in motion.frame((self.states[k] for k in range(count)), self.times, spans):
+                self._reporter.note(text)
         cameras = (
             motion.poses((self.states[k] for k in range(count)), self.times, self.schedule.times, spans)
             for motion, spans in zip(self._plan.motions, self.schedule.spans, strict=True)

@@ -160,7 +160,10 @@ def test_a_script_is_called_as_its_text_begins(text: str, name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("tpo", "no camera 'tpo' (did you mean 'top'?)\ncameras: top, camera:1, free, orbit:…, track:BODY, look:"),
+        (
+            "tpo",
+            "no camera 'tpo' (did you mean 'top'?)\ncameras: top, camera:1, auto, free, orbit:…, track:BODY, look:",
+        ),
         ("2", "no camera '2'"),
         ("-1", "no camera '-1'"),
         ("", "no camera ''"),

@@ -77,7 +77,7 @@ def test_values_are_names_in_the_model(name: str, kind: mujoco.mjtObj, suffix: s
     values = [item.value for item in completion.option_values(name, "NAME", CAR, "")]
 
     assert values[: len(expected)] == expected
-    assert set(values[len(expected) :]) <= {"free", "orbit:", "track:", "look:", "joint:0="}
+    assert set(values[len(expected) :]) <= {"auto", "free", "orbit:", "track:", "look:", "joint:0="}
 
 
 @pytest.mark.parametrize(

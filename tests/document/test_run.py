@@ -44,7 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-USUAL: dict[str, Any] = {"camera": ("free",), "view": ("rgb",)}
+USUAL: dict[str, Any] = {"camera": ("auto",), "view": ("rgb",)}
 
 
 # --- what is said ------------------------------------------------------------------------------------

@@ -255,7 +255,7 @@ def test_a_document_says_nothing_that_is_as_usual() -> None:
 
 
 def test_lists_of_the_usual_are_as_usual_and_lists_of_one_are_that_one() -> None:
-    assert printed(Video(start(), "a.mp4", camera=["free"], view=("rgb",), trail=[], gl="egl", require_gpu=True)) == (
+    assert printed(Video(start(), "a.mp4", camera=["auto"], view=("rgb",), trail=[], gl="egl", require_gpu=True)) == (
         "videos: [a.mp4]\n"
     )
     assert printed(Video(start(), "a.mp4", camera=["top"], view=["depth"])) == (

@@ -1,0 +1,143 @@
+"""MuJoCo's free camera, moved so that everything that moves stays in view."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.pose import Frustum, Pose, around, contains, fitted
+from mjrun.camera.rigs.around import AZIMUTH, ELEVATION
+from mjrun.camera.rigs.rig import ModelCameras, Rig, ShotTime
+from mjrun.camera.targets import MovingParts, moving_parts
+from mjrun.options.kinds import Optional
+from mjrun.options.number_kinds import Real
+from mjrun.options.option import option, options
+
+MARGIN = 1.1  # size of the image relative to the motion
+FARTHEST = 3.0  # distance of a still camera, in distances of MuJoCo's free camera; beyond, the camera follows
+
+
+@options
+class AutoRig(Rig):
+    """MuJoCo's free camera, moved back where the motion would leave the view; it follows what goes far away."""
+
+    kind: ClassVar[str] = "auto"
+    help: ClassVar[str] = "MuJoCo's free camera, moved so that the whole motion is in view."
+    argument: ClassVar[str] = "auto"
+
+    azimuth: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=AZIMUTH)
+    elevation: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)
+
+    def bind(self, cameras: ModelCameras, where: str) -> "BoundAutoRig":
+        free = cameras.free
+        azimuth = free.azimuth if self.azimuth is None else self.azimuth
+        elevation = free.elevation if self.elevation is None else self.elevation
+        return BoundAutoRig(
+            cameras.model, around(np.array(free.lookat), free.distance, azimuth, elevation, cameras.frustum)
+        )
+
+
+class BoundAutoRig:
+    """MuJoCo's free camera until `frame` has moved it.
+
+    Args:
+      pose: the pose of MuJoCo's free camera.
+    """
+
+    def __init__(self, model: mujoco.MjModel, pose: Pose) -> None:
+        self._free, self._pose = pose, pose
+        self._parts = moving_parts(model)
+        self._followed: np.ndarray | None = None  # the centre of mass that `_pose` is for, if the camera follows it
+
+    @property
+    def frustum(self) -> Frustum:
+        return self._free.frustum
+
+    def pose(self, data: mujoco.MjData, at: ShotTime) -> Pose:
+        if self._followed is None or self._parts is None:
+            return self._pose
+        return replace(self._pose, position=self._pose.position + self._parts.center(data) - self._followed)
+
+    def survey(self, frustum: Frustum, size: tuple[int, int]) -> "MotionSurvey | None":
+        """Returns an empty survey of the motion for images of `size` with this frustum; None if nothing can move."""
+        return MotionSurvey(self._parts, replace(self._free, frustum=frustum), size) if self._parts else None
+
+    def frame(self, survey: "MotionSurvey") -> str:
+        """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
+        if survey.fits():
+            return ""
+        if still := survey.still():
+            self._pose = still
+            return "the camera is moved so that the whole motion is in view"
+        self._pose, self._followed = survey.following(), survey.start
+        return "the camera follows the model, which moves far away"
+
+
+class MotionSurvey:
+    """The outermost points of everything that moves, over the instants that are added.
+
+    Only the points that are farthest in the directions of the sides of the image matter, and the one nearest to the
+    camera.
+
+    Attributes:
+      start: the centre of mass at the first instant `(3,)` [m]; None before it.
+    """
+
+    def __init__(self, parts: MovingParts, free: Pose, size: tuple[int, int]) -> None:
+        self._parts, self._free, self._size = parts, free, size
+        self._directions = _directions(free, size)
+        self._still = np.full((len(self._directions), 3), np.nan)
+        self._following = self._still.copy()
+        self.start: np.ndarray | None = None
+
+    def add(self, data: mujoco.MjData) -> None:
+        """Adds an instant, whose positions `data` holds."""
+        center, points = self._parts.center(data), self._parts.points(data)
+        if self.start is None:
+            self.start = center
+        outermost = points[(points @ self._directions.T).argmax(axis=0)]
+        self._still = self._farther(self._still, outermost)
+        self._following = self._farther(self._following, outermost - (center - self.start))
+
+    def fits(self) -> bool:
+        """Returns whether MuJoCo's free camera sees everything."""
+        return self.start is None or contains(self._free, self._still, self._size)
+
+    def still(self) -> Pose | None:
+        """Returns a pose from which everything stays in view; None if that is too far away."""
+        return self._framed(self._still)
+
+    def following(self) -> Pose:
+        """Returns a pose for the first instant that shows everything if it moves with the centre of mass.
+
+        Parts that move away from each other can still leave the view.
+        """
+        return self._framed(self._following) or self._at_scale(self._free, FARTHEST)
+
+    def _framed(self, points: np.ndarray) -> Pose | None:
+        pose, free = fitted(self._free, points, self._size, MARGIN), self._free
+        lengths = [each.frustum.fovy if each.frustum.orthographic else each.distance for each in (pose, free)]
+        scale = max(lengths[0] / lengths[1], 1.0)
+        return self._at_scale(pose, scale) if scale <= FARTHEST else None
+
+    def _at_scale(self, pose: Pose, scale: float) -> Pose:
+        """Returns a pose with the same middle that shows `scale` times as much as the free camera."""
+        if pose.frustum.orthographic:
+            return pose.opened(scale * self._free.frustum.fovy)
+        distance = scale * self._free.distance
+        return replace(pose, position=pose.lookat - distance * pose.forward, distance=distance)
+
+    def _farther(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Returns, for each direction, the point that is farther in it."""
+        old, new = ((each * self._directions).sum(axis=1) for each in (points, others))
+        return np.where((new > old) | np.isnan(old), others.T, points.T).T
+
+
+def _directions(pose: Pose, size: tuple[int, int]) -> np.ndarray:
+    """Returns the outward normals of the sides of an image with a margin, and the direction to the camera `(5, 3)`."""
+    right, up, back = pose.rotation.T
+    frustum = pose.frustum
+    half = np.array([frustum.halfwidth(size), (frustum.top - frustum.bottom) / 2]) / MARGIN
+    across, down = np.zeros(2) if frustum.orthographic else half / frustum.near
+    return np.array([right + across * back, -right + across * back, up + down * back, -up + down * back, back])
