@@ -1189,6 +1189,9 @@ class Trace(_Trace):
         momentum, … or any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a
         column, xpos/hand/z. [default: qpos,qvel,ctrl,act,energy,contact,sensor]
       assert_: Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.
+      units: Where a CSV file states its units: in a comment below the header, # units: s,rad, or in a
+        file beside it, run.csv-metadata.json (CSV on the Web). Other formats hold their units. One of
+        comment, metadata.
       keep_partial: If the simulation becomes unstable, keep the rows from before.
       contacts: Second table with one row per contact and instant: the geoms, position and depth [m],
         force [N] and torque [N m].
@@ -1224,6 +1227,7 @@ class Trace(_Trace):
         format: str | None = ...,
         probe: str | Sequence[str] = ...,
         assert_: str | Sequence[str] = ...,
+        units: Literal["comment", "metadata"] | None = ...,
         keep_partial: bool = ...,
         contacts: str | PathLike[str] | None = ...,
         written: bool = ...,
@@ -2067,6 +2071,7 @@ def trace(
     output: str | PathLike[str] = ...,
     probe: str | Sequence[str] = ...,
     assert_: str | Sequence[str] = ...,
+    units: Literal["comment", "metadata"] | None = ...,
     keep_partial: bool = ...,
     contacts: str | PathLike[str] | None = ...,
     every: int = ...,
@@ -2154,6 +2159,9 @@ def trace(
         momentum, … or any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a
         column, xpos/hand/z. [default: qpos,qvel,ctrl,act,energy,contact,sensor]
       assert_: Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.
+      units: Where a CSV file states its units: in a comment below the header, # units: s,rad, or in a
+        file beside it, run.csv-metadata.json (CSV on the Web). Other formats hold their units. One of
+        comment, metadata.
       keep_partial: If the simulation becomes unstable, keep the rows from before.
       contacts: Second table with one row per contact and instant: the geoms, position and depth [m],
         force [N] and torque [N m].

@@ -23,7 +23,7 @@ class Table:
 
     Attributes:
       columns: columns float64 `(n,)`, by name.
-      units: units by name, as in `m/s`; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
+      units: units by name, as in `m/s`; empty for pure numbers, and where a file states no units.
     """
 
     columns: dict[str, np.ndarray]

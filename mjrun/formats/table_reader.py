@@ -33,7 +33,7 @@ class TableReader:
     Attributes:
       path: path of the table in messages.
       names: names of its columns, in the order of the file.
-      units: units by name; empty for pure numbers, and in formats that hold no units (.csv, .jsonl).
+      units: units by name; empty for pure numbers, and where a file states no units.
       manifest: how mjrun made the file; None in .csv, .jsonl and in files of other programs.
     """
 

@@ -15,9 +15,11 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mjrun.formats import tables
-from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.atomic_output import OutputWriter, written_file
+from mjrun.formats.csv_metadata import metadata, metadata_path
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.model.table_column import Column
+from mjrun.options.trace import COMMENT, METADATA
 
 GROUP = 2**21  # values in a group: 16 MiB
 FIRST_ROWS = 2**9  # rows that fit at first: a short table needs little memory
@@ -182,6 +184,7 @@ class TableWriter(OutputWriter):
       format: a name in `tables.FORMATS`.
       columns: one for each number of a row; no two have the same name.
       manifest: how the table was made; plain values, for JSON. Embedded where the format can hold it.
+      units: where a CSV file states its units: `comment`, `metadata`, or None for nowhere. Other formats hold them.
 
     Attributes:
       rows: number of rows written so far.
@@ -196,6 +199,7 @@ class TableWriter(OutputWriter):
         format: str,  # noqa: A002  (the option's name)
         columns: Sequence[Column],
         manifest: Mapping[str, Any] | None = None,
+        units: str | None = None,
     ) -> None:
         assert len({column.name for column in columns}) == len(columns) > 0
         super().__init__(StandardOutput(terminal=True) if output is None else StagedFile(Path(output)))
@@ -205,8 +209,18 @@ class TableWriter(OutputWriter):
         with self.opening():
             self._file = self.open_file()
             known = tables.FORMATS[format]
-            self._rows: RowWriter = getattr(known.module, known.writer)(self._file, columns, self._manifest)
+            writer = known.commented if known.commented and units == COMMENT else known.writer
+            self._rows: RowWriter = getattr(known.module, writer)(self._file, columns, self._manifest)
             self.resources.callback(self._rows.close)
+            self._metadata: OutputWriter | None = None
+            if known.commented and units == METADATA and output is not None:
+                beside = written_file(metadata_path(Path(output)), metadata(Path(output), columns))
+                self._metadata = self.resources.enter_context(beside)
+
+    @property
+    def together(self) -> Sequence[OutputWriter]:
+        """This writer, and the writer of the metadata beside the table."""
+        return [self, *([self._metadata] if self._metadata else [])]
 
     def write(self, block: np.ndarray) -> None:
         """Adds rows: `block` is float64 `(n, columns)` in any memory layout, and may be reused afterwards.

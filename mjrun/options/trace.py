@@ -4,11 +4,12 @@ from fractions import Fraction
 from typing import ClassVar
 
 from mjrun.options.diff import ToleranceOptions
-from mjrun.options.kinds import File, Flag, Optional, Several, Text
+from mjrun.options.kinds import Choice, File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import TABLES, OutputOptions
 
+UNIT_PLACES = COMMENT, METADATA = "comment", "metadata"  # for CSV files
 PROBES = ("qpos", "qvel", "ctrl", "act", "energy", "contact", "sensor")  # by default
 
 
@@ -72,6 +73,12 @@ class TraceOptions(SamplingOptions, GoldenOptions):
         converter=Several(Text("EXPR")),
         default=(),
         help="Exit with code 1 unless this condition holds: max(abs(energy/drift)) < 1e-3.",
+    )
+    units: str | None = option(
+        converter=Optional(Choice(UNIT_PLACES)),
+        default=None,
+        help="Where a CSV file states its units: in a comment below the header, # units: s,rad, or in a file beside "
+        "it, run.csv-metadata.json (CSV on the Web). Other formats hold their units.",
     )
     keep_partial: bool = option(
         converter=Flag(), default=False, help="If the simulation becomes unstable, keep the rows from before."

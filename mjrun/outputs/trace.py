@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import concerning
+from mjrun.errors import UsageError, concerning, listing, option
 from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.csv_metadata import metadata_path
 from mjrun.formats.table_writer import TableWriter
-from mjrun.formats.tables import output_format
+from mjrun.formats.tables import FORMATS, output_format
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.table_column import Column
 from mjrun.options.option import options
-from mjrun.options.trace import TraceOptions
+from mjrun.options.trace import COMMENT, METADATA, TraceOptions
 from mjrun.outputs import output
 from mjrun.outputs.golden import GoldenTable, check_options, difference_message, golden_files, require_golden_table
 from mjrun.outputs.output_files import named_files
@@ -55,7 +56,9 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
     def files(self) -> list[tuple[str, str]]:
         output = self.output if self.written else None
         files = named_files(output=output, contacts=self.contacts, manifest=self.manifest)
-        return [*files, *(("golden", file) for file in golden_files(self))]
+        tables = self._csv_tables() if self.units == METADATA else []
+        beside = [("units", str(metadata_path(Path(table)))) for table in tables if table]
+        return [*files, *beside, *(("golden", file) for file in golden_files(self))]
 
     @property
     def inputs(self) -> list[tuple[str, str]]:
@@ -81,6 +84,22 @@ class Trace(TraceOptions, output.Job["TraceResult"]):
         output_format(self.target, self.format)
         if self.contacts is not None:
             output_format(self.contacts)
+        tables = self._csv_tables()
+        if self.units and not tables:
+            formats = listing([known.suffixes[0] for known in FORMATS.values() if not known.is_text])
+            raise UsageError(f"{option('units')} applies only to .csv tables\n{formats} files hold units themselves")
+        if self.units == METADATA and None in tables:
+            raise UsageError(
+                f"{option('units')} {METADATA} needs a file next to which the units are written\n"
+                f"{option('units')} {COMMENT} writes them into the table"
+            )
+
+    def _csv_tables(self) -> list[str | None]:
+        """Returns the tables in a format whose units may be beside it; None is standard output."""
+        formats = {self.target: output_format(self.target, self.format)} if self.written else {}
+        if self.contacts is not None:
+            formats[self.contacts] = output_format(self.contacts)
+        return [table for table, form in formats.items() if form.commented]
 
     def plan(self, context: output.Context) -> "output.Plan[TraceResult]":
         """Resolves the probes in the model and parses the assertions."""
@@ -154,10 +173,14 @@ class TraceOutput(output.Output[TraceResult]):
         self._format = output_format(job.target, job.format).name
         self._writer = self._contacts = self._golden = None
         if job.written:
-            self._writer = stack.enter_context(TableWriter(job.target, self._format, table.columns, self.facts))
+            self._writer = stack.enter_context(
+                TableWriter(job.target, self._format, table.columns, self.facts, job.units)
+            )
         if job.contacts is not None:
             form = output_format(job.contacts).name
-            self._contacts = stack.enter_context(TableWriter(job.contacts, form, table.contact_columns, self.facts))
+            self._contacts = stack.enter_context(
+                TableWriter(job.contacts, form, table.contact_columns, self.facts, job.units)
+            )
         if job.golden is not None:
             self._golden = GoldenTable(job, table.columns, self.facts, stack)
         self._rows_to = job.rows_to(table.columns) if job.rows_to else None

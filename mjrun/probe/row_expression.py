@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from mjrun.probe.evaluation import KnownValues, evaluate, evaluate_truth
-from mjrun.probe.expression import START, AggregateCall, Expression, NumericExpression, walk
+from mjrun.probe.expression import START, AggregateCall, ColumnReference, Expression, NumericExpression, walk
 from mjrun.probe.parser import Parser
 from mjrun.probe.scanner import Vocabulary
 
@@ -34,6 +34,11 @@ class Condition(Expression):
 
 class RowExpression(Expression):
     """A number per row."""
+
+    @property
+    def is_column(self) -> bool:
+        """True if its value is a column, unchanged."""
+        return isinstance(self.root, ColumnReference)
 
     def evaluator(self) -> "RowEvaluator":
         """Returns a new evaluation, to which no rows were added yet."""

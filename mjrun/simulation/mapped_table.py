@@ -11,6 +11,8 @@ import numpy as np
 from mjrun.errors import UnknownNameError, UsageError, clean, listing, near, option
 from mjrun.formats.table_reader import open_table, read_table
 from mjrun.model.names import control_names
+from mjrun.options.number_kinds import UNITS as EXACT_UNITS
+from mjrun.options.setting_kinds import UNITS
 from mjrun.physics.control import ControlTable
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicSamples, quaternions
@@ -24,6 +26,10 @@ from mjrun.timeline import seconds
 POSITIONS = ("qpos", "mocap_pos", "mocap_quat")
 CONTROL = r"ctrl(/|[_.\[]?[0-9])"  # names of controls begin like this
 JOINT_DRIVEN = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+SI_FACTORS = {
+    **{name: float(factor) for name, factor in EXACT_UNITS["SECONDS"].items()},
+    **{f"{name}{rate}": factor for name, (_, factor) in UNITS.items() for rate in ("", "/s")},
+}
 ANGLE, DEGREES = r"\s*\[(deg|°|rad)\]$", r"\[(deg|°)\]$"
 
 
@@ -46,7 +52,8 @@ def column_names(path: str | Path) -> list[str]:
 def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dict[str, np.ndarray]:
     """Evaluates expressions on all rows of a table, `(n,)` each; NaN where a cell is missing.
 
-    Columns that no expression reads are not loaded; the others are loaded block by block.
+    A column that is used unchanged is converted to SI units if the table states another unit, such as degrees. Columns
+    that no expression reads are not loaded; the others are loaded block by block.
 
     Raises:
       FileError: the table cannot be read.
@@ -59,7 +66,13 @@ def evaluated(path: str | Path, expressions: Mapping[str, RowExpression]) -> dic
             columns = dict(zip(table.names, block.T, strict=True))
             for key, evaluator in evaluators.items():
                 parts[key].append(evaluator.feed(columns))
-    return {key: np.concatenate(blocks) for key, blocks in parts.items()}
+        factors = {key: _si_factor(expression, table.units) for key, expression in expressions.items()}
+    return {key: np.concatenate(blocks) * factors[key] for key, blocks in parts.items()}
+
+
+def _si_factor(expression: RowExpression, units: Mapping[str, str]) -> float:
+    """Returns the factor to SI units of a column with a stated unit; 1 for an expression, which converts by itself."""
+    return SI_FACTORS.get(units.get(expression.columns[0], ""), 1) if expression.is_column else 1
 
 
 def state_map(model: mujoco.MjModel, names: Sequence[str], texts: Sequence[str], quat: str, source: str) -> ColumnMap:
@@ -169,7 +182,8 @@ def read_controls(
     actuators, available = control_names(model), column_names(path)
     names = [f"ctrl/{name}" for name in actuators]
     others = _other_controls(model, available)
-    columns = read_table(path, lambda name: name in {TIME, *others} or re.match(CONTROL, name) is not None).columns
+    table = read_table(path, lambda name: name in {TIME, *others} or re.match(CONTROL, name) is not None)
+    columns = table.columns
     mapped = column_map({"ctrl": names}, list(columns), list(others.values()), source)
 
     driven = [index for index, name in enumerate(names) if name in mapped.sources]
@@ -192,8 +206,12 @@ def read_controls(
         raise UsageError(
             f"{clean(source)} has no column 'time'\nit needs 'time' in seconds, and ctrl/ACTUATOR for each actuator"
         )
-    values = {names[index]: mapped.sources[names[index]].values(columns) for index in driven}
-    return ControlTable(TimedRows(mapped.time.values(columns), values, source, linear), driven)
+
+    def values(expression: RowExpression) -> np.ndarray:
+        return expression.values(columns) * _si_factor(expression, table.units)
+
+    controls = {names[index]: values(mapped.sources[names[index]]) for index in driven}
+    return ControlTable(TimedRows(values(mapped.time), controls, source, linear), driven)
 
 
 def _other_controls(model: mujoco.MjModel, columns: Sequence[str]) -> dict[str, str]:

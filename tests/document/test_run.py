@@ -428,7 +428,8 @@ WRONG = [
      ["2:42: traces[0].rate: every and rate exclude each other: both set the sampling rate",
       "2:70: traces[1].every: expected a positive number, got 0",
       "2:90: traces[2]: unknown key 'probes' (did you mean 'probe'?); "
-      "keys: output, probe, assert, keep_partial, contacts, every, rate, format, manifest, golden, atol, rtol, tol"]),
+      "keys: output, probe, assert, units, keep_partial, contacts, every, rate, format, manifest, golden, atol, rtol, "
+      "tol"]),
     (f"{HEAD}plots: [{{probe: energy}}]", ["2:9: plots[0]: 'output' is missing"]),
     (f"{HEAD}recordings: [[a.npz]]", ["2:14: recordings[0]: expected a file, or a mapping with an output, got a list"]),
     (f"{HEAD}recordings: [{{}}]", ["2:14: recordings[0]: 'output' is missing"]),

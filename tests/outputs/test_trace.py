@@ -1,6 +1,7 @@
 """Whole traces, against bare loops and closed forms."""
 
 import csv
+import json
 import warnings
 from fractions import Fraction
 from pathlib import Path
@@ -216,14 +217,25 @@ def test_an_unstable_trace_leaves_nothing_unless_it_is_asked_to(
 ) -> None:
     simulation, output = Simulation(exploding, key="fast", duration=3), tmp_path / "t.csv"
     output.write_text("old")
+    before = sorted(tmp_path.iterdir())
     with pytest.raises(UnstableError) as caught:
-        Trace(simulation, str(output), probe=probes).run()
+        Trace(simulation, str(output), probe=probes, units="metadata").run()
+    assert sorted(tmp_path.iterdir()) == before
     assert output.read_text() == "old"
     with pytest.raises(UnstableError):
         Trace(simulation, str(output), probe=probes, keep_partial=True).run()
     rows = output.read_text().splitlines()[1:]
     assert len(rows) >= caught.value.step
     assert all(abs(float(number)) < 1e10 for row in rows for number in row.split(","))
+
+
+def test_the_files_of_units_are_outputs(tmp_path: Path) -> None:
+    simulation, output = Simulation(SCENES / "pendulum.xml", duration=0.01), tmp_path / "t.csv"
+    job = Trace(simulation, str(output), contacts=str(tmp_path / "c.csv"), units="metadata", manifest=f"{output}.json")
+    job.run()
+    written = {Path(each["path"]).name for each in json.loads((tmp_path / "t.csv.json").read_text())["outputs"]}
+    assert written == {"t.csv", "c.csv", "t.csv-metadata.json", "c.csv-metadata.json"}
+    assert {Path(path) for _, path in job.files} == set(tmp_path.iterdir())
 
 
 def test_an_assertion_that_holds_passes_and_one_that_does_not_fails_with_its_row(tmp_path: Path) -> None:
@@ -241,6 +253,10 @@ def test_an_assertion_that_holds_passes_and_one_that_does_not_fails_with_its_row
         {"probe": ["none"]},
         {"every": 2, "rate": 10},
         {"rate": 0},
+        {"units": "row"},
+        {"units": "metadata", "output": "-"},
+        {"units": "metadata", "output": "t.npz"},
+        {"units": "comment", "output": "t.jsonl"},
         {"assert_": ["max("]},
         {"assert_": ["max(qpos/none) > 0"]},
         {"output": "t.xls"},

@@ -14,6 +14,7 @@ from mjrun.errors import FailedAssertionError, FileError, MjrunError, UnknownNam
 from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
 from mjrun.options.plot import FigureOptions
+from mjrun.options.trace import UNIT_PLACES
 from mjrun.plotting.table_and_study_plot import StudyPlot, TablePlot
 from mjrun.plotting.table_figure import TableFigure, table_names
 from mjrun.plotting.table_statistics import TableSummary
@@ -45,6 +46,15 @@ def svg_figure(tables: list[str], options: FigureOptions) -> tuple[str, list[str
         figure.read()
         page = figure.for_page()
         return page.svg, list(page.notes)
+
+
+@pytest.mark.parametrize("place", UNIT_PLACES)
+def test_axes_have_the_units_that_csv_states(tmp_path: Path, place: str) -> None:
+    path = tmp_path / "t.csv"
+    with TableWriter(str(path), "csv", [Column("time", "s"), Column("load", "kN")], units=place) as writer:
+        writer.write(ROWS[:, :2])
+        writer.publish()
+    assert "load [kN]" in texts(svg_figure([str(path)], FigureOptions())[0])
 
 
 @pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])

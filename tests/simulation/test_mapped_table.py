@@ -81,6 +81,19 @@ def test_a_csv_in_degrees_with_xyzw_quaternions_and_gaps_has_the_true_states_at_
     assert any("the longest in qpos/hip of 0.14 s from 0.22 s on; interpolated" in text for text in motion.remarks)
 
 
+def test_a_csv_that_states_its_units_needs_no_map(tmp_path: Path) -> None:
+    run, path = tumble(), tmp_path / "log.csv"
+    table = pd.DataFrame(run.qpos[ROWS], columns=QPOS).assign(time=2.0 * ROWS)
+    table["qpos/hip"], table["qpos/lift"] = np.degrees(table["qpos/hip"]), 100 * table["qpos/lift"]
+    units = {"time": "ms", "qpos/hip": "deg", "qpos/lift": "cm", "qpos/root/x": "m"}
+    header, *rows = table.to_csv(index=False).splitlines()
+    comment = f"# units: {','.join(units.get(name, '') for name in table.columns)}"
+    path.write_text("\n".join([header, comment, *rows]))
+    assert abs(positions(read(path)) - run.qpos[ROWS]).max() < 1e-9
+    by_hand = read(path, "time=time+0", "qpos/hip=qpos/hip*1")  # an expression uses the numbers of the file
+    assert by_hand.state(0)[FIELDS["qpos"]][7] == table["qpos/hip"][0]
+
+
 @pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather"])
 def test_empty_cells_nulls_and_nans_are_gaps_in_every_format(tmp_path: Path, suffix: str) -> None:
     table = foreign()

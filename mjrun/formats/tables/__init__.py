@@ -2,7 +2,7 @@
 
 | format  | names            | text columns   | missing integers | units, manifest | memory while writing |
 |---------|------------------|----------------|------------------|-----------------|----------------------|
-| csv     | cleaned          | cleaned, empty | `nan`            | no              | flat                 |
+| csv     | cleaned          | cleaned, empty | `nan`            | units, if asked | flat                 |
 | feather | exact            | exact, null    | null             | as at opening   | flat                 |
 | hdf5    | cleaned          | exact, `''`    | float64 column   | yes             | flat, disk twice     |
 | jsonl   | exact            | exact, null    | null             | no              | flat                 |
@@ -36,6 +36,7 @@ class TableFormat:
       suffixes: suffixes of its files, the usual one first.
       writer: name of the class in its module, a `RowWriter`.
       is_text: whether its files are lines of text, which can be piped, and hold neither units nor a manifest.
+      commented: name of the class that also writes units as a comment, in a format whose units may be beside the table.
       library, extra: library that it needs, and the extra of mjrun that installs it.
       reads_alone: whether only writing needs the library.
     """
@@ -44,6 +45,7 @@ class TableFormat:
     suffixes: Sequence[str]
     writer: str
     is_text: bool = False
+    commented: str = ""
     library: str = ""
     extra: str = ""
     reads_alone: bool = False
@@ -62,7 +64,7 @@ class TableFormat:
 FORMATS = {
     known.name: known
     for known in (
-        TableFormat("csv", (".csv",), "CsvWriter", is_text=True),
+        TableFormat("csv", (".csv",), "CsvWriter", is_text=True, commented="CommentedCsvWriter"),
         TableFormat("feather", (".feather", ".arrow"), "FeatherWriter", library="pyarrow", extra="parquet"),
         TableFormat("hdf5", (".h5", ".hdf5"), "Hdf5Writer", library="h5py", extra="hdf5"),
         TableFormat("jsonl", (".jsonl",), "JsonlWriter", is_text=True),

@@ -8,6 +8,8 @@ A label may be any name from a model. It is cleaned and quoted in the same way; 
 formula, even in quotes, it gets the customary apostrophe: `=1+1` becomes `'=1+1`. A missing text is an empty cell, an
 empty label `""`.
 
+Units are in a comment line below the header on request, `# units: s,rad`, or in metadata beside the file.
+
 Reading removes spaces around names, and rejects empty cells unless gaps are accepted.
 """
 
@@ -25,6 +27,7 @@ import orjson
 
 from mjrun.errors import FileError, clean
 from mjrun.formats import number_text
+from mjrun.formats.csv_metadata import units_beside
 from mjrun.formats.number_text import LinePieces
 from mjrun.formats.table_contents import EXACT, CellKinds, ColumnFilter, TableContents, select, shown
 from mjrun.formats.table_writer import RowWriter
@@ -38,6 +41,7 @@ LABEL_FORMULA = re.compile(r"(^|;)(?=\s*[=+\-@＝＋－＠])")
 NOT_NUMBERS = tuple(bytes([byte]) for byte in b'"[{tfn')
 NEGATIVE_ZERO = re.compile(rb"-0\s*(,|\n|\Z)")
 LONE_RETURN = re.compile(rb"\r(?!\n)")
+UNITS = "# units:"  # begins the line below the header
 
 
 class CsvWriter(RowWriter):
@@ -63,6 +67,16 @@ class CsvWriter(RowWriter):
     def _write_header(self) -> None:
         self._file.write(self._header)
         self._header = b""
+
+
+class CommentedCsvWriter(CsvWriter):
+    """A writer that states the units in a comment line, each below the name of its column."""
+
+    def __init__(self, file: BinaryIO, columns: Sequence[Column], manifest: str) -> None:
+        super().__init__(file, columns, manifest)
+        self._header += (
+            f"{UNITS} ".encode() + b",".join(_cell(column.unit) if column.unit else b"" for column in columns) + b"\n"
+        )
 
 
 def _cell(name: str) -> bytes:
@@ -111,16 +125,28 @@ def _label_lines(values: np.ndarray, labels: Sequence[Sequence[bytes]]) -> list[
     return [lines[row] for row in rows]
 
 
-def read(path: Path, file: BinaryIO, wanted: ColumnFilter, cells: CellKinds) -> TableContents:
+def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: CellKinds) -> TableContents:
     """Reads the accepted columns."""
     lines = _Lines(path, file)
     line, header = next(_rows(path, lines), (1, []))
     names = [name.strip(" \t") for name in header]
     _require_header(path, line, names)
     keys = select(path, names, wanted)
+    units = _commented_units(lines, names) if file.peek(1).startswith(b"#") else {}
     pieces = LinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
     blocks = _blocks(path, file, lines, pieces, keys, len(names), cells)
-    return TableContents(list(keys), blocks, lines=None if lines.buffered else pieces)
+    return TableContents(list(keys), blocks, units or units_beside(path), lines=None if lines.buffered else pieces)
+
+
+def _commented_units(lines: "_Lines", names: Sequence[str]) -> dict[str, str]:
+    """Reads the units of columns from the next line, unless that is not the comment with the units."""
+    if lines.buffered or (line := next(lines, None)) is None:
+        return {}
+    if not line.startswith(UNITS):
+        lines.put_back(line)
+        return {}
+    units = next(csv.reader([line.removeprefix(UNITS)], skipinitialspace=True))
+    return dict(zip(names, map(str.strip, units), strict=False))
 
 
 class _Lines:
@@ -134,7 +160,7 @@ class _Lines:
     def __init__(self, path: Path, file: BinaryIO, before: int = 0) -> None:
         self.count = before
         self.buffered = False
-        self._texts = self._split(path, file)
+        self._texts: Iterator[str] = self._split(path, file)
 
     def __iter__(self) -> Iterator[str]:
         return self
@@ -143,6 +169,12 @@ class _Lines:
         text = next(self._texts)
         self.count += 1
         return text
+
+    def put_back(self, line: str) -> None:
+        """Returns the last line to those that wait."""
+        self._texts = itertools.chain([line], self._texts)
+        self.count -= 1
+        self.buffered = True
 
     def _split(self, path: Path, file: BinaryIO) -> Iterator[str]:
         for line in number_text.lines(path, file, self.count):

@@ -3,9 +3,11 @@
 import codecs
 import csv
 import io
+import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.feather
@@ -13,9 +15,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mjrun.errors import clean
+from mjrun.errors import FileError, clean
+from mjrun.formats.table_reader import read_table
+from mjrun.formats.table_writer import TableWriter
 from mjrun.model.table_column import Column
-from tests.formats.table_files import BROKEN, ODD, bits, columns, hypothesis, lists, put, stored, write
+from mjrun.options.trace import UNIT_PLACES
+from tests.formats.table_files import BROKEN, ODD, bits, columns, exact, hypothesis, lists, put, stored, write
 
 HOSTILE = [
     "time",
@@ -47,6 +52,60 @@ def test_labels_are_quoted_and_marked_in_csv_only_where_they_must_be(tmp_path: P
     path = write(tmp_path / "t.csv", [np.array([[*range(count), -1.0]])], made)
     line = path.read_text().splitlines()[1]
     assert line == r'''floor,"a ""b""","c,d",'=1+1,"a;b","",' =x,'＝x,"a;'=x;b",a=b,'x,e\n,nan,'''
+
+
+@pytest.mark.parametrize("place", UNIT_PLACES)
+def test_units_are_stated_beside_csv_where_other_readers_pass_over_them(tmp_path: Path, place: str) -> None:
+    path, rows = tmp_path / "t.csv", np.array([[0.0, *BROKEN[:2]], [1.0, 1 / 3, ODD[3]]])
+    named = [Column("time", "s"), Column("ü", "N m"), Column("qpos/b,c")]
+    with TableWriter(str(path), "csv", named, units=place) as out:
+        out.write(rows)
+        assert not list(tmp_path.glob("t.csv*"))
+        out.publish()
+    table, beside = read_table(path), tmp_path / "t.csv-metadata.json"
+    assert table.units == {"time": "s", "ü": "N m", "qpos/b,c": ""}
+    lines = list(csv.reader(path.read_text("utf-8").splitlines()))
+    if place == "comment":
+        assert lines[1] == ["# units: s", "N m", ""]
+        assert not beside.exists()
+    else:
+        described = json.loads(beside.read_text("utf-8"))["tableSchema"]["columns"]
+        assert [column["titles"] for column in described] == lines[0] == ["time", "ü", "qpos/b,c"]
+        assert [column.get("schema:unitText") for column in described] == ["s", "N m", None]
+    readers = [
+        table.to_pandas(),
+        pd.read_csv(path, comment="#"),
+        np.genfromtxt(path, delimiter=",", skip_header=1),
+    ]
+    for values in readers:
+        np.testing.assert_allclose(values, rows, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("content", "units"),
+    [
+        ("a,b\r\n# units:  deg , \r\n1,2\r\n", {"a": "deg", "b": ""}),  # as a spreadsheet writes it
+        ("a,b\n# units: deg\n1,2\n", {"a": "deg", "b": ""}),
+        ("a,b\n# units:\n1,2\n", {"a": "", "b": ""}),
+        ("a,b\r# units: x\r1,2\r", None),  # lines of old Macintoshes
+        ("a,b\n# unit,2\n1,2\n", None),
+    ],
+)
+def test_only_the_line_below_the_header_states_units(
+    tmp_path: Path, content: str, units: dict[str, str] | None
+) -> None:
+    path = put(tmp_path / "t.csv", content)
+    if units is None:
+        with pytest.raises(FileError, match=r"t\.csv:2"):
+            read_table(path)
+        return
+    assert read_table(path).units == units
+    assert lists(path) == {"a": [1.0], "b": [2.0]}
+
+
+def test_texts_that_begin_like_a_comment_are_rows(tmp_path: Path) -> None:
+    path = put(tmp_path / "t.csv", "name,x\n#1,2\n#2,3\n")
+    assert exact(path) == {"name": ["#1", "#2"], "x": [2.0, 3.0]}
 
 
 def test_csv_reads_as_numpy_reads_it(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_the_guide_has_a_row_for_every_declaration() -> None:
         [
             known.name,
             " ".join(f"`{suffix}`" for suffix in known.suffixes),
-            answers[not known.is_text],
+            "units, if asked" if known.commented else answers[not known.is_text],
             answers[known.is_text],
             f"`pip install 'mjrun[{known.extra}]'`" if known.extra else "",
         ]
