@@ -28,6 +28,8 @@ _HOMES = {
     "Check": "mjrun.document.check",
     "CheckResult": "mjrun.check.check",
     "Command": "mjrun.task.task",
+    "Dataset": "mjrun.study.dataset",
+    "DatasetResult": "mjrun.study.dataset",
     "Diff": "mjrun.outputs.result_comparison",
     "DiffResult": "mjrun.diff.result",
     "Evaluation": "mjrun.evaluation.evaluation",

@@ -58,6 +58,8 @@ from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation as _Simulation
 from mjrun.simulation.verification import VerificationResult as VerificationResult
 from mjrun.simulation.verification import verify as verify
+from mjrun.study.dataset import Dataset as _Dataset
+from mjrun.study.dataset import DatasetResult as DatasetResult
 from mjrun.study.study import Study as _Study
 from mjrun.study.study import StudyResult as StudyResult
 from mjrun.task.task import Action as _Action
@@ -79,6 +81,8 @@ __all__ = [
     "Check",
     "CheckResult",
     "Command",
+    "Dataset",
+    "DatasetResult",
     "Diff",
     "DiffResult",
     "Evaluation",
@@ -373,6 +377,105 @@ class Command(_Command):
         random: str | float | Mapping[str, object] | Sequence[str | float | Mapping[str, object]] | None = ...,
         size: int | None = ...,
         every: float | str | Fraction | None = ...,
+    ) -> None: ...
+
+class Dataset(_Dataset):
+    """Labelled images of `simulation` with the values of each point. Its options are keywords.
+
+    Args:
+      command: command line, for the manifest.
+
+    Options:
+      output: Folder for the dataset; running again with the same folder continues it.
+      format: Formats: folder writes images, depths, masks and a JSON record for each image; coco writes
+        annotations/instances_SPLIT.json; yolo writes labels of boxes, masks or keypoints, and
+        data.yaml; nerfstudio writes transforms.json; bop writes scenes of 6D object poses. [default:
+        ('folder',)]
+      split: Parts of the dataset and their shares. Points keep their part when samples are added.
+        [default: (('train', Fraction(4, 5)), ('val', Fraction(1, 5)))]
+      polygons: Write masks in COCO as polygons, which cannot have holes, instead of run lengths, which
+        are exact.
+      yolo_task: Labels of YOLO: boxes, polygons of masks, or keypoints. One of detect, segment, pose.
+        [default: 'detect']
+      size: Width and height of an image [pixels]. [default: (640, 480)]
+      camera: Cameras, as for mjrun video. The settings of a rig can vary: vary
+        'camera.azimuth=uniform(0,360)', camera.distance, camera.lookat, camera.fovy, … [default:
+        ('auto',)]
+      times: Simulated times of the images of each point [s]. [default: (Fraction(0, 1),)]
+      objects: Bodies to label, each with everything attached to it, by name or wildcard, and their
+        category: 'mug*=mug,robot'. [default: all bodies in the world, each a category]
+      keypoints: Sites to label as keypoints of the object that they belong to, by name or wildcard.
+      accept: Include only images for which this condition holds: visible/mug > 0.3 and pixels/mug >
+        200. The values are pixels/OBJECT, visible/OBJECT and truncated/OBJECT (shares of its
+        silhouette), and objects, the number of objects in view.
+      stage: Surroundings to add: a floor that nothing collides with, light, sky, or none; auto adds the
+        light and the sky that a model lacks. [default: ('auto',)]
+      geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
+        collision, both. [default: visual where both have about the same place]
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
+        opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
+        scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
+        objects that match a wildcard separately; or an option of the simulation, such as
+        controller=a.py:act,b.py:act.
+      points: Table of points: one column per parameter, one row per point.
+      design: How lists of values combine: grid makes all combinations, zip pairs them in order. One of
+        grid, zip. [default: 'grid']
+      samples: Number of points to draw from distributions such as uniform(0,1). [default: 64]
+      sampler: Sampling method: sobol, a scrambled Sobol sequence, which keeps its points when samples
+        are added; lhs, a Latin hypercube; random, independent random numbers. One of sobol, lhs,
+        random. [default: 'sobol']
+      repeats: Number of simulations per point, each with the next seed. [default: 1]
+      where: Include only points for which this condition holds: mass < 10.
+      jobs: Number of processes on this machine. [default: 'auto']
+      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
+        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+        concurrent.futures.Executor. [default: 'local']
+      chunk: Number of points per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point [s]. [default: none]
+      retry_failed: Simulate again the points that failed before.
+    """
+    def __init__(
+        self,
+        simulation: _Simulation,
+        output: str | PathLike[str],
+        *,
+        jobs: int | Literal["auto"] = ...,
+        engine: str = ...,
+        chunk: int | None = ...,
+        time_limit: float | str | Fraction | None = ...,
+        retry_failed: bool = ...,
+        vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
+        points: str | PathLike[str] | None = ...,
+        design: Literal["grid", "zip"] = ...,
+        samples: int = ...,
+        sampler: Literal["sobol", "lhs", "random"] = ...,
+        repeats: int = ...,
+        where: str | Sequence[str] = ...,
+        gl: str | None = ...,
+        require_gpu: bool = ...,
+        quality: Literal["draft", "model", "high"] = ...,
+        renderer: Literal["classic", "filament"] = ...,
+        size: Sequence[int] = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+        times: float | str | Fraction | Sequence[float | str | Fraction] = ...,
+        objects: str | Sequence[str] = ...,
+        keypoints: str | Sequence[str] = ...,
+        accept: str | Sequence[str] = ...,
+        stage: Literal["auto", "none", "floor", "light", "sky"]
+        | Sequence[Literal["auto", "none", "floor", "light", "sky"]] = ...,
+        geoms: Literal["visual", "collision", "both"] | None = ...,
+        format: Literal["folder", "coco", "yolo", "nerfstudio", "bop"]
+        | Sequence[Literal["folder", "coco", "yolo", "nerfstudio", "bop"]] = ...,
+        split: str | tuple[tuple[str, Fraction], ...] = ...,
+        polygons: bool = ...,
+        yolo_task: Literal["detect", "segment", "pose"] = ...,
+        command: str = ...,
     ) -> None: ...
 
 class Diff(_Diff):

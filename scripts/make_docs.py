@@ -46,9 +46,9 @@ CONTENTS = {
         *("continuous-integration", "performance"),
     ),
     "Guides": (
-        *("videos", "cameras", "images", "view", "traces", "plots", "controls", "replay", "documents", "studies"),
-        *("fitting", "policies", "evaluation", "gymnasium", "model-sources", "checking", "diff", "benchmarks"),
-        *("scripting", "python"),
+        *("videos", "cameras", "images", "datasets", "view", "traces", "plots", "controls", "replay", "documents"),
+        *("studies", "fitting", "policies", "evaluation", "gymnasium", "model-sources", "checking", "diff"),
+        *("benchmarks", "scripting", "python"),
     ),
     "Reference": (
         *("reference/index", "reference/options", "reference/documents/index", "reference/columns"),

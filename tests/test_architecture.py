@@ -54,6 +54,7 @@ LIBRARIES = {
         "formats.video_reader",
     ),
     "matplotlib": ("plotting",),
+    "contourpy": ("formats.datasets.masks",),
     "coacd": ("check.rules.convex_parts",),
     "h5py": ("formats.tables.hdf5",),
     "skimage": ("diff",),

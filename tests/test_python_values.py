@@ -25,6 +25,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "Plot": (PENDULUM, "a.png"),
     "Recording": (PENDULUM, "a.npz"),
     "Simulation": ("scene:pendulum",),
+    "Dataset": (PENDULUM, "folder"),
     "Study": (PENDULUM, "folder"),
     "TablePlot": ("a.csv",),
     "Trace": (PENDULUM,),

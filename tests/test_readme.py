@@ -37,6 +37,7 @@ SMALLER = {
     "view": SHORT,
     "eval": f"--episodes 3 --jobs 1 --fps 5 {IMAGE}",
     "sweep": "--jobs 1",
+    "dataset": "--jobs 1 --size 48x36 --quality draft",
     "bench": "--budget 0.2",
 }
 SMALLER_STUDIES = {
@@ -62,6 +63,7 @@ FITS = [block for block in SHELL if "mjrun fit" in block and "--excite" not in b
 EXCITED = [block for block in SHELL if "--excite" in block]
 EVALUATIONS = [line for line in COMMANDS if line.startswith("mjrun eval")]
 STUDIES = [block for block in SHELL if block.startswith("mjrun sweep")]
+DATASETS = [line for line in COMMANDS if line.startswith("mjrun dataset")]
 DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
 
 
@@ -185,6 +187,17 @@ def test_studies_of_the_readme_make_their_tables(commands: str, execute: Executi
     assert done.returncode == 0, done.stderr
     for folder in re.findall(r" -o (\w+)(?![\w.])", commands):
         assert (tmp_path / folder / "results.parquet").exists()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("command", DATASETS)
+def test_a_dataset_of_the_readme_has_its_images(command: str, execute: Execution, tmp_path: Path) -> None:
+    for long, short in SMALLER_STUDIES.items():
+        command = re.sub(long, short, command)
+    done = execute(command)
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / command.split(" -o ")[1].split()[0]
+    assert list(folder.rglob("000000.png"))
 
 
 @pytest.mark.parametrize("commands", FITS, ids=range(len(FITS)))

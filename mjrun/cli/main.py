@@ -45,7 +45,7 @@ _ended_by: int | None = None  # the signal that ends this process
 
 # The order of the commands in the help; others follow by name.
 FIRST = (
-    *("video", "image", "trace", "view", "run", "plot", "diff", "eval", "sweep", "fit"),
+    *("video", "image", "trace", "view", "run", "plot", "diff", "eval", "sweep", "dataset", "fit"),
     *("bench", "info", "check", "schema", "doctor"),
 )
 

@@ -105,6 +105,10 @@ class ClassicRenderer:
             seen = replace(seen, rgb=downsampled(upright, self._visual.samples))
         return seen
 
+    def show(self, model: mujoco.MjModel, segmentation: Segmentation | None) -> None:
+        """Replaces the model by one with the same meshes, textures, height fields, skins and flexes."""
+        self._model, self._data, self._segmentation = model, mujoco.MjData(model), segmentation
+
     def make_current(self) -> None:
         """Directs this thread's OpenGL calls to this renderer, if another one has been used since."""
         assert self._gl

@@ -55,7 +55,7 @@ def drawn_model(
             if "auto" not in options.stage:
                 raise
         else:
-            remark = _remark(parts, is_measured=is_measured) if "auto" in options.stage else ""
+            remark = stage_remark(parts, is_measured=is_measured) if "auto" in options.stage else ""
     return (staged if options.geomgroup is not None else _with_geoms(staged, options.geoms)), remark
 
 
@@ -114,7 +114,8 @@ def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> 
     return staged
 
 
-def _remark(parts: Sequence[str], *, is_measured: bool) -> str:
+def stage_remark(parts: Sequence[str], *, is_measured: bool) -> str:
+    """Returns a remark about these parts of a stage, which the user has not requested."""
     *some, last = (f"a {part}" for part in parts)
     added = f"{', '.join(some)} and {last}" if some else last
     remark = f"{added} added, which the model lacks; {option('stage')} none omits {'them' if some else 'it'}"
@@ -131,7 +132,7 @@ def _tile(extent: float) -> float:
 def _with_geoms(model: mujoco.MjModel, geoms: str | None) -> mujoco.MjModel:
     """Returns the model with only these geoms in groups that are visible by default."""
     by_default = np.isin(model.geom_group, VISIBLE_GROUPS)
-    visible = _visible(model, geoms, by_default)
+    visible = visible_geoms(model, geoms)
     if np.array_equal(visible, by_default):
         return model
     changed = copy.copy(model)
@@ -140,12 +141,13 @@ def _with_geoms(model: mujoco.MjModel, geoms: str | None) -> mujoco.MjModel:
     return changed
 
 
-def _visible(model: mujoco.MjModel, geoms: str | None, by_default: np.ndarray) -> np.ndarray:
+def visible_geoms(model: mujoco.MjModel, geoms: str | None) -> np.ndarray:
     """Returns which geoms are visible, `(ngeom,)`.
 
     Visual geoms collide with nothing; they replace the colliding ones of their body. `None` hides only colliding geoms
     that have about the same place.
     """
+    by_default = np.isin(model.geom_group, VISIBLE_GROUPS)
     colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     colliding[[*model.pair_geom1, *model.pair_geom2]] = True
     if geoms == "collision":

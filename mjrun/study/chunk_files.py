@@ -61,6 +61,7 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[Mod
         "metrics": dict(spec.metrics),
         "every": spec.every,
         "engine": spec.engine,
+        **({"images": plain(replace(spec.images, options=spec.images.without_backend))} if spec.images else {}),
     }
 
 

@@ -3,7 +3,7 @@
 import math
 import socket
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cached_property
@@ -35,6 +35,7 @@ from mjrun.study.spec import (
     WorkerVersions,
     require_values,
     simulation_at,
+    without_cameras,
 )
 
 LENGTH = ("timestep", "duration", "steps")  # parameters that determine the number of steps
@@ -175,6 +176,7 @@ class PreparedStudy:
         options: ExecutionOptions,
         reporter: Reporter,
         numbers: Sequence[int] | None = None,
+        publish: Callable[[str, PointResult], None] | None = None,
     ) -> Counter[str]:
         """Simulates points in chunks, publishes their results every half second, and adds them to `known`.
 
@@ -182,6 +184,7 @@ class PreparedStudy:
 
         Args:
           numbers: number of each point in the study, if the points are only a part of it.
+          publish: writes the files of a point with its key, before its result is recorded.
 
         Returns:
           The number of points by status.
@@ -192,6 +195,10 @@ class PreparedStudy:
             for arrived in self._completed(indices, options, reporter):
                 for chunk, result in arrived:
                     keys = [self.keys[point.index] for point in chunk.points]
+                    if publish and not result.is_refused:
+                        for key, each in zip(keys, result.results, strict=True):
+                            publish(key, each)
+                        result = replace(result, results=[replace(each, files=()) for each in result.results])
                     if not result.is_refused:
                         hosts = {each.host for each in result.worker_versions} or {socket.gethostname()}
                         parts.add(keys, result.results, ", ".join(sorted(hosts)))
@@ -259,7 +266,11 @@ def _checked_design(
     points = design(options, model, spec.base.seed)
     try:
         shared = None if MODEL in points.names else source
-        require_values(points.names, points.points, dict(spec.controllers), shared)
+        names, values = points.names, points.points
+        if spec.images:
+            values = [without_cameras(names, point)[1] for point in values]
+            names = without_cameras(names, names)[0]
+        require_values(names, values, dict(spec.controllers), shared)
     except UsageError as error:
         if options.points is not None:
             error.add_note(f"the columns of {clean(options.points)} are parameters, too")

@@ -7,7 +7,8 @@ alone.
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import mujoco
@@ -34,6 +35,9 @@ from mjrun.simulation.simulation import Simulation
 from mjrun.study.spec import PointResult, Status, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
 
+if TYPE_CHECKING:
+    from mjrun.study.point_images import PointImages
+
 STARTS = [each.name for each in fields(InitialState)]  # options of simulations that their initial states depend on
 NOT_IN_STARTS = frozenset(COPIED.values())  # arrays of models that their initial states do not depend on
 WORLDS = 8192  # most points that Warp simulates at once
@@ -56,6 +60,7 @@ class PointSimulator:
         self._variants = ModelVariants(self._prepare)
         self._compiled = WeakKeyDictionary[SharedCompilation, _CompiledModel]()
         self._metrics = dict[tuple[object, ...], list[Metric]]()  # by the structure of the model
+        self._images: PointImages | None = None
         self._engine: Engine
         self._world_fields: WarpFields | None = None
         if spec.engine == "c":
@@ -80,8 +85,8 @@ class PointSimulator:
                 except Exception as error:
                     yield [self._failed(point, error, 0, time.perf_counter() - start)]
                     continue
-                if ready.kind is None:
-                    yield [self._alone(ready)]
+                if ready.kind is None or self._spec.images:
+                    yield [self._imaged(ready) if self._spec.images else self._alone(ready)]
                     self._variants.reuse(ready.variant)
                     continue
                 batches.setdefault(ready.kind, []).append(ready)
@@ -151,6 +156,21 @@ class PointSimulator:
             steps = error.step if isinstance(error, SimulationError) else 0
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)
         return ready.result(metrics.values(), time.perf_counter() - start)
+
+    def _imaged(self, ready: "_ReadyPoint") -> PointResult:
+        assert self._spec.images
+        start, point = time.perf_counter(), ready.point
+        values = dict(zip(self._spec.names, point.values, strict=True))
+        try:
+            if self._images is None:
+                from mjrun.study.point_images import PointImages  # which imports the renderer
+
+                self._images = PointImages(self._spec.images)
+            files = self._images.files(point.index, values, ready.simulation, ready.variant.model)
+        except Exception as error:
+            steps = error.step if isinstance(error, SimulationError) else 0
+            return self._failed(point, error, steps, ready.wall + time.perf_counter() - start)
+        return replace(ready.result((), time.perf_counter() - start), files=files)
 
     def _side_by_side(self, batch: Sequence["_ReadyPoint"]) -> Iterator[PointResult]:
         begin = time.perf_counter()

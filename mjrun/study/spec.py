@@ -16,10 +16,12 @@ from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
 from mjrun.model.sources import source_of
+from mjrun.options.dataset import CAMERA
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.image_spec import ImageSpec
 from mjrun.version import __version__
 
 Status = Literal["ok", "unstable", "failed", "timeout", "crashed", "missing"]
@@ -46,6 +48,7 @@ class StudySpec:
       every: steps between two rows that metrics read.
       engine: physics engine: `c`, or `warp` in single precision.
       controllers: name and function of each controller, where the controller varies.
+      images: images of each point of a dataset, which has no metrics.
     """
 
     base: Simulation
@@ -54,10 +57,14 @@ class StudySpec:
     every: int = 1
     engine: Literal["c", "warp"] = "c"
     controllers: tuple[tuple[str, Callable[..., object]], ...] = ()
+    images: ImageSpec | None = None
 
     def simulation(self, values: tuple[str, ...]) -> Simulation:
         """Returns the simulation of the point with these values."""
-        return simulation_at(self.base, self.names, values, dict(self.controllers))
+        names = self.names
+        if self.images:
+            names, values = without_cameras(names, values)
+        return simulation_at(self.base, names, values, dict(self.controllers))
 
     def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
         """Returns the model of the base simulation, and those that the values of points name instead."""
@@ -91,6 +98,7 @@ class PointResult:
       exit_code: exit code of `mjrun trace` of this point alone; 4 also where that command would only warn.
       message: reason of a failure; empty if the point did not fail.
       wall: wall time including compilation [s]; a share of it for points that ran side by side.
+      files: paths in the folder of a dataset, and contents.
     """
 
     index: int
@@ -100,9 +108,16 @@ class PointResult:
     exit_code: int = 0
     message: str = ""
     wall: float = 0.0
+    files: tuple[tuple[str, bytes], ...] = ()
 
 
 # --- values of points --------------------------------------------------------------------------------
+
+
+def without_cameras(names: Sequence[str], values: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Returns the parameters of a point without those of cameras, which the simulation does not depend on."""
+    kept = [pair for pair in zip(names, values, strict=True) if not pair[0].startswith(CAMERA)]
+    return tuple(name for name, _ in kept), tuple(value for _, value in kept)
 
 
 def simulation_at(

@@ -122,6 +122,7 @@ PRINTED: dict[str, tuple[str, ...]] = {
     "info": ("info", "one.xml"),
     "info-task": ("info", "scene:pendulum_swing_up", "observations"),
     "plot": ("plot", "a.csv", "-o", "a.svg"),
+    "dataset": ("dataset", "one.xml", "--size", "16x12", "--vary", "qpos/hinge=0,1", "--jobs", "1", "-o", "d"),
     "sweep": ("sweep", "one.xml", "--steps", "3", "--vary", "qpos/hinge=0,1", "--metric", "m=max(time)", "-o", "s"),
     "verify": ("trace", "one.xml", "--replay", "r.npz", "--verify"),
     "view": ("view", "one.xml", "--duration", "0.02"),

@@ -1,0 +1,78 @@
+"""Render labelled images of many variations of a model."""
+
+from typing import TYPE_CHECKING
+
+from mjrun.cli.click_command import CommandLine, ModelArgument, command
+from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
+from mjrun.cli.simulation_command import import_mujoco, reported_failures, simulation, stem
+from mjrun.errors import clean, counted
+from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.dataset import DatasetOptions
+from mjrun.options.simulation import SimulationOptions
+from mjrun.options.sweep import ExecutionOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mjrun.study.dataset import DatasetResult
+
+SHOWN = 10  # reasons of failures
+
+
+@command(
+    DatasetOptions,
+    ExecutionOptions,
+    SimulationOptions,
+    ConfinementOptions,
+    arguments=(ModelArgument("model"),),
+    python="Dataset",
+    reports={"dataset": "mjrun.study.dataset:DatasetResult"},
+)
+def dataset(console: Console, command_line: CommandLine) -> None:
+    """Render labelled images of MODEL for training vision models: colours, depth, masks of objects and parts, boxes,
+    keypoints, 6D poses and calibrated cameras, while anything varies.
+
+    \b
+    mjrun dataset table.xml --samples 1000 --objects 'mug*=mug' --vary 'camera.azimuth=uniform(0,360)' \\
+        --vary 'camera.distance=uniform(0.5,1.5)' --vary 'light:0.diffuse[0]=uniform(0.2,1)' --format coco,yolo -o mugs
+    mjrun dataset arm.xml --samples 200 --vary 'qpos/elbow=uniform(-1,1)' --keypoints 'tip,elbow' --format coco -o arms
+    mjrun dataset scene.xml --samples 100 --vary 'qvel/box=uniform(-1,1)' --times 0,0.5,1 --format bop -o throws
+
+    Every parameter of mjrun sweep can vary, and every setting of the camera. Repeating a command continues its dataset.
+    Exits with 8 if points failed.
+    """
+    console.guard_stdout()
+    import_mujoco()
+    from mjrun.study.dataset import Dataset
+
+    if command_line.value("output") is None:
+        command_line = command_line.with_defaults(output=f"{stem(command_line)}_dataset")
+    job = command_line.make(Dataset, simulation=simulation(command_line), command=console.command)
+    with reported_failures(console, _report):
+        result = job.run(console)
+    console.answer(_report([result]))
+
+
+def _report(results: "Sequence[DatasetResult]") -> Report:
+    return Report("dataset", results[0], summary=lambda: _summary(results[0]))
+
+
+def _summary(result: "DatasetResult") -> str:
+    lines = [
+        f"{group.status}: {counted(group.count, 'point')}, the first is {group.point}: {_first_line(group.message)}"
+        for group in result.failures[:SHOWN]
+    ]
+    parts = ", ".join(f"{count:,} {clean(part)}" for part, count in result.images.items())
+    facts = [f"{counted(sum(result.images.values()), 'image')} ({parts})"]
+    if result.rejected:
+        facts.append(f"{result.rejected:,} rejected")
+    known = result.points - result.rendered
+    if known:
+        facts.append(f"{counted(known, 'point')} known before")
+    facts.append(f"{counted(len(result.objects), 'object')}; {result.wall:.1f} s")
+    return "\n".join([*lines, f"{clean(result.path)}: {', '.join(facts)}"])
+
+
+def _first_line(text: str) -> str:
+    return clean(text.partition("\n")[0])

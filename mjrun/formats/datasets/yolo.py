@@ -1,0 +1,69 @@
+"""YOLO: labels/NAME.txt beside images/NAME.png, and data.yaml. https://docs.ultralytics.com/datasets/"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import PurePosixPath
+
+from mjrun.errors import UsageError, option
+from mjrun.formats.datasets import Dataset, Files, Record
+from mjrun.formats.datasets.coco import keypoints
+from mjrun.formats.datasets.masks import mask_of, polygons
+from mjrun.formats.segmentation_labels import ascii_json
+
+
+def files(dataset: Dataset) -> Files:
+    """Returns the labels of each image, the list of images of each part, and data.yaml.
+
+    Raises:
+      UsageError: keypoints are requested, and no object has any.
+    """
+    written = list[tuple[str, bytes]]()
+    for part, records in dataset.records.items():
+        for record in records:
+            name = PurePosixPath(record["files"]["rgb"]).stem
+            lines = "".join(f"{line}\n" for line in _lines(dataset, record))
+            written.append((f"labels/{name}.txt", lines.encode()))
+        listed = "".join(f"./{record['files']['rgb']}\n" for record in records)
+        written.append((f"{part}.txt", listed.encode()))
+    return [*written, ("data.yaml", _description(dataset).encode())]
+
+
+def _description(dataset: Dataset) -> str:
+    lines = [f"{part}: {part}.txt" for part in dataset.records]
+    if "val" not in dataset.records:  # which Ultralytics requires
+        lines.append(f"val: {next(iter(dataset.records))}.txt")
+    lines += ["names:", *(f"  {i}: {ascii_json(name)}" for i, name in enumerate(dataset.categories))]
+    if dataset.yolo_task == "pose":
+        lines.append(f"kpt_shape: [{_most_keypoints(dataset)}, 3]")
+    return "\n".join(lines) + "\n"
+
+
+def _most_keypoints(dataset: Dataset) -> int:
+    most = max(len(dataset.keypoints(name)) for name in dataset.categories)
+    if not most:
+        raise UsageError(f"{option('yolo_task')} pose: no object has {option('keypoints')}")
+    return most
+
+
+def _lines(dataset: Dataset, record: Record) -> Iterator[str]:
+    """Yields a line for each visible object: its category, and numbers relative to the size of the image."""
+    width, height = record["size"]
+    for each in record["objects"]:
+        if each["bbox"] is None:
+            continue
+        category = dataset.categories.index(each["category"])
+        if dataset.yolo_task == "segment":
+            outlines = polygons(mask_of(each["counts"], (width, height)))
+            largest = max(outlines, key=len)  # a line of YOLO is one polygon
+            yield _line(category, [number for x, y in largest for number in (x / width, y / height)])
+            continue
+        x, y, across, down = each["bbox"]
+        box = [(x + across / 2) / width, (y + down / 2) / height, across / width, down / height]
+        if dataset.yolo_task == "pose":
+            points = keypoints(dataset, each)
+            points += [[0.0, 0.0, 0]] * (_most_keypoints(dataset) - len(points))
+            box += [number for u, v, shown in points for number in (u / width, v / height, shown)]
+        yield _line(category, box)
+
+
+def _line(category: int, numbers: Sequence[float]) -> str:
+    return " ".join([str(category), *(f"{number:.6g}" for number in numbers)])

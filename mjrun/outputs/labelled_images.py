@@ -1,0 +1,454 @@
+"""Labelled images: colours, depth and masks of an instant, and a record of the objects in view."""
+
+import copy
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.argument import parse_camera
+from mjrun.camera.pose import Frustum, Pose
+from mjrun.camera.script import CameraScript
+from mjrun.camera.script_poses import CameraMotion
+from mjrun.dataclass import dataclass
+from mjrun.errors import UsageError, clean, concerning, option
+from mjrun.formats.segmentation_labels import Region, regions
+from mjrun.model.names import matching, names
+from mjrun.model.rendered_image import CameraCalibration, RenderedView
+from mjrun.model.stage import FLOOR, GROUND
+from mjrun.options.dataset import LabelOptions
+from mjrun.options.rendering import ViewOptions
+from mjrun.outputs.object_boxes import ObjectBox, ObjectBoxes
+from mjrun.probe.row_expression import Condition, parse_condition
+from mjrun.probe.scanner import Vocabulary
+from mjrun.rendering.backend import BackendDetection
+from mjrun.rendering.classic import ClassicRenderer
+from mjrun.rendering.drawn_model import HIDDEN_GROUP, VISIBLE_GROUPS, place_stage, visible_geoms
+from mjrun.rendering.segment_ids import NOTHING, Segmentation
+from mjrun.rendering.visual import visual_of
+
+GROUPED = ("geom", "site", "tendon", "flex", "skin")  # what is visible by groups
+MESHES = ("mesh_vert", "mesh_face", "mesh_normal", "mesh_texcoord", "mesh_graph", "hfield_data")
+SURFACES = ("skin_vert", "skin_face", "skin_texcoord", "flex_vertnum", "flex_elem", "flex_texcoord")
+TEXTURES = ("tex_data", "tex_adr", "tex_type", "tex_height", "tex_width")
+WIDEST = 8.0  # size of the view, relative to the image, in which the truncated part of an object is counted
+COLUMNS = ("pixels", "visible", "truncated")
+IN_VIEW = "objects"
+
+
+@dataclass(frozen=True)
+class LabelledObject:
+    """An object that images are labelled with: a body with everything attached to it.
+
+    Attributes:
+      category: the name of its kind.
+      keypoints: the ids of its sites that are keypoints.
+    """
+
+    name: str
+    category: str
+    body: int
+    keypoints: tuple[int, ...] = ()
+
+
+def labelled_objects(options: LabelOptions, model: mujoco.MjModel) -> list[LabelledObject]:
+    """Returns the objects that `options` name; by default, all children of the world that have geoms.
+
+    Raises:
+      UnknownNameError: a body or a site is unknown.
+      UsageError: an object is part of another one, or the model has no bodies to label.
+    """
+    bodies = names(model, "body")
+    chosen: dict[int, str] = {}
+    for index, text in enumerate(options.objects):
+        pattern, _, category = text.partition("=")
+        with concerning("objects", index):
+            for body in matching(model, "body", pattern):
+                if body == 0:
+                    raise UsageError(f"{option('objects')}: the world is not an object")
+                chosen.setdefault(body, category or bodies[body])
+    if not options.objects:
+        shown = {int(model.body_rootid[body]) for body in model.geom_bodyid} | set(_flexible(model))
+        chosen = {body: bodies[body] for body in sorted(shown - {0}) if bodies[body] not in (FLOOR, GROUND)}
+    if not chosen:
+        raise UsageError(f"{option('objects')}: the model has no bodies to label")
+    for body in chosen:
+        if above := next((parent for parent in _ancestors(model, body) if parent in chosen), None):
+            raise UsageError(f"{option('objects')}: {clean(bodies[body])} is part of {clean(bodies[above])}")
+
+    owner = object_of_body(model, list(chosen))
+    points: dict[int, list[int]] = {body: [] for body in chosen}
+    for index, pattern in enumerate(options.keypoints):
+        with concerning("keypoints", index):
+            for site in matching(model, "site", pattern):
+                place = owner[model.site_bodyid[site]]
+                if place >= 0 and site not in points[[*chosen][place]]:
+                    points[[*chosen][place]].append(site)
+    return [LabelledObject(bodies[body], name, body, tuple(points[body])) for body, name in chosen.items()]
+
+
+def object_of_body(model: mujoco.MjModel, roots: Sequence[int]) -> np.ndarray:
+    """Returns the index of the object that each body belongs to `(nbody,)`, −1 for none; `roots` are their bodies."""
+    owners = np.full(model.nbody, -1, np.int32)
+    for body in range(1, model.nbody):  # parents come first
+        owners[body] = roots.index(body) if body in roots else owners[model.body_parentid[body]]
+    return owners
+
+
+@dataclass(frozen=True)
+class ObjectView:
+    """An object as an image shows it.
+
+    Attributes:
+      region: its visible pixels; None if it is not visible.
+      pixels: number of visible pixels.
+      silhouette: number of pixels that it would have alone, including those outside of the image.
+      truncated: share of its silhouette outside of the image.
+      outline: x, y, width and height of the box around its silhouette [pixels], which may exceed the image.
+      alone: its silhouette within the image `(h, w)` bool, if requested.
+      pose: `(4, 4)`, camera from object, in the axes of OpenCV [m].
+      box: the box around it in its frame.
+      keypoints: `(n, 3)`: x and y [pixels], and 2 if visible, 1 if covered, 0 if outside of the image.
+    """
+
+    object: LabelledObject
+    region: Region | None
+    pixels: int
+    silhouette: float
+    truncated: float
+    outline: tuple[float, float, float, float]
+    alone: np.ndarray | None
+    pose: np.ndarray
+    box: ObjectBox
+    keypoints: np.ndarray
+
+    @property
+    def visible(self) -> float:
+        """The share of the silhouette that is visible."""
+        return self.pixels / self.silhouette if self.silhouette else 0.0
+
+
+@dataclass(frozen=True)
+class LabelledImage:
+    """An image and its labels.
+
+    Attributes:
+      time: simulated time [s].
+      calibration: calibration of the camera.
+      rgb: `(h, w, 3)` uint8.
+      depth: `(h, w)` float32 [m], infinite for the background.
+      objects: `(h, w)` int32, indices into the objects, −1 for none.
+      bodies: `(h, w)` int32, ids of bodies, −1 for none.
+      views: the objects, visible or not.
+      is_accepted: whether all conditions hold.
+    """
+
+    camera: str
+    time: float
+    calibration: CameraCalibration
+    rgb: np.ndarray
+    depth: np.ndarray
+    objects: np.ndarray
+    bodies: np.ndarray
+    views: Sequence[ObjectView]
+    is_accepted: bool
+
+
+class AcceptConditions:
+    """The conditions that an image must satisfy.
+
+    Raises:
+      UsageError: a condition is invalid.
+    """
+
+    def __init__(self, options: LabelOptions, objects: Sequence[LabelledObject]) -> None:
+        columns = [f"{name}/{each.name}" for name in COLUMNS for each in objects]
+        self._conditions = list[Condition]()
+        for index, text in enumerate(options.accept):
+            with concerning("accept", index):
+                self._conditions.append(parse_condition(text, Vocabulary([*columns, IN_VIEW]), option("accept")))
+
+    def hold(self, views: Sequence[ObjectView]) -> bool:
+        """Returns whether all conditions hold for an image of these objects."""
+        values = {IN_VIEW: float(sum(view.pixels > 0 for view in views))}
+        for view in views:
+            name = view.object.name
+            values |= {f"pixels/{name}": view.pixels, f"visible/{name}": view.visible}
+            values[f"truncated/{name}"] = view.truncated
+        columns = {name: np.array([value], float) for name, value in values.items()}
+        return all(bool(np.all(condition.holds(columns))) for condition in self._conditions)
+
+
+class LabelledRenderer:
+    """A renderer of labelled images of many similar models. To be used in one thread, and closed.
+
+    Args:
+      outlines: whether images need the silhouette of each object.
+
+    Raises:
+      NoRendererError: no backend works.
+    """
+
+    def __init__(self, options: LabelOptions, *, outlines: bool = False) -> None:
+        self._options, self._outlines = options, outlines
+        detection = BackendDetection(options.gl)
+        self._backend = detection.result(require_gpu=options.require_gpu)
+        self._visual = visual_of(ViewOptions(quality=options.quality, gl=options.gl, camera="free"))
+        self._renderer: ClassicRenderer | None = None
+        self._model: mujoco.MjModel | None = None  # whose meshes and textures the renderer has
+
+    def images(
+        self, model: mujoco.MjModel, cameras: Sequence[object], states: Sequence[np.ndarray], times: Sequence[float]
+    ) -> Iterator[LabelledImage]:
+        """Yields the images of each state, one of each camera.
+
+        Args:
+          cameras: cameras or camera scripts, as on the command line.
+          times: simulated times of the states [s], ascending.
+
+        Raises:
+          UsageError: a camera or an object is unknown.
+          DrawError: OpenGL failed.
+        """
+        options = self._options
+        drawn = copy.copy(model)
+        visible = visible_geoms(drawn, options.geoms)
+        drawn.geom_group[:] = np.where(visible, VISIBLE_GROUPS[0], HIDDEN_GROUP)
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, "stage light") >= 0 or _has_floor(model):
+            place_stage(drawn, states[0])
+        objects = labelled_objects(options, model)
+        scene = _Objects(drawn, objects, visible)
+        renderer = self._prepared(drawn)
+        conditions = AcceptConditions(options, objects)
+
+        poses = list[list[Pose]]()
+        spans = [(0.0, times[-1])]
+        for index, camera in enumerate(cameras):
+            with concerning("camera", index):
+                script = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
+                motion = CameraMotion(script, model, options.size)
+                later = [(np.inf, np.inf)] * (len(script.shots) - 1)
+                motion.frame(states, times, [*spans, *later])
+                poses.append(list(motion.poses(states, times, times, [*spans, *later])))
+        for place, (state, time) in enumerate(zip(states, times, strict=True)):
+            renderer.look(state)
+            scene.look(state)
+            for camera, track in zip(cameras, poses, strict=True):
+                seen = renderer.picture(track[place], ("rgb", "depth", "seg"))
+                rgb, depth, bodies = seen.rgb, seen.depth, seen.ids
+                assert rgb is not None
+                assert depth is not None
+                assert bodies is not None
+                rgb = rgb.copy()  # which the next picture overwrites
+                ids: np.ndarray = scene.owners_or_none[bodies]
+                views = self._views(renderer, track[place], scene, seen, ids)
+                name = camera.name if isinstance(camera, CameraScript) else str(camera)
+                accepted = conditions.hold(views)
+                yield LabelledImage(name, time, seen.calibration, rgb, depth, ids, bodies, views, accepted)
+
+    def close(self) -> None:
+        """Frees the driver's resources."""
+        if self._renderer:
+            self._renderer.make_current()
+            self._renderer.close()
+        self._renderer = None
+
+    def _prepared(self, model: mujoco.MjModel) -> ClassicRenderer:
+        """Returns a renderer of `model`, with the meshes and textures of an earlier one if they are equal."""
+        segmentation = Segmentation(model, "body")
+        if self._renderer and self._model is not None and _same_assets(self._model, model):
+            self._renderer.make_current()
+            self._renderer.show(model, segmentation)
+        else:
+            self.close()
+            self._renderer = ClassicRenderer(model, self._options.size, self._backend, self._visual, segmentation)
+        self._model = model
+        return self._renderer
+
+    def _views(
+        self, renderer: ClassicRenderer, pose: Pose, scene: "_Objects", seen: RenderedView, ids: np.ndarray
+    ) -> list[ObjectView]:
+        found = {region.id: region for region in regions(ids)}
+        views = list[ObjectView]()
+        for index, each in enumerate(scene.objects):
+            box, placed = scene.box(index), scene.pose(index)
+            alone, silhouette, truncated, outline = self._silhouette(renderer, pose, scene, index, box, seen)
+            region = found.get(index)
+            views.append(
+                ObjectView(
+                    object=each,
+                    region=region,
+                    pixels=region.area if region else 0,
+                    silhouette=silhouette,
+                    truncated=truncated,
+                    outline=outline,
+                    alone=alone if self._outlines else None,
+                    pose=np.linalg.inv(seen.calibration.pose) @ placed,
+                    box=box,
+                    keypoints=_keypoints(scene.keypoints(index), seen, ids == index),
+                )
+            )
+        return views
+
+    def _silhouette(
+        self,
+        renderer: ClassicRenderer,
+        pose: Pose,
+        scene: "_Objects",
+        index: int,
+        box: ObjectBox,
+        seen: RenderedView,
+    ) -> tuple[np.ndarray, float, float, tuple[float, float, float, float]]:
+        """Renders an object alone; returns its mask, the area of its silhouette, the share outside and its box."""
+        width, height = seen.calibration.size
+        with scene.alone(index):
+            mask = _mask(renderer.picture(pose, ("seg",)))
+            scale = _needed_scale(seen.calibration, box.corners(scene.pose(index)))
+            inside = float(mask.sum())
+            if scale <= 1:
+                return mask, inside, 0.0, _around(mask)
+            wide = _mask(renderer.picture(replace(pose, frustum=_widened(pose.frustum, scale)), ("seg",)))
+        middle = np.array([width, height]) / 2
+        rows, columns = np.nonzero(wide)
+        places = (np.stack([columns, rows], axis=1) + 0.5 - middle) * scale + middle
+        within = np.logical_and(places >= 0, places < [width, height]).all(axis=1)
+        outside = 1 - float(np.mean(within)) if len(places) else 0.0
+        x, y, across, down = _around(wide)
+        corner = (np.array([x, y]) - middle) * scale + middle
+        total = inside / (1 - outside) if outside < 1 else len(places) * scale**2
+        return mask, total, outside, (float(corner[0]), float(corner[1]), across * scale, down * scale)
+
+
+class _Objects:
+    """The objects of a model in its current state."""
+
+    def __init__(self, model: mujoco.MjModel, objects: Sequence[LabelledObject], visible: np.ndarray) -> None:
+        self.objects = objects
+        self.owners = object_of_body(model, [each.body for each in objects])
+        self.owners_or_none = np.append(self.owners, NOTHING).astype(np.int32)  # by the id of a body, −1 included
+        self._model, self._data = model, mujoco.MjData(model)
+        self._boxes = ObjectBoxes(model, [each.body for each in objects], self.owners, visible)
+        bodies = {kind: _bodies_of(model, kind) for kind in GROUPED}
+        self._owners = {kind: np.where(ids >= 0, self.owners[ids], -1) for kind, ids in bodies.items()}
+
+    def look(self, state: np.ndarray) -> None:
+        """Moves the model to an integration state."""
+        mujoco.mj_setState(self._model, self._data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_flex(self._model, self._data)
+
+    def pose(self, index: int) -> np.ndarray:
+        """Returns the pose of an object `(4, 4)`, world from object."""
+        matrix, body = np.eye(4), self.objects[index].body
+        matrix[:3, :3] = self._data.xmat[body].reshape(3, 3)
+        matrix[:3, 3] = self._data.xpos[body]
+        return matrix
+
+    def box(self, index: int) -> ObjectBox:
+        """Returns the box around an object in its frame."""
+        return self._boxes.box(index, self.pose(index), self._data)
+
+    def keypoints(self, index: int) -> np.ndarray:
+        """Returns the positions of the keypoints of an object `(n, 3)` [m]."""
+        return self._data.site_xpos[[*self.objects[index].keypoints]].reshape(-1, 3)
+
+    @contextmanager
+    def alone(self, index: int) -> Generator[None]:
+        """Hides everything except one object within the block."""
+        model = self._model
+        before = {kind: getattr(model, f"{kind}_group").copy() for kind in GROUPED}
+        try:
+            for kind, owners in self._owners.items():
+                getattr(model, f"{kind}_group")[owners != index] = HIDDEN_GROUP
+            yield
+        finally:
+            for kind, groups in before.items():
+                getattr(model, f"{kind}_group")[:] = groups
+
+
+def _bodies_of(model: mujoco.MjModel, kind: str) -> np.ndarray:
+    """Returns the body that each object of a kind belongs to; −1 for none."""
+    match kind:
+        case "geom":
+            return np.array(model.geom_bodyid)
+        case "site":
+            return np.array(model.site_bodyid)
+        case "flex":
+            return np.array([model.flex_vertbodyid[first] for first in model.flex_vertadr], int)
+        case "skin":
+            return np.array([model.skin_bonebodyid[first] for first in model.skin_boneadr], int)
+        case _:
+            return np.full(int(model.ntendon), NOTHING)
+
+
+def _mask(seen: RenderedView) -> np.ndarray:
+    assert seen.ids is not None
+    mask: np.ndarray = seen.ids >= 0
+    return mask
+
+
+def _around(mask: np.ndarray) -> tuple[float, float, float, float]:
+    """Returns x, y, width and height of the box around a mask [pixels]; zeros for an empty one."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return 0.0, 0.0, 0.0, 0.0
+    x, y = float(columns[0]), float(rows[0])
+    return x, y, float(columns[-1]) + 1 - x, float(rows[-1]) + 1 - y
+
+
+def _needed_scale(camera: CameraCalibration, corners: np.ndarray) -> float:
+    """Returns the size of a view around the middle of an image that contains `corners`, relative to the image."""
+    pixels = camera.project(corners)
+    if (pixels[:, 2] <= camera.near).any():
+        return WIDEST
+    half = np.array(camera.size) / 2
+    needed = float((np.abs(pixels[:, :2] - half) / half).max())
+    return min(1.02 * needed, WIDEST) if needed > 1 else 1.0
+
+
+def _widened(frustum: Frustum, scale: float) -> Frustum:
+    """Returns a frustum whose image is larger by `scale` around the middle of the image."""
+    middle, half = (frustum.top + frustum.bottom) / 2, (frustum.top - frustum.bottom) / 2
+    return replace(frustum, bottom=middle - scale * half, top=middle + scale * half, width=frustum.width * scale)
+
+
+def _keypoints(points: np.ndarray, seen: RenderedView, own: np.ndarray) -> np.ndarray:
+    """Projects keypoints; one is visible where its object is, or where nothing is nearer."""
+    assert seen.depth is not None
+    camera = seen.calibration
+    width, height = camera.size
+    labels = np.zeros((len(points), 3))
+    for label, (u, v, depth) in zip(labels, camera.project(points), strict=True):
+        if depth <= camera.near or not (0 <= u < width and 0 <= v < height):
+            continue
+        place = int(v), int(u)
+        is_visible = own[place] or seen.depth[place] >= depth
+        label[:] = u, v, 2 if is_visible else 1
+    return labels
+
+
+def _same_assets(model: mujoco.MjModel, other: mujoco.MjModel) -> bool:
+    """Returns whether two models have the same meshes, textures, height fields and skins, and drawing buffers."""
+    quality, others = model.vis.quality, other.vis.quality
+    same = (quality.shadowsize, quality.offsamples) == (others.shadowsize, others.offsamples)
+    return same and all(
+        np.array_equal(getattr(model, name), getattr(other, name)) for name in (*MESHES, *SURFACES, *TEXTURES)
+    )
+
+
+def _has_floor(model: mujoco.MjModel) -> bool:
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) >= 0
+
+
+def _flexible(model: mujoco.MjModel) -> Iterator[int]:
+    """Yields the roots of the bodies of flexes."""
+    for body in model.flex_vertbodyid:
+        yield int(model.body_rootid[body])
+
+
+def _ancestors(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    while body:
+        body = int(model.body_parentid[body])
+        yield body

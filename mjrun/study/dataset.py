@@ -1,0 +1,280 @@
+"""A dataset: labelled images of many variations of a model, and the documents that readers of datasets need."""
+
+import json
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import FailedPointsError, FileError, UsageError, listing, option
+from mjrun.experiment.results_table import raise_failures
+from mjrun.formats import datasets
+from mjrun.formats.atomic_output import written_file
+from mjrun.formats.input_file import is_file
+from mjrun.model.names import names
+from mjrun.model.override import Override
+from mjrun.model.sources import source_of
+from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
+from mjrun.options.option import options, options_of
+from mjrun.options.rendering import RIGS, ViewOptions
+from mjrun.options.sweep import ExecutionOptions, VariationOptions
+from mjrun.outputs.frame_output import camera_motions
+from mjrun.outputs.labelled_images import AcceptConditions, LabelledObject, labelled_objects
+from mjrun.packages import require_all
+from mjrun.rendering.backend import AUTO, GL
+from mjrun.rendering.drawn_model import stage_parts, stage_remark
+from mjrun.reporter import Reporter, WarningReporter
+from mjrun.simulation.simulation import Simulation, require_simulation
+from mjrun.study.executors import WARP, check_engine
+from mjrun.study.image_spec import RECORDS, ImageSpec, camera_argument, part_of, record_path
+from mjrun.study.prepared import PreparedStudy
+from mjrun.study.results import STATUSES, FailureGroup, point_failures, study_table
+from mjrun.study.spec import PointResult
+from mjrun.study.study import Study
+from mjrun.version import __version__
+
+SCHEMA = "mjrun-dataset-1"
+OBJECTS = "objects.json"
+
+
+@options
+class Dataset(DatasetOptions, ExecutionOptions):
+    """Labelled images of `simulation` with the values of each point. Its options are keywords.
+
+    Args:
+      command: command line, for the manifest.
+    """
+
+    simulation: Simulation = field(kw_only=False)
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_simulation(self.simulation)
+        if "bop" in self.format and len(self.format) > 1:
+            others = listing([name for name in self.format if name != "bop"])
+            raise UsageError(f"{option('format')}: bop has other folders than {others}; write a dataset for each")
+        if self.engine == WARP:
+            raise UsageError(f"{option('engine')} warp renders nothing; {option('engine')} local does")
+
+    def run(self, reporter: Reporter | None = None) -> "DatasetResult":
+        """Renders the points that are missing, and writes the documents of all formats.
+
+        Raises:
+          FailedPointsError: points failed; everything else is written nevertheless.
+          MjrunError: nothing could be rendered.
+        """
+        reporter, start = reporter or WarningReporter(), time.perf_counter()
+        require_all(EXTRAS)
+        study = self._study(reporter)
+        objects = labelled_objects(self, study.simulation.load())
+        names = tuple(each.name for each in objects)
+        spec = ImageSpec(self._labels(), self.split if "bop" in self.format else (), names, self._layout)
+        prepared = PreparedStudy(study, replace(study.spec, images=spec))
+        self._check(prepared, objects)
+        check_engine(self.engine)
+        prepared.files.create()
+        prepared.warn_of_damaged(reporter)
+        study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
+        missing = sorted({*prepared.missing(self.retry_failed), *self._lost(prepared)})
+        if len(missing) < len(prepared.keys):
+            reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
+        if missing:
+            prepared.simulate(missing, study, reporter, publish=self._publish)
+        return self._conclude(study, prepared, objects, len(missing), start)
+
+    @property
+    def _layout(self) -> Any:
+        return "bop" if "bop" in self.format else "flat"
+
+    def _labels(self) -> LabelOptions:
+        """Returns the options of images; processes that simulate have a MUJOCO_GL that switches rendering off."""
+        values = {each.attribute: getattr(self, each.attribute) for each in options_of(LabelOptions)}
+        return LabelOptions(**{**values, "gl": self.gl or os.environ.get(GL) or AUTO})
+
+    def _study(self, reporter: Reporter) -> Study:
+        """Returns the study of the points, whose model has the stage."""
+        shared = [*options_of(VariationOptions), *options_of(ExecutionOptions)]
+        values = {each.attribute: getattr(self, each.attribute) for each in shared}
+        return Study(self._staged(reporter), output=self.output, command=self.command, **values)
+
+    def _staged(self, reporter: Reporter) -> Simulation:
+        """Returns the simulation of a model with a stage, which it does not notice."""
+        view = ViewOptions(stage=self.stage)
+        parts = stage_parts(view, self.simulation.load(), is_measured=True)
+        if not parts:
+            return self.simulation
+        if "auto" in self.stage:
+            reporter.note(stage_remark(parts, is_measured=True))
+        source = source_of(self.simulation.model)
+        return replace(self.simulation, model=source.with_overrides([Override("", part, "stage") for part in parts]))
+
+    def _check(self, prepared: PreparedStudy, objects: Sequence[LabelledObject]) -> None:
+        """Raises errors that concern all points before the first is rendered."""
+        AcceptConditions(self, objects)
+        first = prepared.points.values(0)
+        camera = {key.removeprefix(CAMERA): text for key, text in first.items() if key.startswith(CAMERA)}
+        if camera and not any(isinstance(each, str) and each.partition(":")[0] in RIGS for each in self.camera):
+            raise UsageError(
+                f"{option('vary')} {CAMERA}…: a camera of the model has no settings; give a rig, such as free"
+            )
+        cameras = [camera_argument(each, camera) if isinstance(each, str) else each for each in self.camera]
+        camera_motions(ViewOptions(camera=cameras, size=self.size), prepared.model)
+        timeline = prepared.first.timeline(prepared.model)
+        if self.simulation.has_end and max(self.times) > timeline.duration:
+            late, end = float(max(self.times)), float(timeline.duration)
+            raise UsageError(f"{option('times')}: {late:g} s is after the end of the simulation at {end:g} s")
+
+    def _lost(self, prepared: PreparedStudy) -> list[int]:
+        """Returns the points with results whose files are missing or of another point."""
+        lost = list[int]()
+        for index, key in enumerate(prepared.keys):
+            result = prepared.known.get(key)
+            if result is not None and result.status == "ok" and not self._is_complete(index, prepared):
+                lost.append(index)
+        return lost
+
+    def _is_complete(self, index: int, prepared: PreparedStudy) -> bool:
+        document = self._record(index)
+        is_same = document is not None and document.get("key") == prepared.keys[index]
+        return is_same and all(is_file(Path(self.output) / path) for path in _paths(document))
+
+    def _record(self, index: int) -> dict[str, Any] | None:
+        """Returns the record of a point; None if it is missing or unreadable."""
+        try:
+            document = json.loads((Path(self.output) / record_path(index)).read_text("utf-8"))
+        except (OSError, ValueError):
+            return None
+        return document if isinstance(document, dict) else None
+
+    def _publish(self, key: str, result: PointResult) -> None:
+        """Writes the files of a point, the record with its key last; removes those of an earlier point."""
+        if not result.files:
+            return
+        before = _paths(self._record(result.index))
+        *images, (path, content) = result.files
+        self._write([*images, (path, b'{"key": "%s", %s' % (key.encode(), content[1:]))])
+        self._remove({*before} - {path for path, _ in images})
+
+    def _write(self, files: datasets.Files) -> None:
+        for path, content in files:
+            place = Path(self.output) / path
+            try:
+                place.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise FileError(place.parent, f"cannot be made: {error.strerror}") from None
+            with written_file(place, content) as output:
+                output.publish()
+
+    def _remove(self, paths: Iterable[str]) -> None:
+        """Removes images that are not part of the dataset any more, and their labels."""
+        for path in paths:
+            place = Path(self.output) / path
+            place.unlink(missing_ok=True)
+            (Path(self.output) / "labels" / f"{place.stem}.txt").unlink(missing_ok=True)
+
+    def _remove_points_from(self, count: int) -> None:
+        """Removes the images and records of earlier points beyond the first `count`."""
+        for place in sorted((Path(self.output) / RECORDS).glob("*.json")):
+            if place.stem.isdecimal() and int(place.stem) >= count:
+                self._remove(_paths(self._record(int(place.stem))))
+                place.unlink(missing_ok=True)
+
+    def _conclude(
+        self, study: Study, prepared: PreparedStudy, objects: Sequence[LabelledObject], made: int, start: float
+    ) -> "DatasetResult":
+        results, folder = prepared.results(), Path(self.output)
+        facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
+        study_table(prepared.points, (), results).write(prepared.folder, facts)
+        self._remove_points_from(len(results))
+        parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
+        rejected = 0
+        for index, result in enumerate(results):
+            document = self._record(index) if result.status == "ok" else None
+            for image in document["images"] if document else ():
+                rejected += not image["accepted"]
+                if image["accepted"]:
+                    parts[part_of(index, self.split)].append(image)
+
+        sites = names(prepared.model, "site")
+        described = [(each.name, each.category, tuple(sites[i] for i in each.keypoints)) for each in objects]
+        dataset = datasets.Dataset(parts, described, self.polygons, self.yolo_task)
+        for name in self.format:
+            if name != "folder":
+                self._write(import_module(f"mjrun.formats.datasets.{name}").files(dataset))
+        self._write([(OBJECTS, self._objects(objects, prepared.model))])
+        statuses = {status: sum(result.status == status for result in results) for status in STATUSES}
+        result = DatasetResult(
+            path=str(folder),
+            points=len(results),
+            rendered=made,
+            images={part: len(images) for part, images in parts.items()},
+            rejected=rejected,
+            objects=[each.name for each in objects],
+            categories=dataset.categories,
+            statuses={status: count for status, count in statuses.items() if count},
+            failures=point_failures(prepared.points, results),
+            wall=time.perf_counter() - start,
+        )
+        study.write_manifest({"schema": SCHEMA, "format": list(self.format), "images": dict(result.images)})
+        failed = any(each.status != "ok" for each in results)
+        raise_failures(result, [], FailedPointsError(result.statuses) if failed else None)
+        return result
+
+    def _objects(self, objects: Sequence[LabelledObject], model: mujoco.MjModel) -> bytes:
+        """Returns the list of objects, and of the bodies that part masks distinguish."""
+        sites = names(model, "site")
+        listed = [
+            {
+                "id": number,
+                "name": each.name,
+                "category": each.category,
+                "keypoints": [sites[site] for site in each.keypoints],
+            }
+            for number, each in enumerate(objects, 1)
+        ]
+        bodies = [{"id": number, "name": name} for number, name in enumerate(names(model, "body"), 1)]
+        return f"{json.dumps({'objects': listed, 'parts': bodies}, indent=1)}\n".encode()
+
+
+def _paths(record: Mapping[str, Any] | None) -> list[str]:
+    """Returns the files of the images of a point, inside of the folder."""
+    paths = [str(path) for image in (record or {}).get("images", ()) for path in image["files"].values()]
+    return [path for path in paths if not Path(path).is_absolute() and ".." not in Path(path).parts]
+
+
+@dataclass(frozen=True)
+class DatasetResult:
+    """The result of a dataset.
+
+    Attributes:
+      path: folder of the dataset.
+      points: number of points.
+      rendered: number of points that were rendered now; the others were known.
+      images: number of accepted images by part of the dataset.
+      rejected: number of images that do not satisfy the conditions.
+      objects: names of the objects.
+      categories: names of the categories.
+      statuses: number of points by status.
+      failures: reasons of failures, with the number of points and the first of them.
+      wall: wall time [s].
+      schema: name of this schema.
+    """
+
+    path: str
+    points: int
+    rendered: int
+    images: Mapping[str, int]
+    rejected: int
+    objects: Sequence[str]
+    categories: Sequence[str]
+    statuses: Mapping[str, int]
+    failures: Sequence[FailureGroup]
+    wall: float
+    schema: str = SCHEMA

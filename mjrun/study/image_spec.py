@@ -1,0 +1,89 @@
+"""The images of a dataset as values: what each point shows, and where its files are."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from typing import Literal
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import UsageError, clean, option
+from mjrun.options.dataset import CAMERA, LabelOptions
+from mjrun.options.rendering import RIGS
+
+VECTORS = ("lookat", "offset", "from", "at")  # settings of rigs that are points x/y/z
+RATIO = (5**0.5 - 1) / 2  # whose multiples are spread evenly between 0 and 1
+RECORDS = "records"
+
+Split = tuple[tuple[str, Fraction], ...]
+
+
+@dataclass(frozen=True)
+class ImageSpec:
+    """The images of each point of a dataset.
+
+    Attributes:
+      options: their content and labels.
+      split: parts of the dataset and their shares, if the places of files depend on them.
+      objects: names of the objects, which all points share.
+      layout: `flat`, a folder for each kind of image; or `bop`, a folder for each part of the dataset and kind.
+    """
+
+    options: LabelOptions
+    split: Split
+    objects: tuple[str, ...]
+    layout: Literal["flat", "bop"] = "flat"
+
+    @property
+    def without_backend(self) -> LabelOptions:
+        """The options that determine the images, whatever renders them."""
+        return replace(self.options, gl=None, require_gpu=False)
+
+    @property
+    def per_point(self) -> int:
+        """The number of images of each point."""
+        return len(self.options.times) * len(self.options.camera)
+
+
+def part_of(index: int, split: Split) -> str:
+    """Returns the part of the dataset that a point belongs to, whatever the number of points."""
+    place, end = (index * RATIO) % 1, 0.0
+    for name, share in split:
+        end += float(share)
+        if place < end:
+            return name
+    return split[-1][0]
+
+
+def camera_argument(text: str, values: Mapping[str, str]) -> str:
+    """Returns the argument of a rig with other settings, `lookat`, or `lookat[0]` for one coordinate.
+
+    Cameras of the model have no settings.
+
+    Raises:
+      UsageError: a coordinate is not one.
+    """
+    kind, _, rest = text.partition(":")
+    if not values or kind not in RIGS:
+        return text
+    parts = [part for part in rest.split(",") if part]
+    target = [part for part in parts if "=" not in part]
+    settings = dict(part.split("=", 1) for part in parts if "=" in part)
+    vectors: dict[str, list[str]] = {}
+    for key, value in values.items():
+        name, bracket, place = key.partition("[")
+        if not bracket:
+            settings[key] = value
+            continue
+        if name not in VECTORS or place not in ("0]", "1]", "2]"):
+            valid = ", ".join(f"{CAMERA}{each}[0]" for each in VECTORS)
+            raise UsageError(f"{option('vary')} {clean(CAMERA + key)}: only points have coordinates, as in {valid}")
+        given = settings.get(name, "0/0/0").split("/")
+        vectors.setdefault(name, given if len(given) == 3 else ["0"] * 3)[int(place[0])] = value
+    settings |= {name: "/".join(numbers) for name, numbers in vectors.items()}
+    kind = "free" if kind == "auto" and not {*settings} <= {"azimuth", "elevation", "roll", "fovy"} else kind
+    return f"{kind}:{','.join([*target, *(f'{name}={value}' for name, value in settings.items())])}"
+
+
+def record_path(index: int) -> str:
+    """Returns the path of the record of a point in its dataset."""
+    return f"{RECORDS}/{index:06d}.json"

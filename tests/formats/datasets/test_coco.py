@@ -1,0 +1,46 @@
+"""COCO documents, read by pycocotools."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mjrun.formats.datasets.coco import files
+from tests.formats.datasets.dataset_of_two import IDS, dataset
+
+
+def read(tmp_path: Path, content: bytes) -> Any:
+    from pycocotools.coco import COCO
+
+    path = tmp_path / "instances.json"
+    path.write_bytes(content)
+    return COCO(str(path))
+
+
+@pytest.mark.filterwarnings("ignore:__array__:DeprecationWarning")  # in pycocotools
+@pytest.mark.parametrize("polygons", [False, True], ids=["run lengths", "polygons"])
+def test_pycocotools_reads_the_masks(tmp_path: Path, polygons: bool) -> None:
+    written: Sequence[tuple[str, bytes]] = files(dataset(polygons=polygons))
+    assert [path for path, _ in written] == ["annotations/instances_train.json", "annotations/instances_val.json"]
+    coco = read(tmp_path, written[0][1])
+    assert [each["name"] for each in coco.loadCats(coco.getCatIds())] == ["thing", "other"]
+    for annotation, index in zip(coco.loadAnns(coco.getAnnIds(imgIds=[0])), (0, 1), strict=True):
+        expected = index == IDS
+        if polygons and index == 0:
+            expected[3, 5] = True  # holes are filled
+        np.testing.assert_array_equal(coco.annToMask(annotation).astype(bool), expected)
+        assert annotation["area"] == (index == IDS).sum()
+        rows, columns = np.nonzero(index == IDS)
+        low, high = (columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)
+        assert annotation["bbox"] == [*low, high[0] - low[0], high[1] - low[1]]
+
+
+def test_keypoints_belong_to_their_category(tmp_path: Path) -> None:
+    coco = read(tmp_path, files(dataset())[1][1])
+    (annotation,) = coco.loadAnns(coco.getAnnIds())
+    assert coco.loadCats([1])[0]["keypoints"] == ["tip", "end"]
+    assert annotation["keypoints"] == [4.5, 3.25, 2, 0, 0, 0]
+    assert annotation["num_keypoints"] == 1
+    assert annotation["image_id"] == 5

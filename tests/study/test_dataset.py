@@ -1,0 +1,206 @@
+"""Datasets: the same images whatever renders them, and none of another model, point or condition."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from PIL import Image
+
+import mjrun
+from mjrun.errors import FailedPointsError, UsageError
+from mjrun.reporter import WarningReporter
+from mjrun.study.dataset import Dataset, DatasetResult
+from mjrun.study.image_spec import camera_argument, part_of
+
+MODEL = """<mujoco><asset><material name="red" rgba="1 0 0 1"/></asset><worldbody>
+  <light pos="0 0 3"/><geom name="floor" type="plane" size="1 1 .1"/>
+  <body name="box" pos="0 0 {height}"><freejoint/><geom type="box" size=".1 .1 .1" material="red"/></body>
+  <body name="ball" pos=".4 0 .1"><freejoint/><geom size=".1"/><site name="top" pos="0 0 .1"/></body>
+  </worldbody></mujoco>"""
+VARY = {"camera.azimuth": "uniform(0,360)", "camera.distance": "uniform(1,2)", "material/red.rgba[1]": "uniform(0,1)"}
+ASSETS = ("images", "depth", "masks", "part_masks")
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "m.xml"
+    path.write_text(MODEL.format(height=0.1))
+    return path
+
+
+def made(model: Path, folder: Path, **options: Any) -> DatasetResult:
+    defaults: dict[str, Any] = {"vary": VARY, "samples": 3, "size": (64, 48), "jobs": 1, "quality": "draft"}
+    return Dataset(mjrun.Simulation(model), str(folder), **defaults | options).run(WarningReporter())
+
+
+def contents(folder: Path) -> Mapping[str, bytes]:
+    """Returns the images and labels of a dataset, without what differs from run to run."""
+    own = ("study.json", "parts", "results")
+    paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
+    return {str(path): (folder / path).read_bytes() for path in paths if not str(path).startswith(own)}
+
+
+def records(folder: Path) -> list[dict[str, Any]]:
+    documents = [json.loads(path.read_text()) for path in sorted((folder / "records").glob("*.json"))]
+    return [image for document in documents for image in document["images"]]
+
+
+def test_images_and_labels_do_not_depend_on_processes_engine_or_interruptions(model: Path, tmp_path: Path) -> None:
+    options = {"format": "coco,yolo,nerfstudio", "keypoints": "top"}
+    made(model, tmp_path / "a", **options)
+    made(model, tmp_path / "b", **options, jobs=2, chunk=1)
+    first = made(model, tmp_path / "c", **options, samples=2)
+    assert (first.rendered, first.points) == (2, 2)
+    again = made(model, tmp_path / "c", **options)
+    assert (again.rendered, again.points) == (1, 3)
+    made(model, tmp_path / "d", **options, engine="dask", jobs=1)
+    expected = contents(tmp_path / "a")
+    assert {Path(path).parts[0] for path in expected} >= {*ASSETS, "labels", "annotations", "transforms.json"}
+    for name in "bcd":
+        assert contents(tmp_path / name) == expected
+
+
+def test_a_point_is_the_image_of_the_same_model_and_camera(model: Path, tmp_path: Path) -> None:
+    made(model, tmp_path / "set", samples=2)
+    for document in (tmp_path / "set/records").glob("*.json"):
+        point = json.loads(document.read_text())
+        values, (image,) = point["values"], point["images"]
+        compiled = mjrun.load(model)
+        compiled.mat_rgba[0, 1] = float(values["material/red.rgba[1]"])
+        camera = f"free:azimuth={values['camera.azimuth']},distance={values['camera.distance']}"
+        data = mujoco.MjData(compiled)
+        expected = mjrun.render(compiled, data, camera, (64, 48), visual=mjrun.Visual(quality="draft"))
+        found = np.array(Image.open(tmp_path / "set" / image["files"]["rgb"]))
+        np.testing.assert_array_equal(found, expected)
+        ids = np.array(Image.open(tmp_path / "set" / image["files"]["masks"]))
+        assert [each["pixels"] for each in image["objects"]] == [(ids == 1).sum(), (ids == 2).sum()]
+
+
+def test_lost_files_are_rendered_again_and_nothing_else(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    made(model, folder)
+    before = contents(folder)
+    (folder / "masks/000001.png").unlink()
+    (folder / "records/000002.json").unlink()
+    assert made(model, folder).rendered == 2
+    assert contents(folder) == before
+    assert made(model, folder).rendered == 0
+
+
+def test_no_image_of_an_edited_model_stays_even_if_the_edit_is_undone(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    made(model, folder)
+    before = contents(folder)
+    model.write_text(MODEL.format(height=0.3))
+    assert made(model, folder).rendered == 3
+    edited = contents(folder)
+    assert all(edited[path] != before[path] for path in before if path.startswith("images"))
+    model.write_text(MODEL.format(height=0.1))
+    assert made(model, folder).rendered == 3
+    assert contents(folder) == before
+
+
+def test_rejected_images_and_points_that_are_gone_leave_no_files(model: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    made(model, folder, samples=8, format="yolo")
+    visible = [each["objects"][1]["visible"] for each in records(folder)]
+    limit = sorted(visible)[3] + 1e-9
+    expected = [index for index, share in enumerate(visible) if share > limit]
+    result = made(model, folder, samples=8, format="yolo", accept=f"visible/ball > {limit!r}")
+    assert result.rejected == 8 - len(expected) > 0
+    assert sum(result.images.values()) == len(expected)
+    for name in (*ASSETS, "labels"):
+        assert sorted(int(path.stem) for path in (folder / name).iterdir()) == expected
+    made(model, folder, samples=2, format="yolo")
+    for name in (*ASSETS, "labels", "records"):
+        assert sorted(int(path.stem) for path in (folder / name).iterdir()) == [0, 1]
+
+
+def test_times_and_cameras_make_several_images_of_a_point(model: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(model, qvel={"ball": (0, 0, 2, 0, 0, 0)})
+    Dataset(simulation, str(tmp_path / "set"), times="0,0.1", camera=("free", "orbit"), size=(32, 24), jobs=1).run()
+    images = records(tmp_path / "set")
+    assert [(each["id"], each["camera"], each["time"]) for each in images] == [
+        (0, "free", 0),
+        (1, "orbit", 0),
+        (2, "free", 0.1),
+        (3, "orbit", 0.1),
+    ]
+    trace = mjrun.trace(model, probe=["xpos/ball/z"], qvel={"ball": (0, 0, 2, 0, 0, 0)}, duration=0.1)
+    heights = [
+        (np.array(each["world_from_camera"]) @ each["objects"][1]["camera_from_object"])[2, 3] for each in images
+    ]
+    np.testing.assert_allclose(heights[::2], trace["xpos/ball/z"][[0, -1]], atol=1e-9)
+
+
+def test_a_point_that_fails_has_no_images_and_the_others_have(model: Path, tmp_path: Path) -> None:
+    with pytest.raises(FailedPointsError) as caught:
+        made(model, tmp_path / "set", vary={"camera.lookat": "box,ball,bxo"})
+    (result,) = caught.value.results
+    assert result.statuses == {"ok": 2, "failed": 1}
+    assert "no object 'bxo'" in result.failures[0].message
+    assert sum(result.images.values()) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"format": "bop,coco"}, "bop has other folders than coco"),
+        ({"engine": "warp"}, "warp renders nothing"),
+        ({"objects": "bxo"}, "no body 'bxo' (did you mean 'box'?)"),
+        ({"camera": "top", "vary": {"seed": "1,2"}}, "no camera 'top'"),
+        ({"camera": "top"}, "a camera of the model has no settings; give a rig, such as free"),
+        ({"vary": {"camera.azimut": "1,2"}}, "no setting 'azimut' in camera free (did you mean 'azimuth'?)"),
+        ({"vary": {"camera.distance[0]": "1,2"}}, "only points have coordinates, as in camera.lookat[0]"),
+        ({"split": "train=0.8,val=0.3"}, "is not a list of names with shares that sum to 1"),
+        ({"format": "yolo", "yolo_task": "pose"}, "pose: no object has keypoints"),
+    ],
+)
+def test_wrong_options_are_refused_with_what_is_right(
+    model: Path, tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(UsageError) as caught:
+        made(model, tmp_path / "set", **options)
+    assert message in str(caught.value)
+
+
+def test_times_after_the_end_are_refused(model: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(model, duration=1)
+    with pytest.raises(UsageError, match="2 s is after the end of the simulation at 1 s"):
+        Dataset(simulation, str(tmp_path / "set"), times="0,2").run()
+
+
+def test_parts_have_their_shares_at_any_size() -> None:
+    split = mjrun.Dataset(mjrun.Simulation("m.xml"), "set", split="train=0.7,val=0.2,test=0.1").split
+    for count in (10, 100, 1000):
+        parts = [part_of(index, split) for index in range(count)]
+        for name, share in split:
+            assert abs(parts.count(name) - float(share) * count) <= 2
+
+
+@pytest.mark.parametrize(
+    ("text", "values", "expected"),
+    [
+        ("top", {"azimuth": "3"}, "top"),
+        ("auto", {"azimuth": "3"}, "auto:azimuth=3"),
+        ("auto", {"azimuth": "3", "distance": "2"}, "free:azimuth=3,distance=2"),
+        ("track:box,distance=1", {"distance": "2", "azimuth": "5"}, "track:box,distance=2,azimuth=5"),
+        ("free:lookat=1/2/3", {"lookat[1]": "9"}, "free:lookat=1/9/3"),
+        ("free:lookat=box", {"lookat[0]": "4", "lookat[2]": "5"}, "free:lookat=4/0/5"),
+    ],
+)
+def test_settings_of_cameras_vary(text: str, values: dict[str, str], expected: str) -> None:
+    assert camera_argument(text, values) == expected
+
+
+def test_points_of_a_model_with_other_objects_fail(model: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.xml"
+    other.write_text(MODEL.format(height=0.1).replace('name="ball"', 'name="globe"'))
+    with pytest.raises(FailedPointsError) as caught:
+        made(model, tmp_path / "set", vary={"model": f"{model},{other}"})
+    (result,) = caught.value.results
+    assert "the model has other objects, box, globe, than the first, box, ball" in result.failures[0].message
