@@ -44,22 +44,31 @@ class WarningReporter:
         pass
 
     def warn(self, text: str) -> None:
-        warnings.warn(spelled(text), MjrunWarning, stacklevel=2)
+        warnings.warn(spelled(text), MjrunWarning, stacklevel=1 + _depth())
 
     def ask(self, text: str) -> None:
         self.warn(text)
 
     def progress(self, what: str, done: int, total: int) -> None:
-        if not is_notebook() or (done < total and time.monotonic() - self._updated < PAUSE):
+        is_end = done == total
+        if not is_notebook() or (self._bar is None if is_end else time.monotonic() - self._updated < PAUSE):
             return
         library = import_module("IPython.display")  # which runs the notebook
         self._updated = time.monotonic()
         bar = f"<progress value='{done}' max='{total}'></progress> {done} of {total} {what}"
-        shown = library.HTML("" if done == total else bar)
+        shown = library.HTML("" if is_end else bar)
         if self._bar is None:
             self._bar = library.display(shown, display_id=True)
         else:
             self._bar.update(shown)
+
+
+def _depth() -> int:
+    """Returns the number of frames of mjrun on the stack, so that warnings name a line of the user."""
+    frame, depth = sys._getframe(1), 0  # pyright: ignore[reportPrivateUsage]
+    while frame and frame.f_globals.get("__name__", "").partition(".")[0] == "mjrun":
+        frame, depth = frame.f_back, depth + 1
+    return depth
 
 
 def is_notebook() -> bool:

@@ -6,7 +6,10 @@ exit codes, and the gallery. Sphinx turns every warning, such as a link that lea
 """
 
 import ast
+import base64
+import hashlib
 import inspect
+import json
 import os
 import re
 import shutil
@@ -14,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +27,27 @@ import yaml
 ROOT = Path(__file__).parents[1]
 DOCS, SOURCE, SITE, MANUAL = ROOT / "docs", ROOT / "out/site-source", ROOT / "out/site", ROOT / "out/man"
 
+NOTEBOOK = DOCS / "notebook.ipynb"
+
 # Pages outside of docs/, by their place on the site. The empty ones follow from the code.
 PAGES = {
     "changelog.md": "CHANGELOG.md",
     "contributing.md": "CONTRIBUTING.md",
     "gallery.md": "scenes/README.md",
     "index.md": "README.md",
+    "notebook.md": "docs/notebook.ipynb",
     "reference/options.md": "REFERENCE.md",
     "robustness.md": "SCORE.md",
     "security.md": "SECURITY.md",
 }
-GENERATED = ("index.md", "gallery.md")
+GENERATED = ("index.md", "gallery.md", "notebook.md")
 OUTPUTS = ("videos", "images", "traces", "plots")  # the sections of a run document that make files
 SIGNALS = {130: ["Interrupted, as by Ctrl-C."], 141: ["The reader of a pipe ended."], 143: ["Terminated."]}
 MOST_MEANINGS = 4  # of a group of columns
 MOST_NUMBERS = 8  # of a scene in the gallery
 # The pages of docs/ in the side bar. A page that is in none of these is an error.
 CONTENTS = {
-    "Begin": ("start", "installation", "tutorial", "gallery"),
+    "Begin": ("start", "installation", "tutorial", "notebook", "gallery"),
     "By task": (
         *("teaching", "robotics", "vision", "reinforcement-learning"),
         *("continuous-integration", "performance"),
@@ -68,6 +75,9 @@ def main() -> None:
     (DOCS / "architecture.svg").write_text(architecture(), "utf-8")
     shutil.rmtree(SOURCE, ignore_errors=True)
     write_source(SOURCE)
+    with tempfile.TemporaryDirectory() as folder:
+        cells = executed_notebook(folder)
+    (SOURCE / "notebook.md").write_text(notebook_page(cells, SOURCE / "_static/notebook"), "utf-8")
     build(SOURCE, SITE)
     build(SOURCE, MANUAL, "man")
     for path in (SOURCE / "llms.txt", *SOURCE.rglob("*.md")):
@@ -100,6 +110,7 @@ def pages() -> dict[str, str]:
     files |= {page: ROOT / name for page, name in PAGES.items() if page not in GENERATED}
     written = {page: with_site_links(path.read_text("utf-8"), path.parent, page) for page, path in files.items()}
     written |= {page: with_rule_links(written[page], page) for page in written if page.startswith("problems/")}
+    written["notebook.md"] = notebook_page(json.loads(NOTEBOOK.read_text("utf-8"))["cells"])
     written |= {"gallery.md": gallery(), **command_pages(), **document_pages(), **rule_pages()}
     written |= {"reference/columns.md": columns_page(), "reference/exit-codes.md": exit_codes_page()}
     written["llms.txt"] = llms(written)
@@ -150,6 +161,7 @@ def copy_files(source: Path) -> None:
             shutil.copy(video, media)
     (source / "files/docs").mkdir()
     shutil.copy(DOCS / "architecture.svg", source / "files/docs")
+    shutil.copy(NOTEBOOK, source / "files/docs")
     shutil.copy(DOCS / "site.css", source / "_static/site.css")
     shutil.copy(DOCS / "conf.py", source / "conf.py")
 
@@ -240,6 +252,73 @@ def numbers(document: Mapping[str, Any]) -> str:
         cells = (f"{each:.4g}" for each in (values.min(), values.max(), values[-1]))
         lines.append(f"| `{name}` | {table.units.get(name) or '–'} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def executed_notebook(folder: str | Path, changes: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """Executes the notebook of the tutorial in a folder, and returns its cells with their outputs.
+
+    Args:
+      changes: replacements in its text, by what they replace.
+
+    Raises:
+      CellExecutionError: a cell has failed.
+    """
+    import nbformat
+    from nbclient import NotebookClient
+
+    text = NOTEBOOK.read_text("utf-8")
+    for old, new in (changes or {}).items():
+        assert old in text, old
+        text = text.replace(old, new)
+    document = nbformat.reads(text, nbformat.NO_CONVERT)
+    programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    client = NotebookClient(document, timeout=None, resources={"metadata": {"path": str(folder)}})
+    client.execute(env={**os.environ, "PATH": programs, "IPYTHONDIR": str(Path(folder, ".ipython"))})
+    return document.cells
+
+
+def notebook_page(cells: Sequence[Mapping[str, Any]], media: Path | None = None) -> str:
+    """Returns the page of a notebook: its texts, its code, and what each cell shows.
+
+    Args:
+      media: folder for images and videos, if the notebook was executed.
+    """
+    lines = list[str]()
+    for cell in cells:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            lines += [with_site_links(source, DOCS, "notebook.md"), ""]
+        else:
+            lines += ["```ipython3", source, "```", ""]
+        for output in cell.get("outputs", ()):
+            lines += _shown(output, media)
+    lines.insert(2, "[The notebook](files/docs/notebook.ipynb), to execute and change.\n")
+    return "\n".join(lines)
+
+
+def _shown(output: Mapping[str, Any], media: Path | None) -> Iterator[str]:
+    """Yields an output of a cell as Jupyter shows it, except for warnings."""
+
+    def moved(match: re.Match[str]) -> str:
+        assert media
+        media.mkdir(parents=True, exist_ok=True)
+        content = base64.b64decode(match[2])
+        name = f"{hashlib.sha256(content).hexdigest()[:16]}.{match[1].removesuffix('+xml')}"
+        (media / name).write_bytes(content)
+        return f'src="_static/notebook/{name}"'
+
+    data = output.get("data", {"text/plain": output.get("text", "")})
+    plain = escape(data["text/plain"].rstrip())
+    if "image/svg+xml" in data:
+        content = base64.b64encode(data["image/svg+xml"].encode()).decode()
+        html = f'<img alt="{plain}" src="data:image/svg+xml;base64,{content}">'
+    elif "image/png" in data:
+        html = f'<img alt="{plain}" src="data:image/png;base64,{data["image/png"].strip()}">'
+    else:
+        html = data.get("text/html", f"<pre>{plain}</pre>")
+    if html and output.get("name") != "stderr":  # a bar that has ended is empty
+        linked = re.sub(r'src="data:\w+/([\w+]+);base64,([^"]+)"', moved, html)
+        yield f'```{{raw}} html\n<div class="shown">{linked}</div>\n```\n'
 
 
 def command_pages() -> dict[str, str]:

@@ -27,6 +27,7 @@ def test_mujocos_warnings_are_passed_on_in_a_line_each_and_cleaned() -> None:
     with pytest.warns(MjrunWarning) as caught:
         pass_on(["one\ntwo", "a\x1b[31m"], WarningReporter())
     assert [str(warning.message) for warning in caught] == ["MuJoCo: one; two", r"MuJoCo: a\x1b[31m"]
+    assert {warning.filename for warning in caught} == {__file__}  # not the line of mjrun that warns
 
 
 def test_a_notebook_shows_a_bar_that_disappears_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,6 +57,8 @@ def test_a_notebook_shows_a_bar_that_disappears_at_the_end(monkeypatch: pytest.M
         "<progress value='2' max='3'></progress> 2 of 3 frames",
         "",
     ]
+    WarningReporter().progress("frames", 3, 3)  # needs no bar
+    assert len(shown) == 3
     vars(library).update(get_ipython=lambda: None)  # in a script that imports IPython
     assert not is_notebook()
     bar.progress("frames", 1, 3)

@@ -84,12 +84,12 @@ class FrameDrawer:
                     pool.ask(SceneCompositor.costs)
                 if isinstance(pool.answer, DrawingCosts) and not reported:
                     self.start(total - done, pool.answer.frame)
-                    self._warn(reporter, total, pool.answer, alone=early is None)
+                    self._report_costs(reporter, total, pool.answer, alone=early is None)
                     reported = True
                 if self._workers is not early:
                     break
         if isinstance(pool.answer, DrawingCosts) and not reported:
-            self._warn(reporter, total, pool.answer, alone=early is None)
+            self._report_costs(reporter, total, pool.answer, alone=early is None)
         if done < total:
             with closing(self._pool(compositor)) as pool:
                 yield from pool.frames((states[k] for k in range(done, total)), done)
@@ -97,8 +97,8 @@ class FrameDrawer:
     def _pool(self, compositor: SceneCompositor) -> ParallelPainter[SceneCompositor]:
         return ParallelPainter(compositor, (compositor.bytes,), self.jobs, workers=self._workers)
 
-    def _warn(self, reporter: Reporter, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
-        """Warns about slow software rendering, with the cost of a frame and of a draft."""
+    def _report_costs(self, reporter: Reporter, frames: int, costs: DrawingCosts, *, alone: bool) -> None:
+        """Reports the cost of slow software rendering: of a frame, of all, and of a draft."""
         whole = frames * costs.frame
         if whole < LONG:
             return
@@ -113,7 +113,7 @@ class FrameDrawer:
         if costs.draft is not None and costs.draft < WORTHWHILE * costs.frame:
             draft = f"{option('quality')} draft takes about {1e3 * costs.draft:.0f} ms"
             text += f"; {draft}, without shadows and reflections"
-        reporter.warn(text)
+        reporter.note(text)
 
 
 def _choose_depth_colours(compositor: SceneCompositor, states: StateBuffer) -> None:

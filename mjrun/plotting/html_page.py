@@ -19,6 +19,7 @@ from mjrun.probe.verdict import Verdict
 _STYLE = Path(__file__).with_name("html_page.css")
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: file: 'self'; media-src data: file: 'self'"
 MEGABYTE = 1_000_000
+_NARROW = "max-width: 100%"  # in notebooks, which have no style sheet of ours
 SMALLEST = 320  # width of a compared picture [pixels]
 NOTEBOOK = 32  # [MB] that an output of a notebook may have
 # Media types of suffixes that browsers display.
@@ -342,7 +343,7 @@ def _gallery(files: Sequence[PageFile]) -> Iterator[Markup]:
 def _medium(file: PageFile) -> Markup:
     assert file.kind
     if file.kind.startswith("video/"):
-        link = element("a", file.path, href=file.address)
+        link = file.path if file.is_embedded else element("a", file.path, href=file.address)
         picture = element(
             "video",
             link,
@@ -352,9 +353,10 @@ def _medium(file: PageFile) -> Markup:
             muted=True,
             playsinline=True,
             aria_label=file.path,
+            style=_NARROW,
         )
     else:
-        picture = element("img", src=file.address, alt=f"Image {file.path}", loading="lazy")
+        picture = element("img", src=file.address, alt=f"Image {file.path}", loading="lazy", style=_NARROW)
     assert file.size is not None
     place = "" if file.is_embedded else ", beside this page"
     caption = element("figcaption", element("code", file.path), f" · {_bytes(file.size)}{place}")

@@ -71,7 +71,7 @@ class Figure:
         return svg_text(self.drawing, self.grid, self.style)
 
     def _repr_svg_(self) -> str:
-        return self.svg
+        return self.svg.replace("<svg", '<svg style="max-width: 100%; height: auto"', 1)
 
     def __repr__(self) -> str:
         width, height = self.grid.size

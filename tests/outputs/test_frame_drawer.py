@@ -23,13 +23,13 @@ SIZE = (64, 48)
 FRAMES = 6
 
 
-class Warnings(WarningReporter):
-    """Keeps the warnings."""
+class Notes(WarningReporter):
+    """Keeps the notes."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
 
-    def warn(self, text: str) -> None:
+    def note(self, text: str) -> None:
         self.texts.append(spelled(text))
 
 
@@ -68,12 +68,12 @@ def make_video(swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         monkeypatch.setattr(video_rendering, "estimated_cost", lambda size, panels: estimated)
         monkeypatch.setattr(video_rendering, "ParallelPainter", MeasuredPool)
         monkeypatch.setattr(workers, "PainterProcesses", CountedWorkers)
-        warnings = Warnings()
+        notes = Notes()
         simulation = Simulation(swing, duration=duration)
         job = Video(simulation, f"{tmp_path}/f/", size=SIZE, camera="side", **options)  # type: ignore[arg-type]
-        result = job.run(warnings)
-        (warning,) = [text for text in warnings.texts if "software rendering" in text] or [""]
-        return result, warning, started
+        result = job.run(notes)
+        (note,) = [text for text in notes.texts if "software rendering" in text] or [""]
+        return result, note, started
 
     return made
 
@@ -111,12 +111,12 @@ def test_an_estimate_starts_processes_early_and_a_measurement_late(
     result, _, groups = make_video(estimated, measured, jobs=1)
     alone = pictures(tmp_path / "f")
     assert (result.jobs, groups) == (1, [])
-    result, warning, groups = make_video(estimated, measured, draft)
+    result, note, groups = make_video(estimated, measured, draft)
     assert len(alone) == result.frames == FRAMES
     assert np.array_equal(pictures(tmp_path / "f"), alone)
     if backend.software:
         assert (result.jobs, groups) == (2 if started else 1, started)
-        assert warning.endswith(f"): {costs}")
+        assert note.endswith(f"): {costs}")
 
 
 def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
@@ -134,9 +134,9 @@ def test_a_ghost_that_was_drawn_here_goes_on_in_other_processes(
 
 @pytest.mark.parametrize("duration", [0.01, 0.05])
 def test_videos_of_one_and_two_frames_are_drawn(make_video: Callable, backend: Backend, duration: float) -> None:
-    result, warning, groups = make_video(0.001, 60.0, duration=duration)
+    result, note, groups = make_video(0.001, 60.0, duration=duration)
     assert (result.frames, result.jobs, groups) == (1 if duration < 0.02 else 2, 1, [])
-    assert ("software rendering" in warning) == (backend.software and result.frames == 2)
+    assert ("software rendering" in note) == (backend.software and result.frames == 2)
 
 
 def test_drawing_that_takes_no_time_is_not_spoken_of(make_video: Callable, monkeypatch: pytest.MonkeyPatch) -> None:

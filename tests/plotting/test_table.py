@@ -35,7 +35,8 @@ def test_the_curves_are_those_of_the_file(file: Path, tmp_path: Path) -> None:
     figure = read_table(file).plot(y=["qpos/*"])
     assert curves(figure.svg) == curves((tmp_path / "p.svg").read_text())
     assert len(curves(figure.svg)) == 2
-    assert figure._repr_svg_() == figure.svg
+    assert curves(figure._repr_svg_()) == curves(figure.svg)
+    assert figure._repr_svg_().startswith('<svg style="max-width: 100%; height: auto"')
     assert repr(figure).startswith("Figure of 1280x720 pixels: qpos")
     for suffix in ("svg", "png", "pdf"):
         figure.save(tmp_path / f"saved.{suffix}")
