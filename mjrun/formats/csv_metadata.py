@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from mjrun.errors import FileError, clean
-from mjrun.formats.input_file import opened, parse_manifest
+from mjrun.formats.input_file import is_file, opened, parse_manifest
 from mjrun.model.table_column import Column
 
 CONTEXT = "http://www.w3.org/ns/csvw"
@@ -38,8 +38,11 @@ def _facts(column: Column) -> tuple[tuple[str, str], ...]:
 
 def units_beside(table: Path) -> dict[str, str]:
     """Returns the units in the metadata of a table, by column; empty if they are missing or are not metadata."""
+    path = metadata_path(table)
+    if not is_file(path):
+        return {}
     try:
-        with opened(metadata_path(table), "metadata file", ()) as file:
+        with opened(path, "metadata file", ()) as file:
             document = parse_manifest(file.read(MOST))
     except FileError:
         return {}

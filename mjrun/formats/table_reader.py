@@ -16,8 +16,8 @@ from typing import Any, BinaryIO, Literal, Self
 import numpy as np
 
 from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, UnknownNameError, UsageError
-from mjrun.formats.input_file import require_file
+from mjrun.errors import FileError, UnknownNameError, UsageError, clean
+from mjrun.formats.input_file import cut, require_file
 from mjrun.formats.table import Table
 from mjrun.formats.table_contents import CellKinds, ColumnFilter
 from mjrun.formats.tables import FORMATS, TableFormat, input_format, suffixes
@@ -57,7 +57,7 @@ class TableReader:
         with self._failing():
             contents = form.module.read(path, file, wanted, cells)
         self.names = tuple(contents.names)
-        self.units = {name: contents.units.get(name, "") for name in self.names}
+        self.units = {name: clean(cut(contents.units.get(name, ""))) for name in self.names}
         self.manifest: dict[str, Any] | None = contents.manifest
         self._blocks: Iterator[np.ndarray] = contents.blocks
         self._lines = contents.lines

@@ -57,6 +57,15 @@ def test_axes_have_the_units_that_csv_states(tmp_path: Path, place: str) -> None
     assert "load [kN]" in texts(svg_figure([str(path)], FigureOptions())[0])
 
 
+def test_units_of_untrusted_files_are_cleaned(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_bytes(b"time,a\n# units: s,\xff\x1b[31m" + 100 * b"m" + b"\n0,1\n1,2\n")
+    (unit,) = [text for text in texts(svg_figure([str(path)], FigureOptions())[0]) if text.startswith("a [")]
+    assert unit.startswith(r"a [\udcff\x1b[31mm")
+    assert unit.endswith("…]")
+    assert len(unit) < 100
+
+
 @pytest.mark.parametrize("suffix", ["csv", "jsonl", "parquet", "feather", "npz", "mat"])
 def test_every_table_that_can_be_read_is_plotted(tmp_path: Path, suffix: str) -> None:
     result = TablePlot([table(tmp_path / f"run.{suffix}")], str(tmp_path / "run.svg"), size=(400, 300)).run()

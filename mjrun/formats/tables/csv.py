@@ -132,20 +132,20 @@ def read(path: Path, file: io.BufferedReader, wanted: ColumnFilter, cells: CellK
     names = [name.strip(" \t") for name in header]
     _require_header(path, line, names)
     keys = select(path, names, wanted)
-    units = _commented_units(lines, names) if file.peek(1).startswith(b"#") else {}
+    units = _commented_units(path, lines, names) if file.peek(1).startswith(b"#") else {}
     pieces = LinePieces(path, file, lines.count, (len(names), tuple(keys.values())))
     blocks = _blocks(path, file, lines, pieces, keys, len(names), cells)
     return TableContents(list(keys), blocks, units or units_beside(path), lines=None if lines.buffered else pieces)
 
 
-def _commented_units(lines: "_Lines", names: Sequence[str]) -> dict[str, str]:
+def _commented_units(path: Path, lines: "_Lines", names: Sequence[str]) -> dict[str, str]:
     """Reads the units of columns from the next line, unless that is not the comment with the units."""
     if lines.buffered or (line := next(lines, None)) is None:
         return {}
     if not line.startswith(UNITS):
         lines.put_back(line)
         return {}
-    units = next(csv.reader([line.removeprefix(UNITS)], skipinitialspace=True))
+    _, units = next(_rows(path, [line.removeprefix(UNITS)], lines.count - 1), (0, []))
     return dict(zip(names, map(str.strip, units), strict=False))
 
 

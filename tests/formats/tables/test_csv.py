@@ -89,6 +89,8 @@ def test_units_are_stated_beside_csv_where_other_readers_pass_over_them(tmp_path
         ("a,b\n# units:\n1,2\n", {"a": "", "b": ""}),
         ("a,b\r# units: x\r1,2\r", None),  # lines of old Macintoshes
         ("a,b\n# unit,2\n1,2\n", None),
+        ('a,b\n# units: "deg\n1,2\n', None),
+        (f"a,b\n# units: {'m' * 200_000}\n1,2\n", None),
     ],
 )
 def test_only_the_line_below_the_header_states_units(
