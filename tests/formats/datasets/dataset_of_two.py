@@ -13,6 +13,12 @@ IDS[7, 0:2], IDS[4:8, 10] = 1, 1  # two parts
 POSE = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 2.0], [0, 0, 0, 1]])
 
 
+def mask(index: int) -> np.ndarray:
+    """Returns the mask of an object in the first image."""
+    own: np.ndarray = np.equal(IDS, index)
+    return own
+
+
 def image(number: int, ids: np.ndarray = IDS) -> Record:
     """Returns the record of an image with these objects."""
     found = {region.id: region for region in regions(ids)}

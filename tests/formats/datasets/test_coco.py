@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjrun.formats.datasets.coco import files
-from tests.formats.datasets.dataset_of_two import IDS, dataset
+from tests.formats.datasets.dataset_of_two import dataset, mask
 
 
 def read(tmp_path: Path, content: bytes) -> Any:
@@ -27,12 +27,12 @@ def test_pycocotools_reads_the_masks(tmp_path: Path, polygons: bool) -> None:
     coco = read(tmp_path, written[0][1])
     assert [each["name"] for each in coco.loadCats(coco.getCatIds())] == ["thing", "other"]
     for annotation, index in zip(coco.loadAnns(coco.getAnnIds(imgIds=[0])), (0, 1), strict=True):
-        expected = index == IDS
+        expected = mask(index)
         if polygons and index == 0:
             expected[3, 5] = True  # holes are filled
         np.testing.assert_array_equal(coco.annToMask(annotation).astype(bool), expected)
-        assert annotation["area"] == (index == IDS).sum()
-        rows, columns = np.nonzero(index == IDS)
+        assert annotation["area"] == mask(index).sum()
+        rows, columns = np.nonzero(mask(index))
         low, high = (columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)
         assert annotation["bbox"] == [*low, high[0] - low[0], high[1] - low[1]]
 

@@ -8,7 +8,7 @@ from matplotlib.path import Path as Outline
 from mjrun.errors import UsageError
 from mjrun.formats.datasets import Dataset
 from mjrun.formats.datasets.yolo import files
-from tests.formats.datasets.dataset_of_two import HEIGHT, IDS, WIDTH, dataset
+from tests.formats.datasets.dataset_of_two import HEIGHT, WIDTH, dataset, mask
 
 
 def lines(task: str, name: str = "labels/0.txt") -> list[list[float]]:
@@ -18,7 +18,7 @@ def lines(task: str, name: str = "labels/0.txt") -> list[list[float]]:
 
 def test_boxes_are_relative_to_the_size_of_the_image() -> None:
     for index, (category, x, y, width, height) in enumerate(lines("detect")):
-        rows, columns = np.nonzero(index == IDS)
+        rows, columns = np.nonzero(mask(index))
         assert category == index
         np.testing.assert_allclose((x - width / 2) * WIDTH, columns.min(), atol=1e-4)
         np.testing.assert_allclose((x + width / 2) * WIDTH, columns.max() + 1, atol=1e-4)
@@ -32,7 +32,7 @@ def test_segments_are_the_largest_part_of_each_mask() -> None:
     outline = np.array(numbers).reshape(-1, 2) * [WIDTH, HEIGHT]
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     filled = Outline(outline).contains_points(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(HEIGHT, WIDTH)
-    expected = IDS == 0
+    expected = mask(0)
     expected[3, 5] = True
     assert category == 0
     np.testing.assert_array_equal(filled, expected)
