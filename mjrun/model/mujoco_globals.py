@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 
 from mjrun.errors import MjrunWarning
+from mjrun.reporter import Reporter, pass_on
 
 
 @contextmanager
@@ -49,6 +50,17 @@ def _clock() -> ctypes.c_void_p | None:
         with suppress(OSError, ValueError):
             return ctypes.c_void_p.in_dll(ctypes.CDLL(str(library)), "mjcb_time")
     return None
+
+
+@contextmanager
+def reported_warnings(reporter: Reporter) -> Generator[None]:
+    """Reports MuJoCo's warnings inside the block to `reporter` when it ends."""
+    warned: list[str] = []
+    try:
+        with collected_warnings() as warned:
+            yield
+    finally:
+        pass_on(warned, reporter)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from mjrun.experiment.results_table import raise_failures
 from mjrun.formats import datasets
 from mjrun.formats.atomic_output import written_file
 from mjrun.formats.input_file import is_file
+from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
@@ -72,22 +73,24 @@ class Dataset(DatasetOptions, ExecutionOptions):
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
         require_all(EXTRAS)
-        study = self._study(reporter)
-        objects = labelled_objects(self, study.simulation.load())
-        names = tuple(each.name for each in objects)
-        spec = ImageSpec(self._labels(), self.split if "bop" in self.format else (), names, self._layout)
-        prepared = PreparedStudy(study, replace(study.spec, images=spec))
-        self._check(prepared, objects)
-        check_engine(self.engine)
-        prepared.files.create()
-        prepared.warn_of_damaged(reporter)
-        study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
-        missing = sorted({*prepared.missing(self.retry_failed), *self._lost(prepared)})
-        if len(missing) < len(prepared.keys):
-            reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
-        if missing:
-            prepared.simulate(missing, study, reporter, publish=self._publish)
-        return self._conclude(study, prepared, objects, len(missing), start)
+        with reported_warnings(reporter):
+            model = self.simulation.load()
+            objects = labelled_objects(self, model)
+            study = self._study(self._stage_parts(model, reporter))
+            names = tuple(each.name for each in objects)
+            spec = ImageSpec(self._labels(), self.split if "bop" in self.format else (), names, self._layout)
+            prepared = PreparedStudy(study, replace(study.spec, images=spec))
+            self._check(prepared, objects)
+            check_engine(self.engine)
+            prepared.files.create()
+            prepared.warn_of_damaged(reporter)
+            study.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})
+            missing = sorted({*prepared.missing(self.retry_failed), *self._lost(prepared)})
+            if len(missing) < len(prepared.keys):
+                reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
+            if missing:
+                prepared.simulate(missing, study, reporter, publish=self._publish)
+            return self._conclude(study, prepared, objects, len(missing), start)
 
     @property
     def _layout(self) -> Any:
@@ -98,22 +101,22 @@ class Dataset(DatasetOptions, ExecutionOptions):
         values = {each.attribute: getattr(self, each.attribute) for each in options_of(LabelOptions)}
         return LabelOptions(**{**values, "gl": self.gl or os.environ.get(GL) or AUTO})
 
-    def _study(self, reporter: Reporter) -> Study:
-        """Returns the study of the points, whose model has the stage."""
+    def _stage_parts(self, model: mujoco.MjModel, reporter: Reporter) -> Sequence[str]:
+        """Returns the parts of a stage to add, and reports those that are not requested."""
+        parts = stage_parts(ViewOptions(stage=self.stage), model, is_measured=True)
+        if parts and "auto" in self.stage:
+            reporter.note(stage_remark(parts, is_measured=True))
+        return parts
+
+    def _study(self, stage: Sequence[str]) -> Study:
+        """Returns the study of the points, whose model has these parts of a stage."""
         shared = [*options_of(VariationOptions), *options_of(ExecutionOptions)]
         values = {each.attribute: getattr(self, each.attribute) for each in shared}
-        return Study(self._staged(reporter), output=self.output, command=self.command, **values)
-
-    def _staged(self, reporter: Reporter) -> Simulation:
-        """Returns the simulation of a model with a stage, which it does not notice."""
-        view = ViewOptions(stage=self.stage)
-        parts = stage_parts(view, self.simulation.load(), is_measured=True)
-        if not parts:
-            return self.simulation
-        if "auto" in self.stage:
-            reporter.note(stage_remark(parts, is_measured=True))
-        source = source_of(self.simulation.model)
-        return replace(self.simulation, model=source.with_overrides([Override("", part, "stage") for part in parts]))
+        simulation = self.simulation
+        if stage:
+            source = source_of(simulation.model).with_overrides([Override("", part, "stage") for part in stage])
+            simulation = replace(simulation, model=source)
+        return Study(simulation, output=self.output, command=self.command, **values)
 
     def _check(self, prepared: PreparedStudy, objects: Sequence[LabelledObject]) -> None:
         """Raises errors that concern all points before the first is rendered."""

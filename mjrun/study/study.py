@@ -17,6 +17,7 @@ from mjrun.experiment.design import Design
 from mjrun.experiment.results_table import Requirements, manifest_writer, raise_failures
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.study_reader import read_study
+from mjrun.model.mujoco_globals import reported_warnings
 from mjrun.options.option import options
 from mjrun.options.sweep import MANIFEST, ExecutionOptions, StudyOptions
 from mjrun.plotting.table import Table
@@ -69,19 +70,20 @@ class Study(StudyOptions, ExecutionOptions):
           MjrunError: nothing could be simulated.
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
-        prepared = PreparedStudy(self, self.spec)
-        keeper = PointKeeper(self, prepared)
-        check_engine(self.engine)
-        prepared.files.create()
-        prepared.warn_of_damaged(reporter)
-        self._report_changes(reporter)
-        self.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})  # lets an interrupted study continue
-        missing = prepared.missing(self.retry_failed)
-        if len(missing) < len(prepared.keys):
-            reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
-        if missing:
-            prepared.simulate(missing, self, reporter)
-        return self._conclude(prepared, keeper, len(missing), reporter, start)
+        with reported_warnings(reporter):
+            prepared = PreparedStudy(self, self.spec)
+            keeper = PointKeeper(self, prepared)
+            check_engine(self.engine)
+            prepared.files.create()
+            prepared.warn_of_damaged(reporter)
+            self._report_changes(reporter)
+            self.write_manifest({"points": len(prepared.keys), "schema": SCHEMA})  # lets an interrupted study continue
+            missing = prepared.missing(self.retry_failed)
+            if len(missing) < len(prepared.keys):
+                reporter.note(f"{len(prepared.keys) - len(missing)} of {len(prepared.keys)} points are known already")
+            if missing:
+                prepared.simulate(missing, self, reporter)
+            return self._conclude(prepared, keeper, len(missing), reporter, start)
 
     def collect(self, reporter: Reporter | None = None) -> "StudyResult":
         """Writes the table of all points from the existing results without simulating any.

@@ -26,6 +26,7 @@ from mjrun.study import isolation
 from mjrun.study.executors import open_executor
 from mjrun.study.job_plan import plan, run_task
 from mjrun.study.study import Study, StudyResult
+from tests.reporters import RecordingReporter
 from tests.study import factories
 from tests.study.models import BALL
 
@@ -412,3 +413,19 @@ def test_kept_files_are_those_of_the_study_whatever_becomes_of_its_model(tmp_pat
     np.testing.assert_array_equal(first["states"], second["states"])
     facts = json.loads(str(second["facts"]))
     assert str(tmp_path / "edited" / "model.xml") in json.dumps(facts)
+
+
+def test_warnings_of_mujoco_are_reported_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "part.xml").write_text('<mujoco><worldbody><body name="b"><geom size="1"/></body></worldbody></mujoco>')
+    (tmp_path / "m.xml").write_text(
+        '<mujoco><asset><model name="part" file="part.xml"/></asset>'
+        '<worldbody><attach model="part" body="b" prefix=""/></worldbody></mujoco>'
+    )
+    reporter = RecordingReporter()
+    made = Study(
+        Simulation(tmp_path / "m.xml", steps=2), str(tmp_path / "study"), vary={"opt.gravity[2]": "-9,-8"}, jobs=1
+    ).run(reporter)
+    assert made.statuses == {"ok": 2}
+    assert [text for text in reporter.warnings if "empty prefix" in text] == reporter.warnings
+    assert len(reporter.warnings) == 1
+    assert "WARNING" not in capfd.readouterr().err
