@@ -22,7 +22,7 @@ from mjrun.model.names import names
 from mjrun.model.override import Override
 from mjrun.model.sources import source_of
 from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
-from mjrun.options.option import options, options_of
+from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import RIGS, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
 from mjrun.outputs.frame_output import camera_motions
@@ -121,6 +121,11 @@ class Dataset(DatasetOptions, ExecutionOptions):
     def _check(self, prepared: PreparedStudy, objects: Sequence[LabelledObject]) -> None:
         """Raises errors that concern all points before the first is rendered."""
         AcceptConditions(self, objects)
+        if is_given(self, "samples") and not any("(" in text for _, text in self.vary):
+            example = "camera.azimuth=uniform(0,360)"
+            raise UsageError(
+                f"{option('samples')}: nothing is drawn at random\nset {option('vary')} {example}, for example"
+            )
         first = prepared.points.values(0)
         camera = {key.removeprefix(CAMERA): text for key, text in first.items() if key.startswith(CAMERA)}
         if camera and not any(isinstance(each, str) and each.partition(":")[0] in RIGS for each in self.camera):

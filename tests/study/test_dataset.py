@@ -33,7 +33,9 @@ def model(tmp_path: Path) -> Path:
 
 
 def made(model: Path, folder: Path, **options: Any) -> DatasetResult:
-    defaults: dict[str, Any] = {"vary": VARY, "samples": 3, "size": (64, 48), "jobs": 1, "quality": "draft"}
+    defaults: dict[str, Any] = {"size": (64, 48), "jobs": 1, "quality": "draft"}
+    if "vary" not in options:
+        defaults |= {"vary": VARY, "samples": 3}
     return Dataset(mjrun.Simulation(model), str(folder), **defaults | options).run(WarningReporter())
 
 
@@ -157,6 +159,7 @@ def test_a_point_that_fails_has_no_images_and_the_others_have(model: Path, tmp_p
         ({"vary": {"camera.azimut": "1,2"}}, "no setting 'azimut' in camera free (did you mean 'azimuth'?)"),
         ({"vary": {"camera.distance[0]": "1,2"}}, "only points have coordinates, as in camera.lookat[0]"),
         ({"split": "train=0.8,val=0.3"}, "is not a list of names with shares that sum to 1"),
+        ({"vary": {"seed": "1,2"}, "samples": 9}, "samples: nothing is drawn at random"),
         ({"format": "yolo", "yolo_task": "pose"}, "pose: no object has keypoints"),
     ],
 )
