@@ -559,6 +559,10 @@ class Evaluation(_Evaluation):
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of the videos [Hz]. [default: 30]
       speed: Simulated seconds per second of video. [default: 1]
+      html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
+        and manifests.
+      embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
+        [default: 10.0]
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
@@ -611,6 +615,8 @@ class Evaluation(_Evaluation):
         sampler: Literal["sobol", "lhs", "random"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
+        html: str | PathLike[str] | None = ...,
+        embed_up_to: float = ...,
         videos: int = ...,
         camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         size: Sequence[int] = ...,
@@ -1147,6 +1153,10 @@ class Study(_Study):
       quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of kept videos [Hz]. [default: 30]
       speed: Simulated seconds per second of kept videos. [default: 1]
+      html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
+        and manifests.
+      embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
+        [default: 10.0]
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
@@ -1186,6 +1196,8 @@ class Study(_Study):
         sampler: Literal["sobol", "lhs", "random"] = ...,
         repeats: int = ...,
         where: str | Sequence[str] = ...,
+        html: str | PathLike[str] | None = ...,
+        embed_up_to: float = ...,
         keep: Literal["trace", "recording", "video"] | Sequence[Literal["trace", "recording", "video"]] = ...,
         keep_where: str | Sequence[str] = ...,
         keep_lowest: str | Sequence[str] = ...,
@@ -1512,6 +1524,8 @@ def evaluate(
     quality: Literal["draft", "model", "high"] = ...,
     fps: float | str | Fraction = ...,
     speed: float | str | Fraction = ...,
+    html: str | PathLike[str] | None = ...,
+    embed_up_to: float = ...,
     vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     points: str | PathLike[str] | None = ...,
     design: Literal["grid", "zip"] = ...,
@@ -1560,6 +1574,10 @@ def evaluate(
       quality: Rendering quality of the videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of the videos [Hz]. [default: 30]
       speed: Simulated seconds per second of video. [default: 1]
+      html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
+        and manifests.
+      embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
+        [default: 10.0]
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all
@@ -2011,6 +2029,8 @@ def sweep(
     quality: Literal["draft", "model", "high"] = ...,
     fps: float | str | Fraction = ...,
     speed: float | str | Fraction = ...,
+    html: str | PathLike[str] | None = ...,
+    embed_up_to: float = ...,
     vary: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
     points: str | PathLike[str] | None = ...,
     design: Literal["grid", "zip"] = ...,
@@ -2115,6 +2135,10 @@ def sweep(
       quality: Rendering quality of kept videos. One of draft, model, high. [default: 'model']
       fps: Frames per second of kept videos [Hz]. [default: 30]
       speed: Simulated seconds per second of kept videos. [default: 1]
+      html: Page about the result (.html): plots, images, videos, descriptions of columns, assertions
+        and manifests.
+      embed_up_to: Embed images and videos up to this size in the page; larger ones are linked.
+        [default: 10.0]
       vary: Parameter to vary and its values: geom/floor.friction[0]=0.3,0.6,1,
         opt.timestep=log:1e-4..1e-2:5, seed=1..40:40, qpos/hip=-1..1:21,
         scale:body/torso.mass=uniform(.8,1.2). Accepts any path of set; each:PATH, which varies all

@@ -33,7 +33,7 @@ def bench_report(result: "BenchResult") -> Report:
 
 def text(result: "BenchResult") -> str:
     """Formats the report for a terminal of 80 columns, or a pipe."""
-    lines = [_model(result), _machine(result), "", *_single_point(result)]
+    lines = [model_line(result), machine_line(result), "", *_single_point_lines(result)]
     lines += [f"{'load':{LABEL}}{_load(result.load)}"] if result.load else []
     for title, table in sections(result):
         lines += ["", title, *_aligned(table)]
@@ -42,18 +42,18 @@ def text(result: "BenchResult") -> str:
         lines += ["", f"verdict: {comparison.verdict}", *_reference_workload(comparison)]
         lines += [f"compared in spite of a difference: {clean(difference)}" for difference in comparison.differences]
 
-    notes = [fill(f"note: {note}", WIDTH, subsequent_indent="      ") for note in _notes(result)]
-    lines += ["", *notes] if notes else []
+    remarks = [fill(f"note: {note}", WIDTH, subsequent_indent="      ") for note in notes(result)]
+    lines += ["", *remarks] if remarks else []
     return "\n".join(lines)
 
 
 def markdown(result: "BenchResult") -> str:
     """Formats the report for the summary of a CI job."""
-    parts = [f"### mjrun bench: {_escaped(_model(result))}", _escaped(_machine(result))]
+    parts = [f"### mjrun bench: {_escaped(model_line(result))}", _escaped(machine_line(result))]
     if comparison := result.comparison:
         parts.append(f"against {_escaped(clean(comparison.base))}: **{comparison.verdict}**")
         parts += _reference_workload(comparison)
-    if lines := _single_point(result):
+    if lines := _single_point_lines(result):
         parts.append("\n".join(f"- {_escaped(' '.join(line.split()))}" for line in lines))
 
     for title, table in sections(result):
@@ -62,12 +62,13 @@ def markdown(result: "BenchResult") -> str:
         lines = [f"| {' | '.join(row)} |" for row in (header, rule, *rows)]
         parts.append("\n".join([f"**{_escaped(title)}**", "", *lines]))
 
-    if notes := _notes(result):
-        parts.append("\n".join(f"- {_escaped(note)}" for note in notes))
+    if remarks := notes(result):
+        parts.append("\n".join(f"- {_escaped(note)}" for note in remarks))
     return "\n\n".join(parts) + "\n"
 
 
-def _model(result: "BenchResult") -> str:
+def model_line(result: "BenchResult") -> str:
+    """Returns the model and its size."""
     model, row = result.model, result.rows[0]
     name = clean(Path(model.path).name) or "model"
     facts = [f"{model.nv} dof", f"{model.nu} actuators"]
@@ -76,7 +77,8 @@ def _model(result: "BenchResult") -> str:
     return f"{name}: {', '.join(facts)}; MuJoCo {result.mujoco}"
 
 
-def _machine(result: "BenchResult") -> str:
+def machine_line(result: "BenchResult") -> str:
+    """Returns the processor or the device, and the conditions of the measurement."""
     machine, engine, options = result.machine, result.engine, result.options
     where = f"{clean(machine.cpu)}, {machine.available} of {machine.cores} cores"
     if engine.version is not None:
@@ -87,8 +89,12 @@ def _machine(result: "BenchResult") -> str:
     return f"{where}; {noise}{start}"
 
 
-def _single_point(result: "BenchResult") -> list[str]:
-    """Formats the cost of a step in labelled lines; empty for a grid, which is shown as a table."""
+def _single_point_lines(result: "BenchResult") -> list[str]:
+    return [f"{label:{LABEL}} {line}" for label, line in single_point(result)]
+
+
+def single_point(result: "BenchResult") -> list[tuple[str, str]]:
+    """Returns the cost of a step as labels and texts; empty for a grid, which is shown as a table."""
     row, worlds = result.rows[0], result.engine.worlds
     step, counts = row.step, row.counts
     if len(result.rows) > 1 or step is None or counts is None:
@@ -106,7 +112,7 @@ def _single_point(result: "BenchResult") -> list[str]:
         "  ": "" if counts.arena is None else f"{_bytes(counts.arena)} of {_bytes(counts.arena_size or 0)} arena",
         "first step": "" if row.first_step is None else f"{duration(row.first_step)}; it compiles what is not cached",
     }
-    return [f"{label.strip():{LABEL}} {line}" for label, line in lines.items() if line]
+    return [(label.strip(), line) for label, line in lines.items() if line]
 
 
 def _load(load: "LoadTiming") -> str:
@@ -115,7 +121,7 @@ def _load(load: "LoadTiming") -> str:
     return f" {duration(load.first)} the first time" + (f"; again: {', '.join(repeated)}" if repeated else "")
 
 
-def _notes(result: "BenchResult") -> list[str]:
+def notes(result: "BenchResult") -> list[str]:
     """Formats remarks about the measurement, and the reasons of failures."""
     notes = list(result.notes)
     for row in result.rows:

@@ -104,7 +104,7 @@ def portable_document(study: Study, folder: Path) -> Mapped:
     Raises:
       UsageError: a document cannot represent the study.
     """
-    document = study_document(replace(study, output="study"))
+    document = study_document(replace(study, output="study", html=None))
     if document["model"] == "-":
         raise UsageError("a study cannot be resumed with a model from standard input; give a file")
     reader = _MovedReader(Path(os.path.relpath(Path.cwd(), folder)), lexical=True)

@@ -55,6 +55,10 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
           MjrunError: no episode could be played.
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
+        if self.html is not None:
+            from mjrun.experiment.results_page import check_page  # which imports matplotlib
+
+            check_page(self.html)
         prepared = PreparedEvaluation(self, self.task, self.rewritten)
         maker = VideoMaker(self, prepared, self.seed)
         folder = Path(self.output)
@@ -103,6 +107,10 @@ class Evaluation(EvaluationOptions, EvaluationExecutionOptions):
             writers.append(stack.enter_context(manifest))
             _publish(writers, folder, paths)
         remove_old_videos(folder, [Path(path).name for path in paths])
+        if self.html is not None:
+            from mjrun.evaluation.evaluation_page import write_evaluation_page
+
+            write_evaluation_page(self, result, prepared.points, {**facts, **dataclasses.asdict(result)})
 
         raise_failures(result, verdicts, PartlyDoneError(result.files, failures) if failures else None)
         return result

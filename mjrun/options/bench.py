@@ -197,6 +197,12 @@ class ReportFormatOptions(Options):
         flag_value="",
         help="Also append the report as Markdown to a file; without a name, to the file in $GITHUB_STEP_SUMMARY.",
     )
+    html: str | None = option(
+        converter=Optional(File(written=True)),
+        default=None,
+        places=FrontEnd.COMMAND,
+        help="Self-contained page (.html) with the report and how it was measured.",
+    )
 
 
 @options

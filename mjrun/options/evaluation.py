@@ -10,6 +10,7 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, T
 from mjrun.options.model import ModelOptions
 from mjrun.options.number_kinds import ExactNumber, Integer, Numbers, Processes, Real, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
+from mjrun.options.page import PageOptions
 from mjrun.options.policy import NormalizationKind, PolicyKind, PolicyOptions
 from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import NUMBER, InvalidValueError, Schema
@@ -72,7 +73,7 @@ class EpisodeVideoOptions(Options):
 
 
 @options
-class EvaluationOptions(EpisodeVideoOptions, VariationOptions, PolicyOptions, ModelOptions):
+class EvaluationOptions(EpisodeVideoOptions, PageOptions, VariationOptions, PolicyOptions, ModelOptions):
     """An evaluation.
 
     Args:

@@ -10,6 +10,7 @@ from mjrun.options.kinds import Camera, Choice, File, Flag, Kind, Optional, Seve
 from mjrun.options.number_kinds import ExactNumber, Integer, Processes, Size
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 from mjrun.options.output import VIDEOS
+from mjrun.options.page import PageOptions
 from mjrun.options.rendering import QUALITIES
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.options.setting_kinds import Settings, VariedSettings
@@ -149,7 +150,7 @@ class VariationOptions(Options):
 
 
 @options
-class StudyOptions(KeepOptions, VariationOptions):
+class StudyOptions(KeepOptions, PageOptions, VariationOptions):
     """A study.
 
     Args:

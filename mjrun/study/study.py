@@ -71,6 +71,10 @@ class Study(StudyOptions, ExecutionOptions):
         """
         reporter, start = reporter or WarningReporter(), time.perf_counter()
         with reported_warnings(reporter):
+            if self.html is not None:
+                from mjrun.experiment.results_page import check_page  # which imports matplotlib
+
+                check_page(self.html)
             prepared = PreparedStudy(self, self.spec)
             keeper = PointKeeper(self, prepared)
             check_engine(self.engine)
@@ -168,6 +172,11 @@ class Study(StudyOptions, ExecutionOptions):
             kept=kept,
         )
         self.write_manifest(dataclasses.asdict(result))
+        if self.html is not None:
+            from mjrun.study.study_page import write_study_page
+
+            known = {**prepared.identity, "command": self.command, "wall": result.wall}
+            write_study_page(self, result, points, known, self.simulation.source.text)
 
         error: FailedPointsError | LostFilesError | None = None
         if any(r.status != "ok" for r in results):

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mjrun.cli.bench_report import bench_report, markdown
 from mjrun.cli.click_command import MODEL, CommandLine, command
@@ -13,6 +14,9 @@ from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import BenchOptions, ReportFormatOptions
 from mjrun.options.confinement import ConfinementOptions
+
+if TYPE_CHECKING:
+    from mjrun.bench.results import BenchResult
 
 SUMMARY = "GITHUB_STEP_SUMMARY"
 SLOWER, PARTLY = 1, 8  # exit codes
@@ -44,18 +48,34 @@ def bench(console: Console, command_line: CommandLine) -> None:
     """
     form = command_line.form("csv", "markdown")
     console.guard_stdout()
-    with _summary(command_line.make(ReportFormatOptions).summary) as append:
+    forms = command_line.make(ReportFormatOptions)
+    if forms.html is not None:
+        from mjrun.plotting.page_writer import check_page_name
+
+        check_page_name(forms.html)
+    with _summary(forms.summary) as append:
         import_mujoco()
         from mjrun.bench.bench import Bench
 
         result = command_line.make(Bench, model=command_line.argument("model"), command=console.command).run(console)
         console.answer(bench_report(result), form)
         append(markdown(result))
+        if forms.html is not None:
+            _write_page(result, forms.html, console.command)
     comparison, failed = result.comparison, sum(bool(row.failure) for row in result.rows)
     if command_line.value("fail_above") is not None and comparison and comparison.verdict in ("slower", "failed"):
         console.fail(SLOWER, "Slower", "slower than the baseline allows, or not measured any more")
     elif failed:
         console.fail(PARTLY, "PartlyDone", f"{failed} of {counted(len(result.rows), 'point')} could not be measured")
+
+
+def _write_page(result: "BenchResult", path: str, command: str) -> None:
+    from mjrun.cli.bench_page import bench_page
+    from mjrun.plotting.page_writer import PageWriter
+
+    with PageWriter(path) as writer:
+        writer.write(bench_page(result, command))
+        writer.publish()
 
 
 @contextmanager

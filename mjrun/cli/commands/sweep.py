@@ -17,6 +17,7 @@ from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.option import options_of
+from mjrun.options.page import PageOptions
 from mjrun.options.setting_kinds import NamedNumbers, Settings
 from mjrun.options.simulation import CodeOptions, SimulationOptions
 from mjrun.options.sweep import (
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     Located = Callable[[], AbstractContextManager[None]]
 
 # Options that do not affect the results of a study: the command line accepts them with its folder or its plan.
-WITH_RESULTS = ("require", *(each.attribute for each in options_of(KeepOptions)))
+WITH_RESULTS = ("require", *(each.attribute for cls in (KeepOptions, PageOptions) for each in options_of(cls)))
 ARGUMENTS = (
     ModelArgument("model", written=True, metavar="MODEL|STUDY.yaml|PLAN.jsonl|FOLDER", type=click.Path()),
     click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),

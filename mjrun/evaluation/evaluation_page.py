@@ -1,0 +1,130 @@
+"""The page about an evaluation: returns, endings and terms of the reward, the episodes, videos, and how it was made."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mjrun.errors import clean
+from mjrun.evaluation.statistics import Interval, NumberSummary, Share
+from mjrun.evaluation.summaries import EpisodeSummary, PairedDifference
+from mjrun.evaluation.table import FILES, LENGTH, RETURN
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_page import (
+    number,
+    origin,
+    parameters_table,
+    shown_files,
+    study_figures,
+    table_figure,
+    write_results_page,
+)
+from mjrun.options.evaluation import MANIFEST
+from mjrun.options.page import PageOptions
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.html_page import Page, PageFacts, PageFigure
+from mjrun.plotting.page_writer import MAKER
+
+if TYPE_CHECKING:
+    from mjrun.evaluation.evaluation import EvaluationResult
+
+FACTS = ("command", "mjrun", "mujoco", "task", "episodes", "seed", "confidence", "steps", "wall")
+
+
+def write_evaluation_page(
+    options: PageOptions, result: "EvaluationResult", points: Design, facts: Mapping[str, object]
+) -> None:
+    """Writes the page of a finished evaluation.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    assert options.html is not None
+    folder = Path(result.path)
+    figures, notes = list[PageFigure](), list[str]()
+    if points.names:
+        figures, notes = study_figures(folder)
+    elif len(result.policies) == 1:
+        figures = [table_figure(folder / FILES[0], FigureOptions(x="seed", y=(RETURN, LENGTH), columns=1))]
+    page = Page(
+        title=f"{clean(result.task)}: {' and '.join(clean(each.policy) for each in result.policies)}",
+        maker=MAKER,
+        verdicts=[(result.path, verdict) for verdict in result.assertions],
+        facts=[
+            *(_policy(each, result.confidence, several=len(result.policies) > 1) for each in result.policies),
+            *_comparison(result),
+            *parameters_table(points),
+            *_endings(result.policies),
+        ],
+        figures=figures,
+        files=shown_files([video.path for video in result.videos], options),
+        manifests=[origin(folder / MANIFEST, facts, FACTS)],
+        notes=notes,
+    )
+    write_results_page(options.html, page)
+
+
+def _policy(summary: EpisodeSummary, confidence: float, *, several: bool) -> PageFacts:
+    named: dict[str, NumberSummary] = {"return": summary.returns, "length [s]": summary.lengths}
+    named |= {f"reward {name}": each for name, each in summary.rewards.items()} | dict(summary.metrics)
+    rows = [
+        (
+            name,
+            f"{each.count:,}",
+            number(each.mean),
+            _interval(each.mean_interval),
+            number(each.median),
+            number(each.std),
+            number(each.min),
+            number(each.max),
+        )
+        for name, each in named.items()
+    ]
+    if summary.success is not None:
+        rows.insert(0, ("success", f"{summary.episodes:,}", *_share(summary.success), "", "", "", ""))
+    heads = ("", "Episodes", "Mean", f"{100 * confidence:g} % interval", "Median", "Std", "Min", "Max")
+    title = f"Results of {clean(summary.policy)}" if several else "Results"
+    return PageFacts(title, f"{summary.episodes:,} episodes of {clean(summary.policy)}", heads, rows, range(1, 8))
+
+
+def _comparison(result: "EvaluationResult") -> list[PageFacts]:
+    compared = result.comparison
+    if compared is None:
+        return []
+    differences: list[tuple[str, PairedDifference]] = [("return", compared.returns)]
+    if compared.success is not None:
+        differences.append(("success", compared.success))
+    rows = [
+        (
+            name,
+            number(each.difference),
+            _interval(each.interval),
+            clean(each.better or "undecided"),
+            f"{each.first_wins:,} / {each.second_wins:,} / {each.ties:,}",
+        )
+        for name, each in differences
+    ]
+    heads = ("", "Difference", f"{100 * result.confidence:g} % interval", "Better", "Wins / losses / ties")
+    caption = f"{clean(compared.first)} minus {clean(compared.second)}, over {compared.pairs:,} pairs of episodes"
+    return [PageFacts("Comparison", caption, heads, rows, (1, 2))]
+
+
+def _endings(policies: Sequence[EpisodeSummary]) -> list[PageFacts]:
+    rows = [
+        (each.ending, clean(policy.policy), each.outcome, *_share(each.share))
+        for policy in policies
+        for each in policy.endings
+    ]
+    heads = ("Ending", "Policy", "Outcome", "Share", "Interval")
+    return [PageFacts("Endings", "How episodes ended", heads, rows, (3, 4))] if rows else []
+
+
+def _share(share: Share) -> tuple[str, str]:
+    low, high = share.interval.low, share.interval.high
+    interval = "" if low is None or high is None else f"{100 * low:.3g} … {100 * high:.3g} %"
+    return f"{100 * share.share:.3g} %", interval
+
+
+def _interval(interval: Interval) -> str:
+    if interval.low is None or interval.high is None:
+        return ""
+    return f"{number(interval.low)} … {number(interval.high)}"

@@ -1,0 +1,99 @@
+"""Parts of the pages about studies and evaluations: varied parameters, figures, videos and origin."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from mjrun.errors import MissingExtraError, UsageError, clean, listing
+from mjrun.experiment.design import Design, numbers
+from mjrun.formats.study_reader import read_study
+from mjrun.options.page import PageOptions
+from mjrun.options.plot import FigureOptions
+from mjrun.plotting.figure_writer import require_matplotlib, svg_text
+from mjrun.plotting.html_page import Page, PageFacts, PageFigure, PageFile, page_file
+from mjrun.plotting.manifest_html import FileManifest
+from mjrun.plotting.page_writer import PageWriter, check_page_name
+from mjrun.plotting.study.figure_data import study_grid
+from mjrun.plotting.study.plan import StudyFigurePlan
+from mjrun.plotting.table_figure import TableFigure
+from mjrun.plotting.theme import adaptive
+
+LISTED = 6  # values of a parameter
+MOST_VIDEOS = 12
+DIGITS = "{:.5g}"
+
+
+def check_page(path: str) -> None:
+    """Raises errors that would prevent the page, before anything is simulated.
+
+    Raises:
+      BadValueError: its name does not end with .html.
+      MissingExtraError: matplotlib is missing.
+    """
+    check_page_name(path)
+    require_matplotlib()
+
+
+def write_results_page(path: str, page: Page) -> None:
+    """Writes and publishes a page.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    with PageWriter(path) as writer:
+        writer.write(page)
+        writer.publish()
+
+
+def parameters_table(design: Design) -> list[PageFacts]:
+    """Returns a table of the varied parameters and their values, if anything varies."""
+    rows = list[tuple[str, str, str]]()
+    for index, name in enumerate(design.names):
+        texts = list(dict.fromkeys(point[index] for point in design.points))
+        values = numbers(texts)
+        if values is not None:
+            texts = [number(float(value)) for value in values]
+        if len(texts) <= LISTED:
+            shown = ", ".join(texts)
+        elif values is None:
+            shown = f"{', '.join(texts[:LISTED])}, …"
+        else:
+            shown = f"{number(float(values.min()))} … {number(float(values.max()))}"
+        rows.append((name, f"{len(texts):,}", shown))
+    caption = f"What varies over {len(design.points):,} points"
+    return [PageFacts("Parameters", caption, ("Parameter", "Different values", "Values"), rows, (1,))] if rows else []
+
+
+def study_figures(folder: str | Path) -> tuple[list[PageFigure], list[str]]:
+    """Returns the figure of a study that `mjrun plot` draws, and notes; nothing if the study has none."""
+    try:
+        plan = StudyFigurePlan(read_study(folder), FigureOptions())
+        drawing = plan.drawing
+    except (UsageError, MissingExtraError) as error:
+        return [], [f"no plot: {str(error).partition(chr(10))[0]}"]
+    svg = svg_text(drawing, study_grid(drawing, None), "light")
+    labels = [panel.label for panel in drawing.panels]
+    return [PageFigure(adaptive(svg), listing(labels), plan.notes)], []
+
+
+def table_figure(path: str | Path, options: FigureOptions) -> PageFigure:
+    """Returns a figure of a table."""
+    with ExitStack() as stack:
+        figure = TableFigure([str(path)], options, stack)
+        figure.read()
+        return figure.for_page()
+
+
+def shown_files(paths: Iterable[str], options: PageOptions) -> list[PageFile]:
+    """Returns the first files for a page, embedded up to the size that `options` allow."""
+    return [page_file(path, str(options.html), options.embed_up_to) for path in [*paths][:MOST_VIDEOS]]
+
+
+def origin(path: Path, facts: Mapping[str, object], names: Sequence[str]) -> FileManifest:
+    """Returns the facts with these names as a manifest."""
+    return FileManifest(clean(str(path)), {name: facts[name] for name in names if facts.get(name) not in (None, "")})
+
+
+def number(value: float | None) -> str:
+    """Formats a number with a few digits; empty for None."""
+    return "" if value is None else DIGITS.format(value).replace("-", "−")

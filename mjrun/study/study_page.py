@@ -1,0 +1,80 @@
+"""The page about a study: its parameters, metrics, requirements and failures, its figure, and how it was made."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mjrun.errors import clean
+from mjrun.experiment.design import Design
+from mjrun.experiment.results_page import (
+    number,
+    origin,
+    parameters_table,
+    shown_files,
+    study_figures,
+    write_results_page,
+)
+from mjrun.options.page import PageOptions
+from mjrun.options.sweep import MANIFEST
+from mjrun.plotting.html_page import VIDEOS, Page, PageFacts
+from mjrun.plotting.page_writer import MAKER
+
+if TYPE_CHECKING:
+    from mjrun.study.study import StudyResult
+
+QUANTILES = ("Min", "5 %", "25 %", "Median", "75 %", "95 %", "Max")
+FACTS = ("command", "model", "mjrun", "mujoco", "numpy", "engine", "wall")
+
+
+def write_study_page(
+    options: PageOptions, result: "StudyResult", points: Design, facts: Mapping[str, object], model: str
+) -> None:
+    """Writes the page of a finished study.
+
+    Args:
+      facts: the command, the versions and the hash of the model.
+      model: the model as specified.
+
+    Raises:
+      FileError: it cannot be written.
+    """
+    assert options.html is not None
+    figures, notes = study_figures(result.path)
+    statuses = ", ".join(f"{count:,} {status}" for status, count in result.statuses.items())
+    failed = result.points - result.statuses.get("ok", 0)
+    folder = Path(result.path)
+    page = Page(
+        title=f"{clean(folder.name)}: study of {clean(model)}",
+        maker=MAKER,
+        verdict=(not failed, f"{result.points:,} points: {statuses}"),
+        verdicts=[(result.path, verdict) for verdict in result.assertions],
+        facts=[*parameters_table(points), *_metrics(result), *_failures(result)],
+        figures=figures,
+        files=shown_files([path for path in result.kept.files if Path(path).suffix in VIDEOS], options),
+        manifests=[origin(folder / MANIFEST, {**facts, "model": {"path": model, "sha256": facts["model"]}}, FACTS)],
+        notes=notes,
+    )
+    write_results_page(options.html, page)
+
+
+def _metrics(result: "StudyResult") -> list[PageFacts]:
+    rows = [
+        (name, f"{each.count:,}", *map(number, each.quantiles), number(each.mean), number(each.std))
+        for name, each in result.metrics.items()
+    ]
+    heads = ("Metric", "Points", *QUANTILES, "Mean", "Std")
+    return [PageFacts("Metrics", "Metrics over all points", heads, rows, range(1, len(heads)))] if rows else []
+
+
+def _failures(result: "StudyResult") -> list[PageFacts]:
+    rows = [
+        (
+            each.status,
+            f"{each.count:,}",
+            clean(each.message),
+            f"{each.point}: {', '.join(f'{name}={value}' for name, value in each.values.items())}",
+        )
+        for each in result.failures
+    ]
+    heads = ("Status", "Points", "Reason", "The first of them")
+    return [PageFacts("Failures", "Points that failed, by reason", heads, rows, (1,))] if rows else []

@@ -1,0 +1,47 @@
+"""Pages about evaluations, against the table of episodes."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mjrun.evaluation.evaluation import Evaluation
+from mjrun.evaluation.table import FILES
+from tests.evaluation.tasks import cart_task, play_here
+from tests.page_cells import PageCells
+
+
+@pytest.fixture(autouse=True)
+def _here(monkeypatch: pytest.MonkeyPatch) -> None:
+    play_here(monkeypatch)
+
+
+def made(folder: Path, **options: object) -> str:
+    """Returns the page of an evaluation."""
+    arguments = {"policy": "random", "episodes": 7, "jobs": 1, "html": str(folder / "page.html"), **options}
+    Evaluation(cart_task(folder), str(folder / "out"), **arguments).run()  # type: ignore[arg-type]
+    return (folder / "page.html").read_text("utf-8")
+
+
+def test_the_page_shows_the_numbers_of_the_episodes(tmp_path: Path) -> None:
+    page = made(tmp_path)
+    rows = pd.read_csv(tmp_path / "out" / FILES[1])
+    cells = PageCells(page)
+    values = rows["return"].to_numpy()
+    start = cells.texts.index("return")
+    count, mean, _, median, std, least, most = cells.texts[start + 1 : start + 8]
+    shown = [float(text.replace("−", "-")) for text in (mean, median, std, least, most)]
+    assert count == "7"
+    expected = [values.mean(), np.median(values), values.std(ddof=1), values.min(), values.max()]
+    np.testing.assert_allclose(shown, expected, rtol=1e-4)
+    assert page.count("<svg") == 1
+    assert {*rows["ending"]} <= {*cells.texts}
+
+
+def test_two_policies_are_compared_and_parameters_listed(tmp_path: Path) -> None:
+    page = made(tmp_path, compare="zero", vary={"geom/box.mass": "1,2"})
+    cells = PageCells(page).texts
+    assert "random minus zero, over 14 pairs of episodes" in page
+    assert cells[cells.index("geom/box.mass") + 1 :][:2] == ["2", "1, 2"]
+    assert "Results of zero" in page
