@@ -290,7 +290,7 @@ def test_the_package_installs_with_its_command_and_its_types(tmp_path: Path) -> 
 
 
 def test_every_other_command_of_the_readme_is_known() -> None:
-    names = "video|image|trace|plot|run|schema|info|check|bench|diff|view|sweep|eval|fit"
+    names = "video|image|dataset|trace|plot|run|schema|info|check|bench|diff|view|sweep|eval|fit"
     packages = r"pip install ('?\.|mujoco-menagerie)|mujoco-menagerie "
     known = rf"mjrun ({names}) |mjrun doctor|for |make |{packages}|cat |seq |sed |eval "
     assert all(re.match(known, command) for command in COMMANDS)
@@ -347,4 +347,4 @@ def test_the_readme_is_short_and_leads_to_every_guide() -> None:
     readme = PAGES[ROOT / "README.md"]
     assert len(readme.splitlines()) <= 250
     guides = [name for part in ("Begin", "By task", "Guides") for name in CONTENTS[part] if name != "gallery"]
-    assert [name for name in ("index", *guides) if f"(docs/{name}.md)" not in readme] == []
+    assert [name for name in ("index", *guides) if not re.search(rf"\(docs/{name}\.(md|ipynb)\)", readme)] == []
