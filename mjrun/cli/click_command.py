@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
+from mjrun.cli.colors import shown_help
 from mjrun.cli.console import Console, flag
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, near, quoted, suggestion
@@ -171,6 +172,9 @@ class SectionedCommand(click.Command):
             has_value = following.startswith("-") or arg not in optional or optional[arg].takes(following)
             yield arg if has_value else f"{arg}={optional[arg].declared.flag_value}"
 
+    def get_help(self, ctx: click.Context) -> str:
+        return shown_help(super().get_help(ctx))
+
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
         for param in self.params:
             if isinstance(param, DeclaredOption):
@@ -293,6 +297,13 @@ def command(
             _set_verbosity(console, command_line.make(ConsoleOptions))
             with _confined_if_asked(console, command_line):
                 body(console, command_line)
+            if command_line.value("open"):
+                from mjrun.cli.opening import files_in, open_first
+
+                page, report = command_line.value("html"), console.report
+                made = [str(page)] if page else []
+                if warning := open_first([*made, *(files_in(report.json()) if report else ())]):
+                    console.warn(warning)
 
         declared = {each.name: each for cls in (*classes, ConsoleOptions) for each in options_of(cls)}
         known = [each for each in declared.values() if FrontEnd.COMMAND in each.places and each.name not in without]
@@ -308,6 +319,8 @@ def command(
 def _confined_if_asked(console: Console, command_line: CommandLine) -> Generator[None, None, None]:
     """Confines this process to the files on the command line if it has the option --untrusted."""
     options = command_line.make(ConfinementOptions)
+    if options.untrusted and command_line.value("open"):
+        raise UsageError(f"{mention('open')} starts another program, which {mention('untrusted')} prevents")
     if not options.untrusted:
         for name in ("root", "limit"):
             if command_line.value(name) is not None:

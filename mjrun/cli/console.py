@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from mjrun.cli.report_forms import Report
 
+from mjrun.cli.colors import coloured_message, is_coloured
 from mjrun.cli.standard_streams import STDERR, STDOUT, Payload, text_stream
 from mjrun.confinement.confinement import confinement
 from mjrun.errors import CommandFailure, flag, spelled
@@ -36,6 +37,7 @@ class Console:
       code: the exit code of a command that completed.
       command: the command line.
       as_json: print one JSON document to stdout, which also reports failures.
+      report: the answer, once it is printed.
     """
 
     def __init__(self, command: str = "mjrun", *, as_json: bool = False) -> None:
@@ -44,6 +46,7 @@ class Console:
         self.verbosity = 0
         self.debug = False
         self.code = 0
+        self.report: Report | None = None
         self._progress: Progress | None = None
         self._task: TaskID | None = None
         self._last = time.monotonic()
@@ -79,6 +82,7 @@ class Console:
           form: the option that requests another form.
           is_piped: standard output carries the output of the command.
         """
+        self.report = report
         if self.as_json:
             self.document(report.json())
         elif form:
@@ -182,4 +186,5 @@ class Console:
         if self._progress:
             self._progress.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
+            text = coloured_message(text) if is_coloured(sys.stderr) else text
             print(text, file=sys.stderr, flush=True)  # noqa: T201

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mjrun.cli.colors import shown_help
 from mjrun.cli.console import Console, asks_for_json
 from mjrun.errors import (
     ClosedPipeError,
@@ -76,6 +77,9 @@ class LazyGroup(click.Group):
         if args[:1] == ["help"]:
             args = [*args[1:2], "--help"]
         return super().parse_args(ctx, args)
+
+    def get_help(self, ctx: click.Context) -> str:
+        return shown_help(super().get_help(ctx))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)

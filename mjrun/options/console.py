@@ -7,6 +7,20 @@ from mjrun.options.option import FrontEnd, Options, option, options
 
 
 @options
+class OpenOptions(Options):
+    """Use of the files that a command has made."""
+
+    section: ClassVar[str] = "Output"
+
+    open: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Open the page, video or image that was made.",
+    )
+
+
+@options
 class ConsoleOptions(Options):
     """Form and amount of what a command prints."""
 

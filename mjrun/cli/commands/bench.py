@@ -14,6 +14,7 @@ from mjrun.errors import FileError, UsageError, counted, option
 from mjrun.formats.parent_folders import ParentFolders
 from mjrun.options.bench import BenchOptions, ReportFormatOptions
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 
 if TYPE_CHECKING:
     from mjrun.bench.results import BenchResult
@@ -25,6 +26,7 @@ SLOWER, PARTLY = 1, 8  # exit codes
 @command(
     BenchOptions,
     ReportFormatOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=[MODEL],
     python="Bench",

@@ -10,6 +10,7 @@ from mjrun.cli.console import Console, flag
 from mjrun.cli.simulation_command import import_mujoco
 from mjrun.options.check import CheckOptions, CheckReportOptions
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.policy import PolicyOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 
@@ -26,6 +27,7 @@ MODELS = ModelArgument("models", nargs=-1, type=click.Path(), metavar="MODEL..."
     CheckReportOptions,
     ReportFormatOptions,
     PolicyOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=[MODELS],
     python="Check",

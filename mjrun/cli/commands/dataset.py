@@ -8,6 +8,7 @@ from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import import_mujoco, reported_failures, simulation, stem
 from mjrun.errors import clean, counted
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.dataset import DatasetOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions
@@ -24,6 +25,7 @@ SHOWN = 10  # reasons of failures
     DatasetOptions,
     ExecutionOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=(ModelArgument("model"),),
     python="Dataset",

@@ -9,6 +9,7 @@ from mjrun.cli.console import Console
 from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.errors import CommandFailure, GoldenDifferenceError
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.diff import DiffOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.simulation import SimulationOptions
@@ -36,6 +37,7 @@ class DiffCommand(SectionedCommand):
     TraceOptions,
     ReportFormatOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     name="diff --golden",
     arguments=[MODEL],
@@ -73,6 +75,7 @@ def diff_golden(console: Console, command_line: CommandLine) -> None:
 @command(
     DiffOptions,
     ReportFormatOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=PAIR,
     cls=DiffCommand,

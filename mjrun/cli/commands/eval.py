@@ -14,6 +14,7 @@ from mjrun.cli.simulation_command import import_mujoco, reported_failures, with_
 from mjrun.cli.table_cells import Column, number
 from mjrun.errors import clean, counted
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.evaluation import EvaluationCommandOptions, EvaluationExecutionOptions, EvaluationOptions
 from mjrun.suffixes import is_yaml
 
@@ -35,6 +36,7 @@ ARGUMENTS = (
     EvaluationOptions,
     EvaluationExecutionOptions,
     EvaluationCommandOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=ARGUMENTS,
     without=["repeats"],

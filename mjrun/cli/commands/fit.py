@@ -12,6 +12,7 @@ from mjrun.cli.simulation_command import import_mujoco, simulation
 from mjrun.cli.table_cells import Column, number
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.fit import FitOptions
 from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
@@ -33,6 +34,7 @@ ARGUMENTS = (
 @command(
     FitOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=ARGUMENTS,
     reports={"fit": "mjrun.fitting.result:FitResult", "excite": "mjrun.fitting.excitation:ExcitationResult"},

@@ -15,6 +15,7 @@ from mjrun.cli.simulation_command import (
     with_camera_scripts,
 )
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
@@ -24,6 +25,7 @@ from mjrun.options.simulation import SimulationOptions
     ImageOptions,
     CommandOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=[MODEL],
     without=("duration", "steps"),

@@ -20,6 +20,7 @@ from mjrun.cli.simulation_command import (
 from mjrun.errors import FailedAssertionError, UsageError, listing, option, quoted
 from mjrun.formats.input_file import is_folder
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.plot import PlotOptions, TablePlotOptions
@@ -39,6 +40,7 @@ OF_MODELS = ("probe", "every", "rate", "manifest")
     TablePlotOptions,
     CommandOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=[TABLES],
     python="TablePlot",

@@ -14,6 +14,7 @@ from mjrun.cli.result_summary import summary
 from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, tell_reason, unchanged
 from mjrun.errors import clean
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.report import REPORT_FORMATS, ReportFormatOptions
 from mjrun.options.run import RunOptions
 
@@ -30,6 +31,7 @@ ARGUMENTS = (
 @command(
     RunOptions,
     ReportFormatOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=ARGUMENTS,
     reports={"run-report": "mjrun.outputs.run_report:RunResult"},

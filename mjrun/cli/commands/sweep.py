@@ -16,6 +16,7 @@ from mjrun.cli.simulation_command import import_mujoco, load_controller, reporte
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.option import options_of
 from mjrun.options.page import PageOptions
 from mjrun.options.setting_kinds import NamedNumbers, Settings
@@ -53,6 +54,7 @@ ARGUMENTS = (
     StudyCommandOptions,
     ExecutionOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=ARGUMENTS,
     python="Study",

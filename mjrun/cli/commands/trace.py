@@ -20,6 +20,7 @@ from mjrun.cli.simulation_command import (
 )
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.trace import TraceCommandLineOptions, TraceOptions
@@ -39,6 +40,7 @@ WRITTEN = ("output", "contacts", "manifest", "recording", "save_key")
     TraceCommandLineOptions,
     CommandOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=[MODEL],
     python="Trace",

@@ -12,6 +12,7 @@ from mjrun.cli.simulation_command import (
     with_camera_scripts,
 )
 from mjrun.options.confinement import ConfinementOptions
+from mjrun.options.console import OpenOptions
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.video import VideoOptions
@@ -21,6 +22,7 @@ from mjrun.options.video import VideoOptions
     VideoOptions,
     CommandOptions,
     SimulationOptions,
+    OpenOptions,
     ConfinementOptions,
     arguments=[MODEL],
     python="Video",

@@ -168,7 +168,7 @@ def test_a_camera_document_is_a_camera(mjrun_here: Command, swing: Path) -> None
 
 # Options that documents do not have: of the terminal, of the machine that draws, and code, which no document may name.
 TERMINAL = {"json", "quiet", "verbose", "debug", "print_document", "recording", "save_key", "if_changed", "depfile"}
-TERMINAL |= {"list", "all", "csv", "verify", "update"}
+TERMINAL |= {"open", "list", "all", "csv", "verify", "update"}
 MACHINE = {"gl", "require_gpu"}
 CONFINEMENT = {"untrusted", "root", "limit"}  # which no document may loosen
 CODE = {"controller", "control_dt", "trust"}
