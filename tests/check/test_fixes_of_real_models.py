@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mjrun.model.mujoco_globals import collected_warnings
-from tests.check.fixes import fix
+from tests.check.fixes import fix, lint
 
 SCENES = Path(__file__).parents[2] / "scenes"
 GYM = importlib.util.find_spec("gymnasium")
@@ -77,3 +77,35 @@ def test_a_damaged_model_is_restored(original: Path, damage: Callable[[str], str
         if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
             np.testing.assert_allclose(getattr(model, name), value, rtol=1e-12, atol=1e-12, err_msg=name)
     assert fix(path.name) == {}
+
+
+COMPILER, JOINT = '<compiler angle="radian"', 'name="shoulder_pitch" class="large" axis="0 1 0"'
+KEYFRAME, HEIGHT = 'qpos=".9 1 -.3 .7 .5 .6 1"', 'qpos="-.025 0 .7031'
+OPTION = '<option integrator="implicitfast"'
+# The rule, the scene, what is replaced in it, the damage, and its repair; the latter is often what was replaced.
+REPAIRS = [
+    ("MJ105", "arm", OPTION, f'{OPTION} apirate="50"', OPTION),
+    ("MJ108", "arm", '<key name="reach"', '<key name="home"', '<key name="home_2"'),
+    ("MJ116", "arm", f"{COMPILER}/>", f'{COMPILER}/><size njmax="500" nkey="3"/>', f'{COMPILER}/><size nkey="3"/>'),
+    ("MJ118", "arm", JOINT, JOINT.replace("0 1 0", "0 1.01 0"), JOINT),
+    ("MJ202", "arm", COMPILER, f'{COMPILER} inertiafromgeom="false"', f'{COMPILER} inertiafromgeom="auto"'),
+    ("MJ302", "arm", 'range="-1.9 1.9"', 'range="1.9 -1.9"', 'range="-1.9 1.9"'),
+    ("MJ305", "arm", 'range="-1.9 1.9"', 'range="-180 180"', f'range="-{np.pi!r} {np.pi!r}"'),
+    ("MJ402", "arm", KEYFRAME, KEYFRAME.replace('1"', '3.3"'), KEYFRAME.replace('1"', '3.05"')),
+    ("MJ403", "arm", KEYFRAME.replace("qpos", "ctrl"), 'ctrl=".9 2.2 -.3 .7 .5 .6 1"', 'ctrl=".9 1.9 -.3 .7 .5 .6 1"'),
+    ("MJ404", "humanoid", f"{HEIGHT} 1 0 0 0", f"{HEIGHT} 1.1 0 0 0", f"{HEIGHT} 1 0 0 0"),
+]
+
+
+@pytest.mark.parametrize(("rule", "scene", "replaced", "damage", "repair"), REPAIRS, ids=[case[0] for case in REPAIRS])
+def test_only_what_a_rule_finds_is_repaired(rule: str, scene: str, replaced: str, damage: str, repair: str) -> None:
+    path, text = Path("model.xml"), (SCENES / f"{scene}.xml").read_text(encoding="utf-8")
+    assert text.count(replaced) == 1
+    path.write_text(text, encoding="utf-8")
+    assert not lint(path.name, unsafe=True).result.findings
+    path.write_text(text.replace(replaced, damage), encoding="utf-8")
+    assert {finding.code for finding in lint(path.name, unsafe=True).result.findings} == {rule}
+
+    assert fix(path.name, unsafe=True) == {path.name: {rule: 1}}
+    assert path.read_text(encoding="utf-8") == text.replace(replaced, repair)
+    assert not lint(path.name, unsafe=True).result.findings
