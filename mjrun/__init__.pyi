@@ -921,8 +921,9 @@ class Plot(_Plot):
       title: Title above all panels.
       style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
         of light, dark, print. [default: 'light']
-      size: Width and height [pixels]; in an svg or pdf, a pixel is 1/96 inch. [default: 1280 to 1920
-        wide, and as high as the panels require]
+      size: Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch. [default: 1280
+        to 1920 wide, and as high as the panels require]
+      font_size: Size of letters [pt], for figures in papers. [default: chosen by the size]
       columns: Number of panels side by side. [default: chosen by the number of panels]
       every: Write a row every N steps. [default: 1]
       rate: Rows per simulated second [Hz], at most one per step, instead of every N steps.
@@ -950,6 +951,7 @@ class Plot(_Plot):
         title: str | None = ...,
         style: Literal["light", "dark", "print"] = ...,
         size: Sequence[int] | None = ...,
+        font_size: float | None = ...,
         columns: int | None = ...,
         probe: str | Sequence[str] = ...,
     ) -> None: ...
@@ -1249,8 +1251,9 @@ class TablePlot(_TablePlot):
       title: Title above all panels.
       style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
         of light, dark, print. [default: 'light']
-      size: Width and height [pixels]; in an svg or pdf, a pixel is 1/96 inch. [default: 1280 to 1920
-        wide, and as high as the panels require]
+      size: Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch. [default: 1280
+        to 1920 wide, and as high as the panels require]
+      font_size: Size of letters [pt], for figures in papers. [default: chosen by the size]
       columns: Number of panels side by side. [default: chosen by the number of panels]
     """
     def __init__(
@@ -1268,6 +1271,7 @@ class TablePlot(_TablePlot):
         title: str | None = ...,
         style: Literal["light", "dark", "print"] = ...,
         size: Sequence[int] | None = ...,
+        font_size: float | None = ...,
         columns: int | None = ...,
         html: str | PathLike[str] | None = ...,
         embed_up_to: float = ...,

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from mjrun.options.kinds import Choice, File, Optional, Several, Text
-from mjrun.options.number_kinds import Integer, Range, Size
+from mjrun.options.number_kinds import FigureSize, Integer, Range, Real
 from mjrun.options.option import Options, option, options, required
 from mjrun.options.output import PLOTS
 from mjrun.options.page import PageOptions
@@ -70,10 +70,16 @@ class FigureOptions(Options):
         help="Colour scheme; print is meant for paper and also distinguishes lines by dash patterns.",
     )
     size: tuple[int, int] | None = option(
-        converter=Optional(Size()),
+        converter=Optional(FigureSize()),
         default=None,
         usual="1280 to 1920 wide, and as high as the panels require",
-        help="Width and height [pixels]; in an svg or pdf, a pixel is 1/96 inch.",
+        help="Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch.",
+    )
+    font_size: float | None = option(
+        converter=Optional(Real(above=0, metavar="POINTS")),
+        default=None,
+        usual="chosen by the size",
+        help="Size of letters [pt], for figures in papers.",
     )
     columns: int | None = option(
         converter=Optional(Integer(1, 8)),

@@ -8,7 +8,8 @@ from matplotlib.axis import Axis, XAxis, YAxis
 from matplotlib.ticker import Formatter, Locator, NullLocator
 
 from mjrun.plotting.figure_data import Scale
-from mjrun.plotting.matplotlib_figure import DPI, SMALL, Canvas
+from mjrun.plotting.matplotlib_figure import SMALL, Canvas
+from mjrun.plotting.panel_grid import DPI
 from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_ticks
 
 ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks

@@ -19,8 +19,8 @@ from mjrun.dataclass import dataclass
 from mjrun.plotting.axis_ticks import set_scale
 from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import Drawing, DrawnCurve, DrawnPanel, Scale
-from mjrun.plotting.matplotlib_figure import DPI, POINT, Canvas, rgb
-from mjrun.plotting.panel_grid import PanelGrid
+from mjrun.plotting.matplotlib_figure import Canvas, rgb
+from mjrun.plotting.panel_grid import DPI, POINT, PanelGrid
 
 LEGEND, WIDE_LEGEND = 0.36, 0.5  # maximum share of a panel's width for its legend; the latter if all names then fit
 NAMED = 8  # maximum number of reference lines with one name that are all labelled

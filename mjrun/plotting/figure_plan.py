@@ -73,7 +73,7 @@ class FigurePlan:
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
         self._count = FigureContents(len(self.panels), names, bool(options.title))
-        self.grid = panel_grid(self._count, options.size, options.columns)
+        self.grid = panel_grid(self._count, options.size, options.columns, options.font_size)
 
     @property
     def columns(self) -> list[str]:
@@ -87,7 +87,7 @@ class FigurePlan:
         """Returns the grid in a page, which is narrow and may be long: a single column unless panels are many."""
         if self.options.size or self.options.columns or len(self.panels) > PAGE_PANELS:
             return self.grid
-        return panel_grid(self._count, None, 1)
+        return panel_grid(self._count, None, 1, self.options.font_size)
 
     def collector(self, table: int) -> "TableCollector":
         """Returns the collector of a table's rows."""

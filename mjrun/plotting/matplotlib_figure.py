@@ -13,11 +13,9 @@ from matplotlib.figure import Figure
 
 from mjrun.errors import clean
 from mjrun.palette import Colour
-from mjrun.plotting.panel_grid import PanelGrid
+from mjrun.plotting.panel_grid import DPI, POINT, PanelGrid
 from mjrun.plotting.theme import Theme
 
-DPI = 96  # pixels per inch, as in CSS, so that an svg has the requested size
-POINT = 72 / DPI  # [points per pixel]
 FONT = "DejaVu Sans"  # part of matplotlib: Latin, Greek, Cyrillic and symbols
 LONGEST = 200  # maximum number of letters of a text that is shortened
 SMALL = 0.92  # size of letters of ticks and keys [em]

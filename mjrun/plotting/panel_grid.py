@@ -7,6 +7,8 @@ WIDTHS = (1280, 1600, 1920)  # default width of a figure, by panels side by side
 LEAST_WIDTH, LEAST_HEIGHT = 140, 56  # minimum size of a panel with everything around it [pixels]
 LEAST_BELOW = 40  # minimum height for the x axis [pixels]
 MOST_SIDE, MOST_PIXELS = 2**16 - 1, 10**8  # limits of drawing in about 400 MB
+DPI = 96  # pixels per inch, as in CSS, so that an svg has the requested size
+POINT = 72 / DPI  # [points per pixel]
 ABOVE, BELOW = 2.6, 5.0  # room above the panels if there is a title, and below them [em]
 
 
@@ -35,8 +37,10 @@ class PanelGrid:
     em: float
 
 
-def panel_grid(count: FigureContents, size: tuple[int, int] | None, columns: int | None) -> PanelGrid:
-    """Returns the grid of these panels, in `size` pixels and `columns` if set.
+def panel_grid(
+    count: FigureContents, size: tuple[int, int] | None, columns: int | None, font_size: float | None = None
+) -> PanelGrid:
+    """Returns the grid of these panels, in `size` pixels, `columns` and letters of `font_size` points if set.
 
     Raises:
       BadValueError: the panels do not fit, or the figure has too many pixels.
@@ -44,7 +48,7 @@ def panel_grid(count: FigureContents, size: tuple[int, int] | None, columns: int
     side = min(count.panels, columns or _columns(count.panels, size[0] if size else None))
     rows = -(-count.panels // side)
     width = size[0] if size else WIDTHS[min(side, len(WIDTHS)) - 1]
-    em = 6 + width / (150 + 30 * (side > 1))
+    em = 6 + width / (150 + 30 * (side > 1)) if font_size is None else font_size / POINT
     if size is None:
         panel = min(max(12.5, 3.5 + 1.02 * count.names), 16.5)  # [em], so that a legend has room
         height = max(0.5625 * width, (rows * panel + BELOW + ABOVE * count.titled) * em)
@@ -56,7 +60,8 @@ def panel_grid(count: FigureContents, size: tuple[int, int] | None, columns: int
     if max(size) > MOST_SIDE or size[0] * size[1] > MOST_PIXELS:
         most = f"at most {MOST_SIDE} a side and {MOST_PIXELS // 10**6} megapixels"
         raise BadValueError(option("size"), f"{size[0]}x{size[1]}", most)
-    em = min(em, max(8.0, (size[1] - 20) / rows / 7))
+    if font_size is None:
+        em = min(em, max(8.0, (size[1] - 20) / rows / 7))
     return PanelGrid(size, side, rows, em)
 
 

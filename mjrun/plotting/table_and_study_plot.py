@@ -126,7 +126,7 @@ class StudyPlot(TablePlot):
         results = read_study(folder)
         plan = StudyFigurePlan(results, self)
         drawing = plan.drawing
-        grid = study_grid(drawing, self.size)
+        grid = study_grid(drawing, self.size, self.font_size)
         labels = [panel.label for panel in drawing.panels]
         for text in plan.notes:
             reporter.note(text)

@@ -30,7 +30,10 @@ def log_ticks(low: float, high: float, most: float) -> list[float]:
 
 def labels_of(values: Sequence[float], low: float, high: float, *, log: bool) -> list[str]:
     """Returns the labels of ticks of an axis from `low` to `high`."""
-    return [log_label(value) for value in values] if log and not _is_narrow(low, high) else tick_labels(values)
+    if not log or _is_narrow(low, high):
+        return tick_labels(values)
+    is_plain = all(-4 < _power(value) < 5 for value in values)  # all labels of an axis have one style
+    return [log_label(value, is_plain=is_plain) for value in values]
 
 
 def tick_labels(values: Sequence[float]) -> list[str]:
@@ -46,13 +49,17 @@ def tick_labels(values: Sequence[float]) -> list[str]:
     return [_label(value, power, decimals) for value in values]
 
 
-def log_label(value: float) -> str:
-    """Returns the label of a tick on a logarithmic axis: `0.01`, `200`, `10⁻⁶`, `2×10⁷`."""
-    power = math.floor(math.log10(value) + 1e-9)
-    if -4 < power < 5:
+def log_label(value: float, *, is_plain: bool) -> str:
+    """Returns the label of a tick on a logarithmic axis: `0.01` and `200` if plain, else `10⁻²` and `2×10²`."""
+    power = _power(value)
+    if is_plain:
         return f"{value:.{max(0, -power)}f}"
     factor = round(value / 10.0**power)
     return ("" if factor == 1 else f"{factor}×") + f"10{_raised(power)}"
+
+
+def _power(value: float) -> int:
+    return math.floor(math.log10(value) + 1e-9)
 
 
 def value_labels(values: Sequence[float]) -> list[str]:

@@ -78,9 +78,15 @@ def test_labels_have_the_digits_that_they_need() -> None:
     assert tick_labels([]) == []
 
 
+@pytest.mark.parametrize("is_plain", [False, True])
 @pytest.mark.parametrize("value", [1e-9, 2e-5, 0.001, 0.5, 1, 20, 1000, 1e5, 3e12])
-def test_a_logarithmic_label_is_the_number(value: float) -> None:
-    assert math.isclose(number(log_label(value)), value)
+def test_a_logarithmic_label_is_the_number(value: float, is_plain: bool) -> None:
+    assert math.isclose(number(log_label(value, is_plain=is_plain)), value)
+
+
+def test_all_labels_of_a_logarithmic_axis_have_one_style() -> None:
+    assert labels_of([1e-2, 1, 100], 1e-2, 100, log=True) == ["0.01", "1", "100"]
+    assert labels_of([1e-6, 1e-2, 100], 1e-6, 100, log=True) == ["10⁻⁶", "10⁻²", "10²"]
 
 
 @pytest.mark.parametrize("most", [1, 3, 8])

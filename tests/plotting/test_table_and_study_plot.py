@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import xml.etree.ElementTree as ElementTree
 from contextlib import ExitStack
 from pathlib import Path
@@ -281,3 +282,14 @@ def test_files_of_points_are_called_by_the_values_in_which_they_differ(tmp_path:
         paths.append(str(folder / "trace.parquet"))
     assert table_names(paths) == ["timestep 0.01", "timestep 0.02"]
     assert table_names([*paths, "other/trace.parquet"])[2] == "other"
+
+
+def test_figures_have_sizes_and_letters_of_paper(tmp_path: Path) -> None:
+    plot = TablePlot(table(tmp_path / "a.csv"), str(tmp_path / "a.svg"), size=(321, 227), font_size=8)
+    plot.run()
+    root = ElementTree.parse(tmp_path / "a.svg").getroot()
+    sides = [float(str(root.get(name)).removesuffix("pt")) * 25.4 / 72 for name in ("width", "height")]
+    np.testing.assert_allclose(sides, (85, 60), atol=25.4 / 96 / 2)
+    letters = re.findall(r"font-size: ([0-9.]+)px", (tmp_path / "a.svg").read_text("utf-8"))
+    assert max(map(float, letters)) == 8
+    assert min(map(float, letters)) > 6

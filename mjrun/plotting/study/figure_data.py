@@ -178,7 +178,7 @@ def is_even_in_ratios(values: np.ndarray) -> bool:
     return bool(abs(ratio - 0.5) < abs(share - 0.5))
 
 
-def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None) -> PanelGrid:
+def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None, font_size: float | None = None) -> PanelGrid:
     """Returns the size of a figure and the positions of its panels.
 
     Raises:
@@ -192,4 +192,4 @@ def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None) -> PanelGrid
         side = 1
     names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)
     above = min(side, panels) if drawing.above else 0
-    return panel_grid(FigureContents(panels + above, names, bool(drawing.title)), size, min(side, panels))
+    return panel_grid(FigureContents(panels + above, names, bool(drawing.title)), size, min(side, panels), font_size)

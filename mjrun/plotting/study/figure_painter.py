@@ -15,8 +15,8 @@ from matplotlib.text import Annotation
 
 from mjrun.plotting.axis_ticks import number_ticks, set_scale
 from mjrun.plotting.figure_data import Scale
-from mjrun.plotting.matplotlib_figure import POINT, SMALL, TITLE, Canvas, rgb
-from mjrun.plotting.panel_grid import PanelGrid
+from mjrun.plotting.matplotlib_figure import SMALL, TITLE, Canvas, rgb
+from mjrun.plotting.panel_grid import POINT, PanelGrid
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, ParallelPanel, RankPanel, Series, StudyDrawing
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
