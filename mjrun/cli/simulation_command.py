@@ -226,6 +226,15 @@ def payload_on_stdout(command_line: CommandLine, default_output: str = "") -> bo
     return piped
 
 
+def is_study(path: str) -> bool:
+    """Returns whether a path is a study document, rather than a task, which replaces a model."""
+    if not is_yaml(path):
+        return False
+    from mjrun.document.task import is_task
+
+    return not is_task(path)
+
+
 @contextmanager
 def reported_failures(
     console: Console,

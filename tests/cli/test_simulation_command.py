@@ -35,7 +35,7 @@ def test_mujoco_that_is_imported_already_is_left_alone() -> None:
     """What is garbage at that moment stays garbage, and not in memory for ever."""
     before = gc.get_freeze_count()
     import_mujoco()
-    assert gc.get_freeze_count() == before
+    assert gc.get_freeze_count() <= before  # some of the objects that the tests have frozen may go
     assert gc.isenabled()
 
 

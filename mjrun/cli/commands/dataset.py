@@ -1,22 +1,26 @@
 """Render labelled images of many variations of a model."""
 
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
+
+import click
 
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
 from mjrun.cli.report_forms import Report
-from mjrun.cli.simulation_command import import_mujoco, reported_failures, simulation, stem
-from mjrun.errors import clean, counted
+from mjrun.cli.simulation_command import import_mujoco, is_study, reported_failures, simulation, stem
+from mjrun.errors import UsageError, clean, counted, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
 from mjrun.options.dataset import DatasetOptions
+from mjrun.options.option import options_of
 from mjrun.options.simulation import SimulationOptions
-from mjrun.options.sweep import ExecutionOptions
+from mjrun.options.sweep import ExecutionOptions, VariationOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from mjrun.study.dataset import DatasetResult
+    from mjrun.study.dataset import Dataset, DatasetResult
 
 SHOWN = 10  # reasons of failures
 
@@ -27,7 +31,10 @@ SHOWN = 10  # reasons of failures
     SimulationOptions,
     OpenOptions,
     ConfinementOptions,
-    arguments=(ModelArgument("model"),),
+    arguments=(
+        ModelArgument("model", metavar="MODEL|STUDY.yaml"),
+        click.Argument(["assignments"], metavar="[KEY=VALUE]...", nargs=-1),
+    ),
     python="Dataset",
     reports={"dataset": "mjrun.study.dataset:DatasetResult"},
 )
@@ -41,19 +48,42 @@ def dataset(console: Console, command_line: CommandLine) -> None:
     mjrun dataset arm.xml --samples 200 --vary 'qpos/elbow=uniform(-1,1)' --keypoints 'tip,elbow' --format coco -o arms
     mjrun dataset scene.xml --samples 100 --vary 'qvel/box=uniform(-1,1)' --times 0,0.5,1 --format bop -o throws
 
-    Every parameter of mjrun sweep can vary, and every setting of the camera. Repeating a command continues its dataset.
-    Exits with 8 if points failed.
+    Every parameter of mjrun sweep can vary, and every setting of the camera. STUDY.yaml is a study document, of whose
+    model, simulation and parameters the images are made; KEY=VALUE changes a value in it. Repeating a command continues
+    its dataset. Exits with 8 if points failed.
     """
     console.guard_stdout()
     import_mujoco()
+    job, located = _dataset(console, command_line)
+    with located, reported_failures(console, _report):
+        result = job.run(console)
+        console.answer(_report([result]))
+
+
+def _dataset(console: Console, command_line: CommandLine) -> "tuple[Dataset, AbstractContextManager[None]]":
+    """Returns the dataset of a command line, or of the study of a document, and the context that locates its errors."""
     from mjrun.study.dataset import Dataset
 
+    model, assignments = command_line.argument("model"), command_line.arguments("assignments")
     if command_line.value("output") is None:
         command_line = command_line.with_defaults(output=f"{stem(command_line)}_dataset")
-    job = command_line.make(Dataset, simulation=simulation(command_line), command=console.command)
-    with reported_failures(console, _report):
-        result = job.run(console)
-    console.answer(_report([result]))
+    if not is_study(model):
+        if assignments:
+            raise UsageError(
+                f"{clean(assignments[0])}: {clean(model)} is not a document, so KEY=VALUE cannot change it"
+            )
+        made = command_line.make(Dataset, simulation=simulation(command_line), command=console.command)
+        return made, nullcontext()
+    from mjrun.document.study import read_study
+
+    if given := command_line.explicit(VariationOptions, SimulationOptions):
+        name = next(iter(given))
+        raise UsageError(f"{option(name)}: {clean(model)} describes what varies; change it as in {name}=VALUE")
+    request = read_study(model, assignments, command=console.command)
+    study = request.made
+    varied = {each.attribute: getattr(study, each.attribute) for each in options_of(VariationOptions)}
+    made = command_line.make(Dataset, simulation=study.simulation, command=console.command, **varied)
+    return made, request.located()
 
 
 def _report(results: "Sequence[DatasetResult]") -> Report:

@@ -12,7 +12,14 @@ import click
 from mjrun.cli.click_command import CommandLine, ModelArgument, command
 from mjrun.cli.console import Console
 from mjrun.cli.report_forms import Report
-from mjrun.cli.simulation_command import import_mujoco, load_controller, reported_failures, simulation, stem
+from mjrun.cli.simulation_command import (
+    import_mujoco,
+    is_study,
+    load_controller,
+    reported_failures,
+    simulation,
+    stem,
+)
 from mjrun.errors import FileError, UsageError, clean, counted, option
 from mjrun.formats.input_file import exists, is_file, is_folder
 from mjrun.options.confinement import ConfinementOptions
@@ -132,7 +139,7 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     from mjrun.study.study import Study
 
     model, assignments = command_line.argument("model"), command_line.arguments("assignments")
-    if _is_study(model):
+    if is_study(model):
         from mjrun.document.study import read_study
 
         beside = _beside_study(command_line, model)
@@ -157,15 +164,6 @@ def _study(console: Console, command_line: CommandLine) -> "tuple[Study, Located
     code = {name: load_controller(name) for text in varied for name in value_list("controller", text, "vary")}
     facts = {"simulation": simulation(command_line), "command": console.command, "controllers": code}
     return command_line.make(Study, **facts), nullcontext
-
-
-def _is_study(path: str) -> bool:
-    """Returns whether a path is a study document, rather than a task, which replaces a model."""
-    if not is_yaml(path):
-        return False
-    from mjrun.document.task import is_task
-
-    return not is_task(path)
 
 
 def _is_plan(path: str) -> bool:

@@ -10,7 +10,7 @@ import pytest
 if TYPE_CHECKING:
     from tests.conftest import Command
 
-MODEL = '<mujoco><worldbody><body name="ball"><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+MODEL = '<mujoco><worldbody><body name="ball"><freejoint name="ball"/><geom size=".1"/></body></worldbody></mujoco>'
 SMALL = ("--size", "32x24", "--quality", "draft", "--jobs", "1")
 
 
@@ -60,3 +60,19 @@ def test_mistakes_are_explained_before_anything_is_written(
     assert done.returncode == 2
     assert message in done.stderr.decode()
     assert not (mjrun_here.folder / "set").exists()
+
+
+@pytest.mark.gl
+def test_a_study_document_describes_what_varies(mjrun_here: Command, ball: str) -> None:
+    (mjrun_here.folder / "images.yaml").write_text(
+        "model: ball.xml\nsamples: 3\nvary:\n  camera.azimuth: {uniform: [0, 90]}\n  qpos/ball/z: {uniform: [0, 1]}\n"
+    )
+    done = mjrun_here("dataset", "images.yaml", "samples=2", *SMALL, "--json")
+    assert (done.returncode, json.loads(done.stdout)["points"]) == (0, 2)
+    options = (*SMALL, "--vary", "camera.azimuth=uniform(0,90)", "--vary", "qpos/ball/z=uniform(0,1)", "--samples", "2")
+    assert mjrun_here("dataset", ball, *options, "-o", "same").returncode == 0
+    paths = [mjrun_here.folder / name / "images/000001.png" for name in ("images_dataset", "same")]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    refused = mjrun_here("dataset", "images.yaml", *SMALL, "--samples", "4", "-o", "other")
+    assert refused.returncode == 2
+    assert b"--samples: images.yaml describes what varies; change it as in samples=VALUE" in refused.stderr
