@@ -35,3 +35,18 @@ def test_a_ground_needs_a_free_name(tmp_path: Path) -> None:
     path.write_text('<mujoco><worldbody><geom name="ground" size=".1"/></worldbody></mujoco>')
     with pytest.raises(UsageError, match=f"already has a body or a geom called {GROUND}"):
         mjrun.Simulation(path, ground=0).load()
+
+
+@pytest.mark.parametrize(
+    ("plane", "is_floor"),
+    [('pos="0 0 .2"', True), ('pos="3 4 .2"', True), ('pos="0 0 .1"', False), ('pos="0 0 .2" euler="90 0 0"', False)],
+)
+def test_a_second_floor_whose_contacts_would_count_twice_is_refused(tmp_path: Path, plane: str, is_floor: bool) -> None:
+    path = tmp_path / "m.xml"
+    path.write_text(f'<mujoco><worldbody><geom name="base" type="plane" size="1 1 1" {plane}/></worldbody></mujoco>')
+    simulation = mjrun.Simulation(path, ground=0.2)
+    if is_floor:
+        with pytest.raises(UsageError, match="the model has a floor at this height already, base"):
+            simulation.load()
+    else:
+        assert simulation.load().ngeom == 2
