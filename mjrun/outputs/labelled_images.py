@@ -20,7 +20,7 @@ from mjrun.model.rendered_image import CameraCalibration, RenderedView
 from mjrun.model.stage import FLOOR, GROUND
 from mjrun.options.dataset import LabelOptions
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.object_boxes import ObjectBox, ObjectBoxes
+from mjrun.outputs.object_boxes import CORNERS, ObjectBox, ObjectBoxes
 from mjrun.probe.row_expression import Condition, parse_condition
 from mjrun.probe.scanner import Vocabulary
 from mjrun.rendering.backend import BackendDetection
@@ -34,6 +34,8 @@ MESHES = ("mesh_vert", "mesh_face", "mesh_normal", "mesh_texcoord", "mesh_graph"
 SURFACES = ("skin_vert", "skin_face", "skin_texcoord", "flex_vertnum", "flex_elem", "flex_texcoord")
 TEXTURES = ("tex_data", "tex_adr", "tex_type", "tex_height", "tex_width")
 WIDEST = 8.0  # size of the view, relative to the image, in which the truncated part of an object is counted
+APART = 2.0  # [pixels] around an object, for the radius of flexes and the rounding of edges
+EVERYWHERE = np.array([-np.inf, -np.inf, np.inf, np.inf])
 COLUMNS = ("pixels", "visible", "truncated")
 IN_VIEW = "objects"
 
@@ -271,10 +273,13 @@ class LabelledRenderer:
         self, renderer: ClassicRenderer, pose: Pose, scene: "_Objects", seen: RenderedView, ids: np.ndarray
     ) -> list[ObjectView]:
         found = {region.id: region for region in regions(ids)}
+        masks = self._masks(renderer, pose, scene, seen.calibration)
         views = list[ObjectView]()
         for index, each in enumerate(scene.objects):
             box, placed = scene.box(index), scene.pose(index)
-            alone, silhouette, truncated, outline = self._silhouette(renderer, pose, scene, index, box, seen)
+            silhouette, truncated, outline = self._silhouette(
+                renderer, pose, scene, index, masks[index], _needed_scale(seen.calibration, box.corners(placed))
+            )
             region = found.get(index)
             views.append(
                 ObjectView(
@@ -284,7 +289,7 @@ class LabelledRenderer:
                     silhouette=silhouette,
                     truncated=truncated,
                     outline=outline,
-                    alone=alone if self._outlines else None,
+                    alone=masks[index] if self._outlines else None,
                     pose=np.linalg.inv(seen.calibration.pose) @ placed,
                     box=box,
                     keypoints=_keypoints(scene.keypoints(index), seen, ids == index),
@@ -292,23 +297,39 @@ class LabelledRenderer:
             )
         return views
 
+    def _masks(
+        self, renderer: ClassicRenderer, pose: Pose, scene: "_Objects", camera: CameraCalibration
+    ) -> list[np.ndarray]:
+        """Renders the silhouette of each object within the image; objects that cannot overlap share a rendering."""
+        masks: list[np.ndarray] = [np.empty(0)] * len(scene.objects)
+        for group in scene.groups(camera):
+            with scene.alone(group):
+                bodies = renderer.picture(pose, ("seg",)).ids
+            owners = scene.owners_or_none[bodies]
+            for index in group:
+                masks[index] = np.equal(owners, index)
+        return masks
+
     def _silhouette(
         self,
         renderer: ClassicRenderer,
         pose: Pose,
         scene: "_Objects",
         index: int,
-        box: ObjectBox,
-        seen: RenderedView,
-    ) -> tuple[np.ndarray, float, float, tuple[float, float, float, float]]:
-        """Renders an object alone; returns its mask, the area of its silhouette, the share outside and its box."""
-        width, height = seen.calibration.size
-        with scene.alone(index):
-            mask = _mask(renderer.picture(pose, ("seg",)))
-            scale = _needed_scale(seen.calibration, box.corners(scene.pose(index)))
-            inside = float(mask.sum())
-            if scale <= 1:
-                return mask, inside, 0.0, _around(mask)
+        mask: np.ndarray,
+        scale: float,
+    ) -> tuple[float, float, tuple[float, float, float, float]]:
+        """Returns the area of the silhouette of an object, the share outside of the image, and the box around it.
+
+        Args:
+          mask: its silhouette within the image.
+          scale: size of a view that contains all of it, relative to the image.
+        """
+        height, width = mask.shape
+        inside = float(mask.sum())
+        if scale <= 1:
+            return inside, 0.0, _around(mask)
+        with scene.alone([index]):
             wide = _mask(renderer.picture(replace(pose, frustum=_widened(pose.frustum, scale)), ("seg",)))
         middle = np.array([width, height]) / 2
         rows, columns = np.nonzero(wide)
@@ -318,7 +339,7 @@ class LabelledRenderer:
         x, y, across, down = _around(wide)
         corner = (np.array([x, y]) - middle) * scale + middle
         total = inside / (1 - outside) if outside < 1 else len(places) * scale**2
-        return mask, total, outside, (float(corner[0]), float(corner[1]), across * scale, down * scale)
+        return total, outside, (float(corner[0]), float(corner[1]), across * scale, down * scale)
 
 
 class _Objects:
@@ -354,14 +375,39 @@ class _Objects:
         """Returns the positions of the keypoints of an object `(n, 3)` [m]."""
         return self._data.site_xpos[[*self.objects[index].keypoints]].reshape(-1, 3)
 
+    def groups(self, camera: CameraCalibration) -> list[list[int]]:
+        """Returns groups of objects of which no two can overlap in an image."""
+        places, groups = [self._place(index, camera) for index in range(len(self.objects))], list[list[int]]()
+        for index, place in enumerate(places):
+            apart = (group for group in groups if not any(_overlap(place, places[other]) for other in group))
+            group = next(apart, None)
+            if group is None:
+                groups.append([index])
+            else:
+                group.append(index)
+        return groups
+
+    def _place(self, index: int, camera: CameraCalibration) -> np.ndarray:
+        """Returns the left, top, right and bottom end of everything of an object in an image [pixels]."""
+        if self._model.nskin:  # which reaches beyond its bones
+            return EVERYWHERE
+        sites = np.flatnonzero(self._owners["site"] == index)
+        reach = self._model.site_size[sites].max(axis=1, initial=0)[:, None, None]
+        cubes = (self._data.site_xpos[sites][:, None] + CORNERS * reach).reshape(-1, 3)
+        pixels = camera.project(np.concatenate([self.box(index).corners(self.pose(index)), cubes]))
+        if (pixels[:, 2] <= camera.near).any():
+            return EVERYWHERE
+        low, high = pixels[:, :2].min(axis=0), pixels[:, :2].max(axis=0)
+        return np.concatenate([low - APART, high + APART])
+
     @contextmanager
-    def alone(self, index: int) -> Generator[None]:
-        """Hides everything except one object within the block."""
+    def alone(self, indices: Sequence[int]) -> Generator[None]:
+        """Hides everything except these objects within the block."""
         model = self._model
         before = {kind: getattr(model, f"{kind}_group").copy() for kind in GROUPED}
         try:
             for kind, owners in self._owners.items():
-                getattr(model, f"{kind}_group")[owners != index] = HIDDEN_GROUP
+                getattr(model, f"{kind}_group")[~np.isin(owners, indices)] = HIDDEN_GROUP
             yield
         finally:
             for kind, groups in before.items():
@@ -381,6 +427,10 @@ def _bodies_of(model: mujoco.MjModel, kind: str) -> np.ndarray:
             return np.array([model.skin_bonebodyid[first] for first in model.skin_boneadr], int)
         case _:
             return np.full(int(model.ntendon), NOTHING)
+
+
+def _overlap(place: np.ndarray, other: np.ndarray) -> bool:
+    return bool((place[:2] < other[2:]).all() and (other[:2] < place[2:]).all())
 
 
 def _mask(seen: RenderedView) -> np.ndarray:
