@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from tests.conftest import Command
+
+
+PATIENCE = 60  # [s], on a busy machine
 
 
 @pytest.fixture
@@ -27,8 +31,9 @@ def desktop(tmp_path: Path) -> dict[str, str]:
 
 def opened(folder: Path) -> str:
     """Returns the file that was opened, once the program has written it down."""
-    while not (folder / "opened").exists():  # the limit of the test ends this
-        pass
+    end = time.monotonic() + PATIENCE
+    while not (folder / "opened").exists() and time.monotonic() < end:
+        time.sleep(0.01)
     return (folder / "opened").read_text().strip()
 
 
