@@ -10,6 +10,7 @@ from tests.documentation import ROOT, commands
 
 TEXT = (ROOT / "mjrun/SKILL.md").read_text("utf-8")
 SMALL = {"video": ["--size", "64x48", "--duration", "0.2"], "image": ["--size", "64x48"]}
+SMALL["dataset"] = ["--size", "32x24", "--jobs", "1"]
 EXIT_CODES = {"diff": 1}  # the results that it compares differ
 
 
@@ -29,5 +30,16 @@ def test_every_command_works(mjrun_here: Command, tmp_path: Path, monkeypatch: p
         done = mjrun_here(name, *arguments, *SMALL.get(name, []))
         assert done.returncode == EXIT_CODES.get(name, 0), (name, arguments, done.stderr)
 
-    outputs = {"car.png", "views.png", "car.mp4", "run.csv", "path.png", "before.csv", "after.csv", "study", "work"}
+    outputs = {
+        "car.png",
+        "views.png",
+        "car.mp4",
+        "run.csv",
+        "path.png",
+        "before.csv",
+        "after.csv",
+        "study",
+        "work",
+        "images",
+    }
     assert {path.name for path in tmp_path.iterdir()} == outputs
