@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -18,6 +19,7 @@ from mjrun.plotting.figure_data import Scale
 from mjrun.plotting.matplotlib_figure import SMALL, TITLE, Canvas, rgb
 from mjrun.plotting.panel_grid import POINT, PanelGrid
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, ParallelPanel, RankPanel, Series, StudyDrawing
+from mjrun.plotting.tick_labels import value_labels
 
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
 NAMES = 0.3  # maximum share of the figure for names of parameters
@@ -31,6 +33,7 @@ MANY = 400  # number of dots above which they are drawn faintly
 COLOUR_MAP = "viridis"  # perceptually uniform
 BAR, GAP = 0.8, 0.7  # width of a colour bar, and gap before it [em]
 METRIC = 10  # maximum width of a metric's name above its colour bar [em]
+WRITTEN = 100  # maximum number of cells of a heat map with their values
 VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an image
 
 
@@ -48,6 +51,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
     host = canvas.figure.add_subplot(parts[0]) if drawing.above else None
     if drawing.above and host:
         draw_parallel(canvas, drawing.above, host)
+    maps = list[tuple[HeatPanel, Axes]]()
     for index, panel in enumerate(panels):
         axes = canvas.figure.add_subplot(spec[divmod(index, side)])
         axes.set_title(panel.label)
@@ -57,16 +61,19 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
                 label = panel.x.name
             case HeatPanel():
                 draw_heat_map(canvas, panel, axes)
+                maps.append((panel, axes))
                 axes.set_ylabel("" if index % side else panel.rows.name)
                 label = panel.columns.name
             case RankPanel():
                 _draw_rank_bars(canvas, panel, axes, named=index % side == 0)
-                label = "rank correlation"
+                label = "rank correlation (of monotone relations)"
         if _is_lowest(drawing, index, side):
             axes.set_xlabel(label)
         else:
             axes.tick_params(labelbottom=False)
     canvas.settle("" if key else drawing.title)
+    for each, axes in maps:
+        _write_values(canvas, each, axes)
     if host:
         plate_labels(canvas, host)
 
@@ -233,6 +240,32 @@ def draw_heat_map(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
         corner, size = (across[column], up[row]), (across[column + 1] - across[column], up[row + 1] - up[row])
         axes.add_patch(_empty_cell(canvas, corner, size, failed=panel.failed[row, column]))
     _colour_bar(canvas, axes, panel.colours, GAP)
+
+
+def _write_values(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
+    """Writes the values into the cells of a heat map, if all of them have room."""
+    rows, columns = panel.values.shape
+    size, box = 0.85 * SMALL * canvas.em, axes.get_window_extent()
+    known = np.argwhere(np.isfinite(panel.values)).tolist()
+    if rows * columns > WRITTEN or not known or box.height / rows < 1.6 * size:
+        return
+    labels = value_labels([float(panel.values[row, column]) for row, column in known])
+    if max(canvas.measure(label, size) for label in labels) > box.width / columns - size:
+        return
+    norm, colours = _norm(panel.colours), colormaps[COLOUR_MAP]
+    across, up = _middles(panel.columns, columns), _middles(panel.rows, rows)
+    for (row, column), label in zip(known, labels, strict=True):
+        red, green, blue, _ = colours(norm(panel.values[row, column]))
+        is_dark = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.45
+        place, colour = (across[column], up[row]), "white" if is_dark else "black"
+        axes.text(*place, label, ha="center", va="center", fontsize=size * POINT, color=colour)
+
+
+def _middles(scale: Scale, count: int) -> np.ndarray:
+    """Returns the middles of `count` cells."""
+    edges = _edges(scale, count)
+    middles: np.ndarray = np.sqrt(edges[1:] * edges[:-1]) if scale.log else (edges[1:] + edges[:-1]) / 2
+    return middles
 
 
 def heat_key(canvas: Canvas, panels: Sequence[HeatPanel]) -> dict[str, Artist]:

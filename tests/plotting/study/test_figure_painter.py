@@ -137,7 +137,7 @@ def test_every_cell_has_the_colour_of_its_value_and_the_bar_shows_all() -> None:
     axes, bar = made[0].axes
     for (row, column), value in np.ndenumerate(VALUES[:, :2]):
         expected = np.round(np.array(matplotlib.colormaps[COLOUR_MAP]((value - 1) / 4)[:3]) * 255)
-        assert abs(pixel(made, axes, column, row + 0.5) - expected).max() <= 2
+        assert abs(pixel(made, axes, column, row + 0.15) - expected).max() <= 2  # below its number
     hatched, empty = (
         np.unique([pixel(made, axes, x, y) for x in np.linspace(1.6, 2.4, 40)], axis=0) for y in (0.5, 1.5)
     )
@@ -198,3 +198,16 @@ def test_names_without_room_lose_what_all_of_them_share(names: tuple[str, ...], 
     scales = [*(Scale(name, 0, 1) for name in names), SCALES[-1]]
     above = ParallelPanel(scales, np.full((1, len(scales)), 0.5), np.array([False]))
     assert shown <= set(words(figure(StudyDrawing("", [RANK], 1, above), (320, 400))[0]))
+
+
+def test_values_are_written_into_cells_that_have_room() -> None:
+    def written(values: np.ndarray, size: tuple[int, int]) -> dict[tuple[float, float], str]:
+        scales = Scale("x", 0, values.shape[1]), Scale("y", 0, values.shape[0])
+        panel = HeatPanel("z", *scales, values, np.isnan(values), Scale("z", 1, 9))
+        axes = figure(StudyDrawing("", [panel]), size)[0].axes[0]
+        return {text.get_position(): text.get_text() for text in axes.texts}
+
+    values = np.array([[1.25, np.nan], [4, 9]])
+    assert written(values, (640, 480)) == {(0.5, 0.5): "1.25", (0.5, 1.5): "4", (1.5, 1.5): "9"}
+    assert written(np.full((4, 30), 1.25), (640, 480)) == {}
+    assert written(np.full((8, 8), 1.2345), (200, 200)) == {}
