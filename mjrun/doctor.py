@@ -21,7 +21,7 @@ from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
-from mjrun.options import check, dataset, evaluation, fit, sweep, task
+from mjrun.options import check, dataset, episodes, evaluation, fit, sweep, task
 from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
 from mjrun.platform import system
@@ -134,7 +134,8 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
         if table.extra:
             extras.setdefault(table.extra, ([table.library], []))[1].extend(table.suffixes)
     extras[figure_writer.EXTRA] = ([figure_writer.LIBRARY], ["plots"])
-    declared = {**check.EXTRAS, **sweep.EXTRAS, **dataset.EXTRAS, **fit.EXTRAS, **evaluation.EXTRAS, **task.EXTRAS}
+    rooms = (check, sweep, dataset, episodes, fit, evaluation, task)
+    declared = {name: facts for room in rooms for name, facts in room.EXTRAS.items()}
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},

@@ -56,10 +56,16 @@ LIBRARIES = {
     "matplotlib": ("plotting",),
     "contourpy": ("formats.datasets.masks",),
     "coacd": ("check.rules.convex_parts",),
-    "h5py": ("formats.tables.hdf5",),
+    "h5py": ("formats.tables.hdf5", "formats.episodes.minari"),
     "skimage": ("diff",),
     "orjson": ("formats.number_text", "formats.tables"),
-    "pyarrow": ("formats.arrow_columns", "formats.tables", "formats.study_reader", "study.chunk_files"),
+    "pyarrow": (
+        "formats.arrow_columns",
+        "formats.tables",
+        "formats.episodes.lerobot",
+        "formats.study_reader",
+        "study.chunk_files",
+    ),
     "distributed": ("study.executors",),
     "submitit": ("study.executors",),
     "scipy": (

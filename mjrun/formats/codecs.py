@@ -135,12 +135,18 @@ SLOWEST, FASTEST = Fraction(1, 1000), 1_000_000  # frames per second that ffmpeg
 
 @dataclass(frozen=True)
 class Encoding:
-    """A valid combination of a container, a codec and its quality."""
+    """A valid combination of a container, a codec and its quality.
+
+    Attributes:
+      keyframe_every: frames from one keyframe to the next, of a video whose frames are read in any order: it has no
+        B-frames, so that frames are stored in their order of display. None leaves both to the codec.
+    """
 
     format: str
     codec: str
     crf: int | None
     preset: str | None
+    keyframe_every: int | None = None
 
     @property
     def pixels(self) -> str:
@@ -177,7 +183,22 @@ class Encoding:
         # Apple's players recognize HEVC by this tag only.
         tag = ["-tag:v", "hvc1"] if self.codec == "h265" and self.format in ("mp4", "mov") else []
         extra = (kind.pipe if to_pipe else kind.file) or ()
-        return [*(["-vf", graph] if graph else []), *codec.arguments, *quality, *effort, *tag, *extra, "-f", kind.muxer]
+        named = [*quality, *effort, *self._order, *tag]
+        return [*(["-vf", graph] if graph else []), *codec.arguments, *named, *extra, "-f", kind.muxer]
+
+    @property
+    def _order(self) -> list[str]:
+        """The arguments that determine keyframes and the order of frames."""
+        if self.keyframe_every is None:
+            return []
+        every = ["-g", str(self.keyframe_every), "-write_btrt", "0"]  # a bit rate would distinguish equal codecs
+        match self.codec:
+            case "h264" | "h264rgb":
+                return [*every, "-bf", "0"]
+            case "h265":
+                return [*every, "-x265-params", "log-level=error:bframes=0"]
+            case _:
+                return every
 
 
 def encoding(
