@@ -27,6 +27,7 @@ from mjrun.formats import npy_reader
 from mjrun.formats.atomic_output import OutputWriter, closing_quietly
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import decoding, require_file
+from mjrun.interruption import uninterrupted
 
 FACTS = 2**24  # characters of facts, at most
 LOCAL = 26  # bytes in the header of an archive's member before the lengths of its name and extra field
@@ -225,7 +226,8 @@ def _require_finite(archive: zipfile.ZipFile, states: _Array, steps: np.ndarray)
 class RecordingWriter(OutputWriter):
     """A writer that streams states to a recording; nothing is published until `publish`.
 
-    Opening it checks that the output can be written. The same states and facts give the same bytes.
+    Opening it checks that the output can be written. The same states and facts give the same bytes. A signal does not
+    interrupt `write`, so the states written so far can always be published.
 
     Args:
       path: an .npz file.
@@ -234,6 +236,7 @@ class RecordingWriter(OutputWriter):
 
     Attributes:
       count: number of states written so far.
+      last: step of the last of them; -1 before the first.
 
     Raises:
       UsageError: the path is standard output, or has another suffix.
@@ -244,7 +247,7 @@ class RecordingWriter(OutputWriter):
         _require_suffix(path)
         self.count = 0
         self._size = size
-        self._last = -1
+        self.last = -1
         self._facts = facts
         self._info = zipfile.ZipInfo("states.npy")  # dated 1980: same recording, same bytes
         super().__init__(StagedFile(Path(path)))
@@ -265,15 +268,15 @@ class RecordingWriter(OutputWriter):
         """
         if state.shape != (self._size,) or state.dtype != np.float64:
             raise ValueError(f"a state must be float64 ({self._size},), not {state.dtype} {state.shape}")
-        if step <= self._last or (self._last < 0 and step):
-            raise ValueError(f"step {step} cannot come after {self._last if self.count else 'nothing'}")
+        if step <= self.last or (self.last < 0 and step):
+            raise ValueError(f"step {step} cannot come after {self.last if self.count else 'nothing'}")
         if not np.isfinite(state).all():
             raise FileError(self.destination.shown, f"cannot hold step {step}: {not_finite(state)}")
-        with self.writing():
+        with uninterrupted(), self.writing():
             self._member.write(state.astype("<f8").tobytes())
             self._steps.write(struct.pack("<q", step))
-        self.count += 1
-        self._last = step
+            self.count += 1
+            self.last = step
 
     def complete(self) -> None:
         if not self.count:

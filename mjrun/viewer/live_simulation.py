@@ -10,6 +10,7 @@ import numpy as np
 
 from mjrun.errors import SimulationError
 from mjrun.formats.recording import RecordingWriter
+from mjrun.interruption import uninterrupted
 from mjrun.model import state
 from mjrun.physics.recorded_states import ReplayStepper
 from mjrun.physics.stepper import EditableStepper, Stepper
@@ -37,7 +38,6 @@ class SessionRecording:
         self.path = path
         self._size, self._facts = size, dict(facts)
         self._writer = RecordingWriter(path, size, self._facts)
-        self._last = -1
 
     @property
     def count(self) -> int:
@@ -46,21 +46,21 @@ class SessionRecording:
 
     def write(self, step: int, state: np.ndarray) -> None:
         """Adds the state `(size,)` at `step`, unless already recorded: 0 at first, then increasing."""
-        if step > self._last:
+        if step > self._writer.last:
             self._writer.write(step, state)
-            self._last = step
 
     def restart(self) -> None:
         """Discards all states."""
-        if self._last >= 0:
-            self._writer.close()
-            self._writer, self._last = RecordingWriter(self.path, self._size, self._facts), -1
+        if self.count:
+            with uninterrupted():
+                self._writer.close()
+                self._writer = RecordingWriter(self.path, self._size, self._facts)
 
     def publish(self) -> list[Path]:
         """Publishes the recording if it holds any state."""
-        if self._last < 0:
+        if not self.count:
             return []
-        self._facts["steps"] = self._last
+        self._facts["steps"] = self._writer.last
         return self._writer.publish()
 
     def __enter__(self) -> "SessionRecording":

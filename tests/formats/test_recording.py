@@ -3,15 +3,18 @@
 import contextlib
 import gc
 import io
+import itertools
 import json
 import os
 import struct
+import sys
 import tracemalloc
 import warnings
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -23,6 +26,7 @@ from hypothesis.extra.numpy import arrays
 from mjrun.errors import FileError, UsageError
 from mjrun.formats import recording
 from mjrun.formats.recording import PIECE, RecordingReader, RecordingWriter
+from mjrun.interruption import interrupt
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 STATES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(
@@ -69,6 +73,45 @@ def test_what_was_written_comes_back_bit_for_bit_in_any_order_and_by_numpy(
             state = recorded.state(index)
             assert (state.tobytes(), state.shape) == (states[index].tobytes(), states[index].shape)
             state[:] = 7  # it is a copy
+
+
+def interrupted_at(event: int, work: Callable[[], object]) -> bool:
+    """Calls `work` with a signal at the given line that it executes in recording.py; returns whether there is one."""
+    lines = iter(range(event + 1))
+
+    def trace(frame: FrameType, kind: str, _: object) -> Any:
+        if frame.f_code.co_filename != recording.__file__:
+            return None
+        if kind == "line" and next(lines, None) == event:
+            interrupt(KeyboardInterrupt())
+        return trace
+
+    sys.settrace(trace)
+    try:
+        work()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(None)
+    return False
+
+
+def test_a_signal_at_any_line_of_write_leaves_what_can_be_published(tmp_path: Path) -> None:
+    states = np.arange(6.0).reshape(3, 2)
+    counts = list[int]()
+    for event in itertools.count():
+        with RecordingWriter(str(tmp_path / "run.npz"), 2, {}) as writer:
+            writer.write(0, states[0])
+            if not interrupted_at(event, partial(writer.write, 1, states[1])):
+                break
+            counts.append(writer.count)
+            writer.write(writer.last + 1, states[2])
+            writer.publish()
+        with RecordingReader(tmp_path / "run.npz") as recorded:
+            assert recorded.steps.tolist() == [*range(counts[-1] + 1)]
+            assert recorded.state(0).tobytes() == states[0].tobytes()
+            assert recorded.state(counts[-1]).tobytes() == states[2].tobytes()
+    assert set(counts) == {1, 2}
 
 
 @pytest.mark.parametrize("count", [1, 9, 10, 99_999])
