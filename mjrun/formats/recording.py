@@ -236,7 +236,7 @@ class RecordingWriter(OutputWriter):
 
     Attributes:
       count: number of states written so far.
-      last: step of the last of them; -1 before the first.
+      last: the step of the last state; -1 before the first.
 
     Raises:
       UsageError: the path is standard output, or has another suffix.
