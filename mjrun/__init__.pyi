@@ -739,8 +739,9 @@ class Image(_Image):
       depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
       seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
         [default: 'object']
-      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, or none;
-        auto adds what a model without a floor and a sky lacks. [default: ('auto',)]
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
+        that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
+        [default: ('auto',)]
       geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
         collision, both. [default: visual where both have about the same place]
       show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
@@ -800,8 +801,8 @@ class Image(_Image):
         style: Literal["color", "exact"] | None = ...,
         depth_range: Sequence[float] | None = ...,
         seg_by: str = ...,
-        stage: Literal["auto", "none", "floor", "light", "sky"]
-        | Sequence[Literal["auto", "none", "floor", "light", "sky"]] = ...,
+        stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
+        | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
         geoms: Literal["visual", "collision", "both"] | None = ...,
         show: str | Sequence[str] = ...,
         hide: str | Sequence[str] = ...,
@@ -1384,8 +1385,9 @@ class Video(_Video):
       depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
       seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
         [default: 'object']
-      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, or none;
-        auto adds what a model without a floor and a sky lacks. [default: ('auto',)]
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
+        that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
+        [default: ('auto',)]
       geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
         collision, both. [default: visual where both have about the same place]
       show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
@@ -1445,8 +1447,8 @@ class Video(_Video):
         style: Literal["color", "exact"] | None = ...,
         depth_range: Sequence[float] | None = ...,
         seg_by: str = ...,
-        stage: Literal["auto", "none", "floor", "light", "sky"]
-        | Sequence[Literal["auto", "none", "floor", "light", "sky"]] = ...,
+        stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
+        | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
         geoms: Literal["visual", "collision", "both"] | None = ...,
         show: str | Sequence[str] = ...,
         hide: str | Sequence[str] = ...,
@@ -1830,8 +1832,8 @@ def frames(
     style: Literal["color", "exact"] | None = ...,
     depth_range: Sequence[float] | None = ...,
     seg_by: str = ...,
-    stage: Literal["auto", "none", "floor", "light", "sky"]
-    | Sequence[Literal["auto", "none", "floor", "light", "sky"]] = ...,
+    stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
+    | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
     geoms: Literal["visual", "collision", "both"] | None = ...,
     show: str | Sequence[str] = ...,
     hide: str | Sequence[str] = ...,
@@ -1949,8 +1951,9 @@ def frames(
       depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
       seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
         [default: 'object']
-      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, or none;
-        auto adds what a model without a floor and a sky lacks. [default: ('auto',)]
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
+        that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
+        [default: ('auto',)]
       geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
         collision, both. [default: visual where both have about the same place]
       show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,

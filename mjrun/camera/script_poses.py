@@ -24,6 +24,7 @@ class CameraMotion:
 
     Args:
       size: width and height of the images [pixels], for shots that fit objects.
+      is_framed: whether the default camera frames the model closely.
 
     Raises:
       UnknownNameError: a name is unknown; the message lists the valid ones.
@@ -31,10 +32,12 @@ class CameraMotion:
       UsageError: settings contradict each other.
     """
 
-    def __init__(self, script: CameraScript, model: mujoco.MjModel, size: tuple[int, int]) -> None:
+    def __init__(
+        self, script: CameraScript, model: mujoco.MjModel, size: tuple[int, int], *, is_framed: bool = False
+    ) -> None:
         self.script, self._model, self._size = script, model, size
         self._data = mujoco.MjData(model)
-        cameras = ModelCameras(model)
+        cameras = ModelCameras(model, is_framed=is_framed)
         self._shots = [self._bind(i, shot, cameras) for i, shot in enumerate(script.shots)]
         self._shakes = [ShakeNoise(shot.shake) if shot.shake else None for shot in script.shots]
         for i, shot in enumerate(script.shots):

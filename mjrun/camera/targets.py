@@ -133,7 +133,7 @@ def object_bounds(text: str, model: mujoco.MjModel) -> Bounds:
 
 @dataclass(frozen=True)
 class MovingParts:
-    """Everything that joints or mocap can move, and that images show by default.
+    """Everything that joints or mocap can move, or everything, as far as images show it by default.
 
     Attributes:
       bounds: the boxes around its geoms.
@@ -158,9 +158,9 @@ class MovingParts:
         return center
 
 
-def moving_parts(model: mujoco.MjModel) -> MovingParts | None:
-    """Returns what moves in a model; None if nothing visible does."""
-    moving = (model.body_weldid != 0) | (model.body_mocapid[model.body_rootid] >= 0)
+def moving_parts(model: mujoco.MjModel, *, with_still: bool = False) -> MovingParts | None:
+    """Returns what moves in a model, and `with_still` also what does not; None if nothing of it is visible."""
+    moving = (model.body_weldid != 0) | (model.body_mocapid[model.body_rootid] >= 0) | with_still
     visible = VISIBLE_GROUPS[model.geom_group] & (model.geom_rgba[:, 3] > 0)
     bounds = _geom_bounds(model, np.flatnonzero(moving[model.geom_bodyid] & visible))
     if bounds is None and not model.nflex:

@@ -111,10 +111,10 @@ class ViewOptions(RendererOptions):
         help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
     )
     stage: tuple[str, ...] = option(
-        converter=Several(Choice(STAGE), commas=True),
+        converter=Several(Choice((*STAGE, "camera")), commas=True),
         default="auto",
-        help="Surroundings to add to the image: a floor that nothing collides with, light, sky, or none; auto adds "
-        "what a model without a floor and a sky lacks.",
+        help="Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera that frames "
+        "the model closely, or none; auto adds what a model without a floor and a sky lacks.",
     )
     geoms: str | None = option(
         converter=Optional(Choice(GEOMS)),

@@ -35,7 +35,7 @@ from mjrun.rendering.backend import Backend
 from mjrun.rendering.classic import ClassicRenderer, check_size
 from mjrun.rendering.compositor import FrameStream, Overlay, SceneCompositor
 from mjrun.rendering.decorations import Decoration
-from mjrun.rendering.drawn_model import drawn_model, place_stage
+from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage
 from mjrun.rendering.filament import FilamentRenderer, check_segmentation, check_visual, omissions
 from mjrun.rendering.segment_ids import Segmentation, check_segmentation_name
 from mjrun.rendering.visual import visual_of
@@ -96,6 +96,7 @@ class FramePlan:
       overlay: the overlay without content, whose size is known.
       decorations: trails, ghosts and the like.
       drawn_model: the model that is drawn.
+      is_bare: whether it has a stage that the user has not requested.
       conditions: the conditions of the events that the schedule depends on.
       schedule: the schedule of the frames; None if events decide.
     """
@@ -108,6 +109,7 @@ class FramePlan:
     probes: OverlayProbes | None
     overlay: Overlay
     drawn_model: mujoco.MjModel
+    is_bare: bool
     conditions: Sequence[str]
     schedule: FrameSchedule | None = None
 
@@ -141,17 +143,17 @@ def plan_frames(
       UsageError: a name is unknown, or a value invalid.
     """
     model = context.model
+    drawn, remark, is_framed = drawn_model(job, model, context.simulation.source, is_measured=job.is_measured)
+    if remark:
+        context.reporter.note(remark)
     with context.simulation.source.named_in_errors():
-        motions = camera_motions(job, model)
+        motions = camera_motions(job, model, is_framed=is_framed)
     events = {**shot_events([motion.script for motion in motions]), **job.events}
     probes, overlay = None, Overlay()
     if job.text or plots:
         probes = overlay_probes(model, context.timeline, job.text, plots, context.episode)
         corner = job.text_corner or ("bottom-right" if job.captions else "top-left")
         overlay = empty_overlay(frame_size(job), corner, plots, side)
-    drawn, remark = drawn_model(job, model, context.simulation.source, is_measured=job.is_measured)
-    if remark:
-        context.reporter.note(remark)
     plan = FramePlan(
         job=job,
         context=context,
@@ -161,6 +163,7 @@ def plan_frames(
         probes=probes,
         overlay=overlay,
         drawn_model=drawn,
+        is_bare=bool(remark) and not job.is_measured,
         conditions=conditions(events, model, context.episode) if events else (),
     )
     return plan if plan.conditions else replace(plan, schedule=plan.scheduled({}))
@@ -243,6 +246,8 @@ class FrameOutput(Output[R_co]):
         streams = [file.stream(plan.job, overlay, legend) for file in self._files]
         if plan.drawn_model is not plan.context.model:
             place_stage(plan.drawn_model, self.states[0])
+        if plan.is_bare and (remark := ground_remark(plan.drawn_model, self.states[0])):
+            self._reporter.note(remark)
         return scene_compositor(plan.job, plan.drawn_model, self._backend, streams, self.poses, decorations)
 
     def open_calibration(self, numbers: bool) -> None:
@@ -281,7 +286,9 @@ def check_view(options: ViewOptions) -> None:
         near, far = options.depth_range
         raise BadValueError(option("depth_range"), f"{near:g}..{far:g}", "two depths in metres, the nearer first")
     if len(options.stage) > 1 and {"auto", "none"} & {*options.stage}:
-        raise BadValueError(option("stage"), ", ".join(options.stage), "auto, none, or parts: floor, light, sky")
+        raise BadValueError(
+            option("stage"), ", ".join(options.stage), "auto, none, or parts: floor, light, sky, camera"
+        )
     _check_once("camera", options.camera)
     _check_once("view", options.view)
 
@@ -291,8 +298,11 @@ def _check_once(name: str, values: Sequence[object]) -> None:
         raise UsageError(f"{option(name)}: give at least one, and each only once")
 
 
-def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMotion]:
+def camera_motions(options: ViewOptions, model: mujoco.MjModel, *, is_framed: bool = False) -> list[CameraMotion]:
     """Returns the motion of each camera.
+
+    Args:
+      is_framed: whether the default camera frames the model closely.
 
     Raises:
       UsageError: a name is not in the model, or a value is invalid.
@@ -302,7 +312,7 @@ def camera_motions(options: ViewOptions, model: mujoco.MjModel) -> list[CameraMo
         with concerning("camera", index):
             described = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
             described.check()
-            motions.append(CameraMotion(described, model, options.size))
+            motions.append(CameraMotion(described, model, options.size, is_framed=is_framed))
     return motions
 
 

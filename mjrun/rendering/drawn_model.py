@@ -35,8 +35,8 @@ CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 
 def drawn_model(
     options: ViewOptions, model: mujoco.MjModel, source: Source, *, is_measured: bool = False
-) -> tuple[mujoco.MjModel, str]:
-    """Returns the model to draw, and a remark about a stage that the user has not requested.
+) -> tuple[mujoco.MjModel, str, bool]:
+    """Returns the model to draw, a remark about a stage that the user has not requested, and whether it has a camera.
 
     Args:
       source: the source of the model, whose numbers may differ.
@@ -47,23 +47,25 @@ def drawn_model(
       BrokenModelError: the source has changed.
     """
     parts, remark = stage_parts(options, model, is_measured=is_measured), ""
-    staged = model
-    if parts:
+    staged, has_camera = model, "camera" in parts
+    if added := [part for part in parts if part != "camera"]:
         try:
-            staged = _with_stage(source, model, parts)
+            staged = _with_stage(source, model, added)
         except CompiledOverrideError:
             if "auto" not in options.stage:
                 raise
+            has_camera = False
         else:
-            remark = stage_remark(parts, is_measured=is_measured) if "auto" in options.stage else ""
-    return (staged if options.geomgroup is not None else _with_geoms(staged, options.geoms)), remark
+            remark = stage_remark(parts) if "auto" in options.stage else ""
+    drawn = staged if options.geomgroup is not None else _with_geoms(staged, options.geoms)
+    return drawn, remark, has_camera
 
 
 def stage_parts(options: ViewOptions, model: mujoco.MjModel, *, is_measured: bool = False) -> Sequence[str]:
-    """Returns the parts of the stage to add: `floor`, `light` and `sky`.
+    """Returns the parts of the stage to add: `floor`, `light`, `sky` and `camera`.
 
     `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure what exists,
-    and beneath what would fall through it.
+    and beneath what would fall through it, and the camera where another one is requested.
     """
     if "none" in options.stage:
         return ()
@@ -74,7 +76,8 @@ def stage_parts(options: ViewOptions, model: mujoco.MjModel, *, is_measured: boo
     if planes.sum() > (added >= 0) or np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
         return ()
     falls = added < 0 and np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    lacks = {"floor": not (is_measured or falls), "light": not model.nlight, "sky": True}
+    is_framed = not is_measured and any(str(camera).partition(":")[0] == "auto" for camera in options.camera)
+    lacks = {"floor": not (is_measured or falls), "light": not model.nlight, "sky": True, "camera": is_framed}
     return [part for part, is_lacking in lacks.items() if is_lacking]
 
 
@@ -114,13 +117,50 @@ def _with_stage(source: Source, model: mujoco.MjModel, parts: Sequence[str]) -> 
     return staged
 
 
-def stage_remark(parts: Sequence[str], *, is_measured: bool) -> str:
+def stage_remark(parts: Sequence[str]) -> str:
     """Returns a remark about these parts of a stage, which the user has not requested."""
     *some, last = (f"a {part}" for part in parts)
     added = f"{', '.join(some)} and {last}" if some else last
-    remark = f"{added} added, which the model lacks; {option('stage')} none omits {'them' if some else 'it'}"
-    falls = "floor" not in parts and not is_measured
-    return f"{remark}, {option('ground')} 0 adds a floor to stand on" if falls else remark
+    return f"{added} added, which the model lacks; {option('stage')} none omits {'them' if some else 'it'}"
+
+
+def ground_remark(model: mujoco.MjModel, state: np.ndarray) -> str:
+    """Returns a remark about a drawn model without a floor, and the height of one that it would stand on in a state."""
+    if np.isin(model.geom_type, GROUNDS).any() or not np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+        return ""
+    height = math.floor(_lowest(model, state) * 1000) / 1000
+    return f"nothing is below the model; {option('ground')} {height:g} adds a floor that it stands on"
+
+
+def _lowest(model: mujoco.MjModel, state: np.ndarray) -> float:
+    """Returns the height of the lowest point of the geoms that collide in a state [m]."""
+    data = mujoco.MjData(model)
+    restore(model, data, widened(model, state))
+    mujoco.mj_kinematics(model, data)
+    collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    geoms = np.flatnonzero(collides) if collides.any() else np.arange(model.ngeom)
+    return min((data.geom_xpos[geom, 2] - _reach_down(model, data, geom) for geom in geoms.tolist()), default=0.0)
+
+
+def _reach_down(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
+    """Returns how far a geom reaches below its centre [m]: the support function of its shape."""
+    down, (a, b, c) = -data.geom_xmat[geom].reshape(3, 3)[2], model.geom_size[geom]
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            reach = a
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            reach = a + b * abs(down[2])
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            reach = a * np.hypot(down[0], down[1]) + b * abs(down[2])
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            reach = np.linalg.norm(down * (a, b, c))
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            start, count = (int(values[model.geom_dataid[geom]]) for values in (model.mesh_vertadr, model.mesh_vertnum))
+            reach = (model.mesh_vert[start : start + count] @ down).max()
+        case _:
+            center, half = model.geom_aabb[geom].reshape(2, 3)
+            reach = center @ down + np.abs(down) @ half
+    return float(reach)
 
 
 def _tile(extent: float) -> float:

@@ -105,7 +105,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
         """Returns the parts of a stage to add, and reports those that are not requested."""
         parts = stage_parts(ViewOptions(stage=self.stage), model, is_measured=True)
         if parts and "auto" in self.stage:
-            reporter.note(stage_remark(parts, is_measured=True))
+            reporter.note(stage_remark(parts))
         return parts
 
     def _study(self, stage: Sequence[str]) -> Study:

@@ -14,7 +14,7 @@ from mjrun.model.fields import arrays
 from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
 from mjrun.options.rendering import ViewOptions
-from mjrun.rendering.drawn_model import drawn_model, place_stage, stage_parts
+from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, stage_parts
 
 ARM = """
 <mujoco>
@@ -43,7 +43,8 @@ def drawn(path: Path, **options: object) -> tuple[mujoco.MjModel, mujoco.MjModel
     """Returns the simulated model, the drawn one and the remark."""
     source = source_of(path)
     model = source.load()
-    return model, *drawn_model(ViewOptions(**options), model, source)  # pyright: ignore[reportArgumentType]
+    staged, remark, _ = drawn_model(ViewOptions(**options), model, source)  # pyright: ignore[reportArgumentType]
+    return model, staged, remark
 
 
 def test_a_stage_leaves_all_ids_numbers_and_accelerations_alone(tmp_path: Path) -> None:
@@ -75,11 +76,12 @@ def test_the_floor_touches_the_lowest_point_of_a_capsule(tmp_path: Path, angle: 
 @pytest.mark.parametrize(
     ("world", "options", "parts"),
     [
-        ('<geom size=".1"/>', {}, ["floor", "light", "sky"]),
+        ('<geom size=".1"/>', {}, ["floor", "light", "sky", "camera"]),
+        ('<geom size=".1"/>', {"camera": ("free",)}, ["floor", "light", "sky"]),
         ('<geom size=".1"/>', {"stage": ("none",)}, []),
-        ('<geom size=".1"/><light/>', {}, ["floor", "sky"]),
+        ('<geom size=".1"/><light/>', {}, ["floor", "sky", "camera"]),
         ('<geom size=".1"/><light/>', {"stage": ("light",)}, ["light"]),
-        ('<body><freejoint/><geom size=".1"/></body>', {}, ["light", "sky"]),
+        ('<body><freejoint/><geom size=".1"/></body>', {}, ["light", "sky", "camera"]),
         ('<geom type="plane" size="1 1 1"/>', {}, []),
     ],
 )
@@ -94,7 +96,7 @@ def test_measured_images_get_no_floor_unless_requested(tmp_path: Path) -> None:
     measured = [replace(colours, view=("rgb", "depth")), replace(colours, pointcloud="i.ply")]
     for image in (colours, *measured):
         parts = stage_parts(image, simulation.load(), is_measured=image.is_measured)
-        assert [*parts] == ["floor", "light", "sky"][image is not colours :]
+        assert [*parts] == (["light", "sky"] if image is not colours else ["floor", "light", "sky", "camera"])
         assert [*stage_parts(replace(image, stage=("floor",)), simulation.load(), is_measured=True)] == ["floor"]
 
 
@@ -110,21 +112,43 @@ def test_a_model_on_a_ground_gets_tiles_light_and_sky(tmp_path: Path) -> None:
     path = model_file(tmp_path, '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>')
     source = mjrun.Simulation(path, ground=-1).source
     model = source.load()
-    staged, remark = drawn_model(ViewOptions(), model, source)
+    staged, remark, has_camera = drawn_model(ViewOptions(), model, source)
+    assert has_camera
     assert staged.ngeom == model.ngeom == 2
     assert staged.geom("ground").matid >= 0
-    assert remark.startswith("a floor, a light and a sky added, which the model lacks; ")
+    assert remark.startswith("a floor, a light, a sky and a camera added, which the model lacks; ")
 
 
-def test_what_falls_gets_advice(tmp_path: Path) -> None:
-    path = model_file(tmp_path, '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>')
-    assert drawn(path)[2].endswith(" 0 adds a floor to stand on")
+TETRAHEDRON = '<asset><mesh name="m" vertex="0 0 0 .3 0 0 0 .2 0 0 0 .4"/></asset>'
+
+
+@pytest.mark.parametrize(
+    "geom",
+    [
+        *('type="sphere" size=".1"', 'type="capsule" size=".1 .2"', 'type="cylinder" size=".1 .2"'),
+        *('type="box" size=".1 .2 .3"', 'type="ellipsoid" size=".1 .2 .3"', 'type="mesh" mesh="m"'),
+    ],
+)
+def test_the_floor_that_is_advised_is_below_what_collides_by_less_than_a_millimetre(geom: str) -> None:
+    bodies = (
+        f'<body pos="0 0 -.4"><freejoint/><geom {geom} euler="20 40 60"/><geom size="9" contype="0" conaffinity="0"/>'
+    )
+    text = f"<mujoco>{TETRAHEDRON}<worldbody>{{}}{bodies}</body></worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(text.format(""))
+    remark = ground_remark(model, save(model, mujoco.MjData(model)))
+    height = float(remark.split(" adds a floor")[0].split()[-1])
+
+    model = mujoco.MjModel.from_xml_string(text.format(f'<geom type="plane" size="1 1 1" pos="0 0 {height}"/>'))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    assert -1e-9 < mujoco.mj_geomDistance(model, data, 0, 1, 9, None) < 0.001 + 1e-9
+    assert not ground_remark(model, save(model, data))
 
 
 def test_a_compiled_model_has_no_stage_unless_one_is_requested() -> None:
     source = source_of(mujoco.MjModel.from_xml_string(ARM))
     model = source.load()
-    assert drawn_model(ViewOptions(), model, source) == (model, "")
+    assert drawn_model(ViewOptions(), model, source) == (model, "", False)
     with pytest.raises(CompiledOverrideError, match="stage"):
         drawn_model(ViewOptions(stage=("sky",)), model, source)
 
@@ -133,7 +157,7 @@ def test_a_stage_shows_changed_numbers_of_the_model(tmp_path: Path) -> None:
     source = source_of(model_file(tmp_path, ARM))
     model = source.load()
     model.geom("rod").size[0] = 0.07
-    staged, _ = drawn_model(ViewOptions(), model, source)
+    staged, _, _ = drawn_model(ViewOptions(), model, source)
     assert staged.geom("rod").size[0] == 0.07
 
 

@@ -1,4 +1,4 @@
-"""MuJoCo's free camera, moved so that everything that moves stays in view."""
+"""MuJoCo's free camera, moved so that everything that moves stays in view; of a bare model, a closer one."""
 
 from dataclasses import replace
 from typing import ClassVar
@@ -15,6 +15,8 @@ from mjrun.options.number_kinds import Real
 from mjrun.options.option import option, options
 
 MARGIN = 1.1  # size of the image relative to the motion
+FREE_VIEW = (90.0, -45.0)  # MuJoCo's azimuth and elevation for models that state none [deg]
+CLOSE_VIEW = (140.0, -20.0)  # those of the camera of a bare model: robots look along x
 FARTHEST = 3.0  # distance of a still camera, in distances of MuJoCo's free camera; beyond, the camera follows
 
 
@@ -30,12 +32,13 @@ class AutoRig(Rig):
     elevation: float | None = option(converter=Optional(Real(least=None)), default=None, kw_only=False, help=ELEVATION)
 
     def bind(self, cameras: ModelCameras, where: str) -> "BoundAutoRig":
-        free = cameras.free
-        azimuth = free.azimuth if self.azimuth is None else self.azimuth
-        elevation = free.elevation if self.elevation is None else self.elevation
-        return BoundAutoRig(
-            cameras.model, around(np.array(free.lookat), free.distance, azimuth, elevation, cameras.frustum)
-        )
+        free, direction = cameras.free, (cameras.free.azimuth, cameras.free.elevation)
+        if cameras.is_framed and direction == FREE_VIEW:
+            direction = CLOSE_VIEW
+        azimuth = direction[0] if self.azimuth is None else self.azimuth
+        elevation = direction[1] if self.elevation is None else self.elevation
+        pose = around(np.array(free.lookat), free.distance, azimuth, elevation, cameras.frustum)
+        return BoundAutoRig(cameras.model, pose, is_framed=cameras.is_framed)
 
 
 class BoundAutoRig:
@@ -43,11 +46,15 @@ class BoundAutoRig:
 
     Args:
       pose: the pose of MuJoCo's free camera.
+      is_framed: whether the camera frames the whole model, moving or not, as closely as possible.
     """
 
-    def __init__(self, model: mujoco.MjModel, pose: Pose) -> None:
-        self._free, self._pose = pose, pose
-        self._parts = moving_parts(model)
+    def __init__(self, model: mujoco.MjModel, pose: Pose, *, is_framed: bool) -> None:
+        self._free, self._pose, self._is_framed = pose, pose, is_framed
+        self._parts = self._shown = moving_parts(model)
+        if is_framed:
+            self._shown = moving_parts(model, with_still=True)
+            self._parts = self._parts or self._shown
         self._followed: np.ndarray | None = None  # the centre of mass that `_pose` is for, if the camera follows it
 
     @property
@@ -61,31 +68,39 @@ class BoundAutoRig:
 
     def survey(self, frustum: Frustum, size: tuple[int, int]) -> "MotionSurvey | None":
         """Returns an empty survey of the motion for images of `size` with this frustum; None if nothing can move."""
-        return MotionSurvey(self._parts, replace(self._free, frustum=frustum), size) if self._parts else None
+        if self._parts is None or self._shown is None:
+            return None
+        free, least = replace(self._free, frustum=frustum), 0.0 if self._is_framed else 1.0
+        return MotionSurvey(self._parts, self._shown, free, size, least)
 
     def frame(self, survey: "MotionSurvey") -> str:
         """Moves the camera so that the surveyed motion is in view; returns a remark if it was not."""
-        if survey.fits():
+        if survey.fits() and not self._is_framed:
             return ""
         if still := survey.still():
             self._pose = still
-            return "the camera is moved so that the whole motion is in view"
+            return "" if self._is_framed else "the camera is moved so that the whole motion is in view"
         self._pose, self._followed = survey.following(), survey.start
         return "the camera follows the model, which moves far away"
 
 
 class MotionSurvey:
-    """The outermost points of everything that moves, over the instants that are added.
+    """The outermost points of what is to be seen, over the instants that are added.
 
     Only the points that are farthest in the directions of the sides of the image matter, and the one nearest to the
     camera.
+
+    Args:
+      parts: what a camera that follows keeps in view.
+      shown: what a still camera keeps in view.
+      least: the least scale of the view, in that of the free camera.
 
     Attributes:
       start: the centre of mass at the first instant `(3,)` [m]; None before it.
     """
 
-    def __init__(self, parts: MovingParts, free: Pose, size: tuple[int, int]) -> None:
-        self._parts, self._free, self._size = parts, free, size
+    def __init__(self, parts: MovingParts, shown: MovingParts, free: Pose, size: tuple[int, int], least: float) -> None:
+        self._parts, self._shown, self._free, self._size, self._least = parts, shown, free, size, least
         self._directions = _directions(free, size)
         self._still = np.full((len(self._directions), 3), np.nan)
         self._following = self._still.copy()
@@ -93,12 +108,13 @@ class MotionSurvey:
 
     def add(self, data: mujoco.MjData) -> None:
         """Adds an instant, whose positions `data` holds."""
-        center, points = self._parts.center(data), self._parts.points(data)
+        center = self._parts.center(data)
         if self.start is None:
             self.start = center
-        outermost = points[(points @ self._directions.T).argmax(axis=0)]
-        self._still = self._farther(self._still, outermost)
-        self._following = self._farther(self._following, outermost - (center - self.start))
+        shown = self._outermost(self._shown.points(data))
+        moving = shown if self._parts is self._shown else self._outermost(self._parts.points(data))
+        self._still = self._farther(self._still, shown)
+        self._following = self._farther(self._following, moving - (center - self.start))
 
     def fits(self) -> bool:
         """Returns whether MuJoCo's free camera sees everything."""
@@ -118,7 +134,7 @@ class MotionSurvey:
     def _framed(self, points: np.ndarray) -> Pose | None:
         pose, free = fitted(self._free, points, self._size, MARGIN), self._free
         lengths = [each.frustum.fovy if each.frustum.orthographic else each.distance for each in (pose, free)]
-        scale = max(lengths[0] / lengths[1], 1.0)
+        scale = max(lengths[0] / lengths[1], self._least)
         return self._at_scale(pose, scale) if scale <= FARTHEST else None
 
     def _at_scale(self, pose: Pose, scale: float) -> Pose:
@@ -127,6 +143,10 @@ class MotionSurvey:
             return pose.opened(scale * self._free.frustum.fovy)
         distance = scale * self._free.distance
         return replace(pose, position=pose.lookat - distance * pose.forward, distance=distance)
+
+    def _outermost(self, points: np.ndarray) -> np.ndarray:
+        """Returns, for each direction, the point that is farthest in it."""
+        return points[(points @ self._directions.T).argmax(axis=0)]
 
     def _farther(self, points: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Returns, for each direction, the point that is farther in it."""

@@ -50,14 +50,18 @@ class BoundRig(Protocol):
 class ModelCameras:
     """The cameras that MuJoCo provides for a model.
 
+    Args:
+      is_framed: whether the default camera frames the model closely, instead of being MuJoCo's free camera.
+
     Attributes:
       data: the model's initial state, with positions computed.
       free: MuJoCo's free camera.
       frustum: the view of the free camera.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, *, is_framed: bool = False) -> None:
         self.model, self.data, self.free = model, mujoco.MjData(model), mujoco.MjvCamera()
+        self.is_framed = is_framed
         compute_positions(model, self.data)
         mujoco.mjv_defaultFreeCamera(model, self.free)
         self._scene = mujoco.MjvScene(model, 1)

@@ -40,6 +40,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = {
     "metaworld": ("assets",),
 }
 SCENE = "scene"  # the model of a robot with a floor and a light
+FLAT = "scene_flat"  # the same, of a robot with several terrains
 PATTERNS = ("*.xml", "xmls/*.xml")
 NOT_DOWNLOADED = "not downloaded"
 LISTED = 3  # models of a robot in a list
@@ -71,7 +72,7 @@ class Robot:
 
     def default(self) -> str:
         """Returns the model that the name of the robot means; an empty text if that is unclear."""
-        for name in (SCENE, self.usual):
+        for name in (SCENE, self.usual, FLAT, self.name):
             if name in self.models:
                 return name
         candidates = self.scenes or list(self.models)

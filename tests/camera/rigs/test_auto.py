@@ -40,10 +40,15 @@ def states_of(model: mujoco.MjModel, way: tuple[float, float, float], count: int
 
 
 def framed(
-    model: mujoco.MjModel, states: list[np.ndarray], fovy: EasedNumber | None = None, rig: AutoRig | None = None
+    model: mujoco.MjModel,
+    states: list[np.ndarray],
+    fovy: EasedNumber | None = None,
+    rig: AutoRig | None = None,
+    *,
+    is_framed: bool = False,
 ) -> tuple[list[Pose], list[str]]:
     """Returns the pose for each state, and the remarks."""
-    motion = CameraMotion(CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE)
+    motion = CameraMotion(CameraScript("auto", (Shot(rig or AutoRig(), fovy=fovy),)), model, SIZE, is_framed=is_framed)
     times = np.arange(len(states), dtype=float).tolist()
     spans = [(0.0, times[-1])]
     remarks = motion.frame(states, times, spans)
@@ -129,6 +134,32 @@ def test_the_camera_stays_within_reach_of_things_that_fly_apart() -> None:
     poses, _ = framed(model, states)
     cameras = ModelCameras(model)
     assert poses[1].distance == pytest.approx(FARTHEST * cameras.free.distance)
+
+
+@pytest.mark.parametrize("way", [(0, 0, 0), (1.5, 1, 1), (30, -4, -12)])
+def test_the_camera_of_a_bare_model_is_as_close_as_a_margin_allows(way: tuple[float, float, float]) -> None:
+    model = compiled()
+    model.geom_pos[1] = 0, 0, 0  # a part that does not move, within the box
+    states = states_of(model, way)
+    poses, remarks = framed(model, states, is_framed=True)
+    found = np.concatenate([pixels(model, state, pose) for state, pose in zip(states, poses, strict=True)])
+    places = found / SIZE
+    assert ((places >= 0) & (places <= 1)).all()
+    filled = (places.max(axis=0) - places.min(axis=0)).max()
+    assert filled > 0.7
+    assert len(remarks) == (way[0] > 9)
+
+
+def test_the_camera_of_a_bare_model_also_shows_what_does_not_move() -> None:
+    still = '<geom name="post" type="capsule" fromto="0 0 0 0 0 1" size=".05"/><body><joint/><geom size=".1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{still}</worldbody></mujoco>")
+    (pose,), _ = framed(model, [save(model, mujoco.MjData(model))], is_framed=True)
+    camera = lens(pose, SIZE)
+    _, y, z = (np.linalg.inv(camera.pose) @ [[0, 0], [0, 0], [-0.05, 1.05], [1, 1]])[:3]
+    top, bottom = sorted(camera.fy * y / z + camera.cy)
+    assert 0 <= top < 0.2 * SIZE[1]
+    assert 0.8 * SIZE[1] < bottom <= SIZE[1]
+    assert pose.angles == pytest.approx((140, -20, 0))
 
 
 def test_directions_can_be_chosen() -> None:

@@ -113,11 +113,10 @@ def test_a_name_does_not_lead_out_of_the_collection(tmp_path: Path, name: str) -
         parse_source(f"menagerie:{name}").load()
 
 
-@pytest.mark.parametrize("name", ["scene_flat.xml", "flat_scene.xml"])
-def test_a_robot_alone_is_its_only_scene_whatever_that_is_called(tmp_path: Path, name: str) -> None:
+def test_a_robot_alone_is_its_only_scene_whatever_that_is_called(tmp_path: Path) -> None:
     folder = clone(tmp_path / "here" / "mujoco_menagerie") / "unitree_go2"
-    (folder / "scene.xml").rename(folder / name)
-    assert parse_source("menagerie:unitree_go2").main_file.name == name  # type: ignore[attr-defined]
+    (folder / "scene.xml").rename(folder / "scene_of_go2.xml")
+    assert chosen("unitree_go2") == "scene_of_go2.xml"
     (folder / "scene_stairs.xml").write_text(SCENE)
     with pytest.raises(
         ModelNotFoundError, match=r"name one of its models.*\nmodels: unitree_go2/\w+, unitree_go2/\w+$"
@@ -129,6 +128,22 @@ def test_near_names_of_robots_are_suggested(tmp_path: Path) -> None:
     clone(tmp_path / "here" / "mujoco_menagerie")
     with pytest.raises(ModelNotFoundError, match=r"no such model \(did you mean 'unitree_go2'"):
         parse_source("menagerie:unitre_go2").load()
+
+
+def chosen(robot: str) -> str:
+    """Returns the file that the name of a robot means."""
+    file = parse_source(f"menagerie:{robot}").main_file
+    assert file is not None
+    return file.name
+
+
+def test_a_robot_alone_is_not_on_one_of_its_special_terrains(tmp_path: Path) -> None:
+    folder = clone(tmp_path / "here" / "mujoco_menagerie") / "unitree_go2"
+    (folder / "scene.xml").rename(folder / "scene_stairs.xml")
+    (folder / "go2.xml").rename(folder / "unitree_go2.xml")
+    assert chosen("unitree_go2") == "unitree_go2.xml"
+    (folder / "scene_flat.xml").write_text(SCENE)
+    assert chosen("unitree_go2") == "scene_flat.xml"
 
 
 def test_a_robot_of_several_models_without_a_scene_asks_which(tmp_path: Path) -> None:
