@@ -171,6 +171,10 @@ class ChildProcess:
         """The captured output so far; complete after `wait` or `end`."""
         return bytes(self._stdout.content)
 
+    def take_stdout(self) -> bytes:
+        """Returns the output captured since the last call, which is then no longer kept in `stdout`."""
+        return self._stdout.take()
+
     @property
     def stderr(self) -> bytes:
         """The captured standard error so far; complete after `wait` or `end`."""
@@ -348,12 +352,19 @@ class _Capture:
         self.content = bytearray()
         self._limit, self._keep = limit, keep
         self._pipe, self._thread = pipe, None
+        self._lock = threading.Lock()
 
     def start(self) -> None:
         """Starts the thread, unless it is running or has ended."""
         if self._pipe and self._thread is None:
             self._thread = threading.Thread(target=self._read, args=(self._pipe,), daemon=True)
             self._thread.start()
+
+    def take(self) -> bytes:
+        """Returns the content so far, and forgets it."""
+        with self._lock:
+            content, self.content = bytes(self.content), bytearray()
+            return content
 
     def wait(self, seconds: float) -> bool:
         """Returns whether the pipe closes within `seconds`."""
@@ -366,10 +377,11 @@ class _Capture:
     def _read(self, pipe: IO[bytes]) -> None:
         with pipe:
             while chunk := os.read(pipe.fileno(), 2**16):
-                if self._keep == "end":
-                    self.content = (self.content + chunk)[-int(self._limit) :]
-                elif len(self.content) < self._limit:
-                    self.content += chunk[: int(min(self._limit - len(self.content), len(chunk)))]
+                with self._lock:
+                    if self._keep == "end":
+                        self.content = (self.content + chunk)[-int(self._limit) :]
+                    elif len(self.content) < self._limit:
+                        self.content += chunk[: int(min(self._limit - len(self.content), len(chunk)))]
 
 
 class _Idleness:

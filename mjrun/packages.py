@@ -15,7 +15,13 @@ from mjrun.errors import DamagedPackageError, MissingExtraError, MjrunError, Wro
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
-MODULES = {"pillow": "PIL", "pyyaml": "yaml", "scikit-image": "skimage", "warp-lang": "warp"}  # by package
+MODULES = {  # by package
+    "pillow": "PIL",
+    "protobuf": "google.protobuf",
+    "pyyaml": "yaml",
+    "scikit-image": "skimage",
+    "warp-lang": "warp",
+}
 PACKAGES = {module: package for package, module in MODULES.items()}
 FIELD = "Requires-Dist: "  # of metadata
 COMPUTING = ("mujoco", "numpy")  # packages whose other versions may fail late, or compute other results

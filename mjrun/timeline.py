@@ -52,6 +52,11 @@ def nearest(value: Fraction) -> int:
     return math.floor(value + Fraction(1, 2))
 
 
+def nanoseconds(time: Fraction) -> int:
+    """Returns `time` [s] in nanoseconds, rounded once."""
+    return nearest(time * 10**9)
+
+
 @dataclass(frozen=True)
 class Timeline:
     """A run of `steps` steps of `timestep` [s], which lasts `duration` [s].

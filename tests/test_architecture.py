@@ -53,6 +53,9 @@ LIBRARIES = {
         "formats.image_reader",
         "formats.video_reader",
     ),
+    "mcap": ("formats.mcap",),
+    "google": ("formats.mcap",),  # protobuf
+    "foxglove_schemas_protobuf": ("formats.mcap",),
     "matplotlib": ("plotting",),
     "contourpy": ("formats.datasets.masks",),
     "coacd": ("check.rules.convex_parts",),

@@ -195,6 +195,18 @@ sys.stderr.write("last")
     assert child.stderr.endswith(b"0" * 5 + b"767last")
 
 
+def test_captured_output_can_be_taken_piece_by_piece() -> None:
+    code = "import sys; [sys.stdout.write(f'{i} ' * 100) for i in range(2000)]"
+    with ChildProcess([sys.executable, "-c", code], stdout="capture", stdout_limit=math.inf) as child:
+        pieces = [child.take_stdout()]
+        while child.running:
+            pieces.append(child.take_stdout())
+        child.wait()
+        pieces.append(child.take_stdout())
+    assert b"".join(pieces) == "".join(f"{i} " * 100 for i in range(2000)).encode()
+    assert child.take_stdout() == child.stdout == b""
+
+
 def test_a_process_may_close_its_streams_early() -> None:
     child = python(
         "import os; os.close(1); os.close(2); import time; time.sleep(.2); os._exit(5)",

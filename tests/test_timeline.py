@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.timeline import Timeline, nearest, rational, seconds
+from mjrun.timeline import Timeline, nanoseconds, nearest, rational, seconds
 
 MILLI2 = Fraction(1, 500)  # [s], the usual timestep
 
@@ -202,3 +202,9 @@ def test_seconds_are_exact_and_rounded_once(timestep: Fraction, first: int, coun
 def test_seconds_of_a_timestep_with_many_digits_do_not_overflow() -> None:
     timestep = rational(1 / 240)
     assert list(seconds(np.array([0, 3000]), timestep)) == [0, float(3000 * timestep)]
+
+
+@given(st.integers(0, 10**9), st.fractions(Fraction(1, 10**6), Fraction(1)))
+def test_nanoseconds_are_the_nearest_integers_to_exact_times(step: int, timestep: Fraction) -> None:
+    assert abs(nanoseconds(step * timestep) - step * timestep * 10**9) <= Fraction(1, 2)
+    assert nanoseconds(step * Fraction(1, 500)) == 2_000_000 * step

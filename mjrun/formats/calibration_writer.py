@@ -150,7 +150,7 @@ def _intrinsics(lens: CameraCalibration) -> tuple[object, ...]:
     return lens.size, lens.fx, lens.fy, lens.cx, lens.cy
 
 
-def _centered(lens: CameraCalibration) -> np.ndarray:
+def centered_matrix(lens: CameraCalibration) -> np.ndarray:
     """Returns K `(3, 3)` for pixels whose centres are at whole numbers."""
     matrix = lens.matrix
     matrix[:2, 2] -= CENTER
@@ -199,7 +199,7 @@ def _bop(entry: CalibrationEntry) -> str:
     """Returns an image of scene_camera.json (bop_toolkit, bop_datasets_format.md); lengths are in millimetres."""
     rotation = entry.lens.pose[:3, :3].T
     return f"{json.dumps(str(entry.frame))}: " + _json(
-        cam_K=_centered(entry.lens).ravel().tolist(),
+        cam_K=centered_matrix(entry.lens).ravel().tolist(),
         depth_scale=1.0,
         cam_R_w2c=rotation.ravel().tolist(),
         cam_t_w2c=(-1000 * rotation @ entry.lens.pose[:3, 3]).tolist(),
@@ -208,7 +208,7 @@ def _bop(entry: CalibrationEntry) -> str:
 
 def _ros(entry: CalibrationEntry) -> str:
     """Returns a file for camera_calibration_parsers; names of cameras are limited to letters, digits and `_`."""
-    lens, matrix = entry.lens, _centered(entry.lens)
+    lens, matrix = entry.lens, centered_matrix(entry.lens)
     name = re.sub(r"[^A-Za-z0-9_]", "_", entry.camera)
     matrices = {
         "camera_matrix": matrix,

@@ -201,6 +201,20 @@ class Encoding:
                 return every
 
 
+def annex_b_arguments(width: int, height: int, keyframe_every: int) -> list[str]:
+    """Returns the arguments of ffmpeg between its input and its output for a stream of H.264 access units in Annex B.
+
+    The stream has no B-frames, so that its frames are in their order of display. Each access unit begins with a
+    delimiter, and each keyframe with its parameter sets.
+    """
+    codec = CODECS["h264"]
+    crf = codec.crf[2] if codec.crf else 0
+    graph = ",".join(filter(None, [_pad(width, height, width % 2, height % 2), codec.filters]))
+    quality = ["-crf", str(crf), "-preset", codec.preset]
+    stream = ["-bf", "0", "-g", str(keyframe_every), "-aud", "1", "-x264-params", "repeat-headers=1"]
+    return ["-vf", graph, *codec.arguments, *quality, *stream, "-fps_mode", "passthrough", "-f", "h264"]
+
+
 def encoding(
     output: str | None,
     format: str | None = None,  # noqa: A002  (the word users know)

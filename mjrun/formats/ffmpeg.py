@@ -13,6 +13,7 @@ from mjrun.errors import EncoderError
 from mjrun.formats.codecs import CODECS
 
 IDLE = 60.0  # [s] without reading or computing after which ffmpeg counts as hanging; a busy machine only slows it down
+LAST_WORDS = 1.0  # time for an encoder that stopped reading to end by itself [s]
 # Demuxers by suffix: ffmpeg would otherwise choose one by the content, and a playlist refers to other files.
 DEMUXERS = {
     "mp4": "mov",

@@ -20,7 +20,6 @@ from mjrun.formats.destinations import Destination, StagedFile, StagedFolder, St
 from mjrun.timeline import rational
 
 LONGEST_ARGUMENT = 100_000  # bytes; Linux allows 128 KiB
-LAST_WORDS = 1.0  # time for an encoder that stopped reading to end by itself [s]
 SMALLEST = 16  # smallest width and height [pixels]; below it some encoders fail
 
 
@@ -199,7 +198,7 @@ class VideoWriter(OutputWriter):
 
     def _failure(self) -> BaseException:
         """Returns the error of an encoder that has stopped reading."""
-        status = self._child.wait(LAST_WORDS)
+        status = self._child.wait(ffmpeg.LAST_WORDS)
         if isinstance(self.destination, StandardOutput) and self.destination.reader_is_gone():
             return ClosedPipeError()
         log = self._child.stderr.decode(errors="replace")

@@ -1,0 +1,124 @@
+"""Writes MCAP files: messages of any number of channels, with an index of their times."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message
+from mcap.well_known import MessageEncoding, SchemaEncoding  # pyright: ignore[reportMissingImports]
+from mcap.writer import Writer  # pyright: ignore[reportMissingImports]
+
+from mjrun.dataclass import dataclass
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile, StandardOutput
+from mjrun.version import __version__
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The type of the messages of a channel.
+
+    Attributes:
+      name: full name of the type: `foxglove.SceneUpdate`.
+      files: a serialized FileDescriptorSet with the file of the type and those that it imports.
+    """
+
+    name: str
+    files: bytes
+
+    @classmethod
+    def of(cls, message: type[Message]) -> "Schema":
+        """Returns the schema of a generated class."""
+        files = FileDescriptorSet()
+        waiting, known = [message.DESCRIPTOR.file], set[str]()
+        while waiting:
+            file = waiting.pop()
+            if file.name not in known:
+                known.add(file.name)
+                file.CopyToProto(files.file.add())
+                waiting += file.dependencies
+        return cls(message.DESCRIPTOR.full_name, files.SerializeToString(deterministic=True))
+
+
+class McapWriter(OutputWriter):
+    """A writer that streams messages to a file; nothing is published until `publish`, except on standard output.
+
+    Opening it checks that the output can be written. Messages may arrive in any order; those of about the same time
+    are compressed together in chunks of a megabyte. The same messages give the same bytes.
+
+    Args:
+      output: a file, or None for standard output.
+      facts: texts about its making, stored as the metadata record `mjrun`.
+
+    Attributes:
+      messages: the number of messages so far.
+
+    Raises:
+      FileError: the output cannot be written.
+    """
+
+    def __init__(self, output: str | None, facts: Mapping[str, str]) -> None:
+        super().__init__(StandardOutput() if output is None else StagedFile(Path(output)))
+        self._schemas: dict[str, int] = {}
+        self._sequences: dict[int, int] = {}
+        with self.opening():
+            self._file = self.open_file()
+            counting: Any = _CountingFile(self._file)
+            self._writer = Writer(counting, enable_data_crcs=True)
+            self._writer.start(library=f"mjrun {__version__}")
+            self._writer.add_metadata("mjrun", dict(facts))
+
+    @property
+    def messages(self) -> int:
+        return sum(self._sequences.values())
+
+    def add_channel(self, topic: str, schema: Schema, metadata: Mapping[str, str] | None = None) -> int:
+        """Adds a channel for messages of one type, and returns its number."""
+        if schema.name not in self._schemas:
+            number = self._writer.register_schema(schema.name, SchemaEncoding.Protobuf, schema.files)
+            self._schemas[schema.name] = number
+        schema_number = self._schemas[schema.name]
+        channel = self._writer.register_channel(topic, MessageEncoding.Protobuf, schema_number, dict(metadata or {}))
+        self._sequences[channel] = 0
+        return channel
+
+    def write(self, channel: int, time: int, message: bytes) -> None:
+        """Adds a serialized message at a time [ns].
+
+        Raises:
+          FileError: the disk is full.
+          ClosedPipeError: the reader of standard output closed the pipe.
+        """
+        with self.writing():
+            self._writer.add_message(channel, time, message, publish_time=time, sequence=self._sequences[channel])
+        self._sequences[channel] += 1
+
+    def attach(self, name: str, media_type: str, content: bytes) -> None:
+        """Adds a file.
+
+        Raises:
+          FileError: the disk is full.
+          ClosedPipeError: the reader of standard output closed the pipe.
+        """
+        with self.writing():
+            self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
+
+    def complete(self) -> None:
+        with self.writing():
+            self._writer.finish()
+            self._file.close()
+
+
+class _CountingFile:
+    """A file that knows its position, even if it is a pipe."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._position = file, 0
+
+    def write(self, content: bytes) -> None:
+        self._file.write(content)
+        self._position += len(content)
+
+    def tell(self) -> int:
+        return self._position

@@ -1,0 +1,84 @@
+"""Messages of measured values, decoded by protobuf itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mjrun.formats.mcap.numeric import MOST, NumericMessages, distinct, field_names, groups
+from mjrun.formats.mcap.writer import McapWriter
+from mjrun.model.table_column import Column
+from tests.formats.mcap import files
+
+
+def decoded(messages: NumericMessages, content: bytes) -> dict[str, float]:
+    message = files.decoded(messages.schema, content)
+    return {field.name: getattr(message, field.name) for field in message.DESCRIPTOR.fields}
+
+
+def test_every_number_reads_back_bit_for_bit() -> None:
+    columns = [Column("qpos/left_knee", "rad"), Column("qpos/torso/x", "m"), Column("qpos/joint:3")]
+    messages = NumericMessages("qpos", columns)
+    values = np.array([[0.1, -0.0, 5e-324], [np.inf, np.nan, 1e308]])
+    read = [decoded(messages, content) for content in messages.encode(values)]
+    assert messages.schema.name == "mjrun.Qpos"
+    assert [list(row) for row in read] == 2 * [["left_knee", "torso_x", "joint_3"]]
+    assert np.array([list(row.values()) for row in read]).tobytes() == values.tobytes()
+    assert messages.metadata["unit/left_knee"] == "rad"
+    assert messages.metadata["column/torso_x"] == "qpos/torso/x"
+
+
+@pytest.mark.parametrize("count", [15, 16, 2047, MOST])
+def test_a_message_may_have_any_number_of_fields(count: int) -> None:
+    messages = NumericMessages("userdata", [Column(f"userdata/{index}") for index in range(count)])
+    values = np.arange(count, dtype=float)
+    assert list(decoded(messages, messages.encode(values[None])[0]).values()) == values.tolist()
+
+
+def test_rows_of_any_layout_are_encoded_alike() -> None:
+    messages = NumericMessages("qvel", [Column("qvel/a"), Column("qvel/b")])
+    values = np.arange(12.0).reshape(6, 2)
+    assert messages.encode(np.asfortranarray(values)) == messages.encode(values)
+    assert messages.encode(values[:0]) == []
+
+
+@given(st.lists(st.text(max_size=4), min_size=1, max_size=8))
+@settings(max_examples=30)
+def test_any_names_give_valid_and_distinct_fields(names: list[str]) -> None:
+    columns = [Column(f"qpos/{name}") for name in names]
+    fields = field_names("qpos", columns)
+    assert len({field.replace("_", "").lower() for field in fields}) == len(names)
+    messages = NumericMessages("qpos", columns)  # protobuf refuses names that it does not know
+    assert list(decoded(messages, messages.encode(np.zeros((1, len(names))))[0])) == fields
+
+
+def test_names_that_differ_in_case_only_stay_apart() -> None:
+    names = ("knee", "Knee", "kn_ee", "1", "é", "reward")
+    columns = [Column(f"qpos/{name}") for name in names]
+    assert field_names("qpos", columns) == ["knee", "Knee_2", "kn_ee_3", "qpos_1", "qpos", "reward"]
+    assert field_names("reward", [Column("reward")]) == ["reward"]
+    assert list(distinct(["a", "a", "a_2"], "_")) == ["a", "a_2", "a_2_2"]
+
+
+def test_columns_are_grouped_by_the_first_part_of_their_names() -> None:
+    columns = [Column("qpos/a"), Column("energy/total"), Column("qpos/b"), Column("reward")]
+    assert groups(columns) == {"qpos": [0, 2], "energy": [1], "reward": [3]}
+    many = groups([Column(f"qpos/{index}") for index in range(MOST + 2)])
+    assert {group: (indices[0], len(indices)) for group, indices in many.items()} == {
+        "qpos": (0, MOST),
+        "qpos_2": (MOST, 2),
+    }
+
+
+def test_a_reader_of_files_decodes_the_values(tmp_path: Path) -> None:
+    messages = NumericMessages("energy", [Column("energy/total", "J")])
+    with McapWriter(str(tmp_path / "a.mcap"), {}) as writer:
+        channel = writer.add_channel("/trace/energy", messages.schema, messages.metadata)
+        for index, content in enumerate(messages.encode(np.array([[1.5], [2.5]]))):
+            writer.write(channel, index, content)
+        writer.publish()
+    received = files.messages(tmp_path / "a.mcap", "/trace/energy")
+    assert [message.content.total for message in received] == [1.5, 2.5]
+    assert received[0].metadata == {"column/total": "energy/total", "unit/total": "J"}
