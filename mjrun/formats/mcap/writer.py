@@ -1,7 +1,6 @@
 """Writes MCAP files: messages of any number of channels, with an index of their times."""
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, BinaryIO
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -10,8 +9,6 @@ from mcap.well_known import MessageEncoding, SchemaEncoding  # pyright: ignore[r
 from mcap.writer import Writer  # pyright: ignore[reportMissingImports]
 
 from mjrun.dataclass import dataclass
-from mjrun.formats.atomic_output import OutputWriter
-from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.version import __version__
 
 
@@ -41,33 +38,26 @@ class Schema:
         return cls(message.DESCRIPTOR.full_name, files.SerializeToString(deterministic=True))
 
 
-class McapWriter(OutputWriter):
-    """A writer that streams messages to a file; nothing is published until `publish`, except on standard output.
+class McapWriter:
+    """A writer that streams messages to an open file, which may be a pipe.
 
-    Opening it checks that the output can be written. Messages may arrive in any order; those of about the same time
-    are compressed together in chunks of a megabyte. The same messages give the same bytes.
+    Messages may arrive in any order; those that arrive one after another are compressed together in chunks of a
+    megabyte. The same messages give the same bytes. Methods raise OSError when the file cannot be written.
 
     Args:
-      output: a file, or None for standard output.
-      facts: texts about its making, stored as the metadata record `mjrun`.
+      facts: texts about the making of the file, stored as the metadata record `mjrun`.
 
     Attributes:
       messages: the number of messages so far.
-
-    Raises:
-      FileError: the output cannot be written.
     """
 
-    def __init__(self, output: str | None, facts: Mapping[str, str]) -> None:
-        super().__init__(StandardOutput() if output is None else StagedFile(Path(output)))
+    def __init__(self, file: BinaryIO, facts: Mapping[str, str]) -> None:
+        counting: Any = _CountingFile(file)
+        self._writer = Writer(counting, enable_data_crcs=True)
         self._schemas: dict[str, int] = {}
         self._sequences: dict[int, int] = {}
-        with self.opening():
-            self._file = self.open_file()
-            counting: Any = _CountingFile(self._file)
-            self._writer = Writer(counting, enable_data_crcs=True)
-            self._writer.start(library=f"mjrun {__version__}")
-            self._writer.add_metadata("mjrun", dict(facts))
+        self._writer.start(library=f"mjrun {__version__}")
+        self._writer.add_metadata("mjrun", dict(facts))
 
     @property
     def messages(self) -> int:
@@ -84,30 +74,17 @@ class McapWriter(OutputWriter):
         return channel
 
     def write(self, channel: int, time: int, message: bytes) -> None:
-        """Adds a serialized message at a time [ns].
-
-        Raises:
-          FileError: the disk is full.
-          ClosedPipeError: the reader of standard output closed the pipe.
-        """
-        with self.writing():
-            self._writer.add_message(channel, time, message, publish_time=time, sequence=self._sequences[channel])
+        """Adds a serialized message at a time [ns]."""
+        self._writer.add_message(channel, time, message, publish_time=time, sequence=self._sequences[channel])
         self._sequences[channel] += 1
 
     def attach(self, name: str, media_type: str, content: bytes) -> None:
-        """Adds a file.
+        """Adds a file."""
+        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
 
-        Raises:
-          FileError: the disk is full.
-          ClosedPipeError: the reader of standard output closed the pipe.
-        """
-        with self.writing():
-            self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=content)
-
-    def complete(self) -> None:
-        with self.writing():
-            self._writer.finish()
-            self._file.close()
+    def finish(self) -> None:
+        """Writes the index, without which readers refuse the file."""
+        self._writer.finish()
 
 
 class _CountingFile:

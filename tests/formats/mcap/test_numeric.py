@@ -74,11 +74,12 @@ def test_columns_are_grouped_by_the_first_part_of_their_names() -> None:
 
 def test_a_reader_of_files_decodes_the_values(tmp_path: Path) -> None:
     messages = NumericMessages("energy", [Column("energy/total", "J")])
-    with McapWriter(str(tmp_path / "a.mcap"), {}) as writer:
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = McapWriter(file, {})
         channel = writer.add_channel("/trace/energy", messages.schema, messages.metadata)
         for index, content in enumerate(messages.encode(np.array([[1.5], [2.5]]))):
             writer.write(channel, index, content)
-        writer.publish()
+        writer.finish()
     received = files.messages(tmp_path / "a.mcap", "/trace/energy")
     assert [message.content.total for message in received] == [1.5, 2.5]
     assert received[0].metadata == {"column/total": "energy/total", "unit/total": "J"}
