@@ -108,6 +108,8 @@ FAST_START = ("-movflags", "+faststart")
 REPEATABLE = ("-fflags", "+bitexact")  # Matroska has random ids otherwise
 # A fragment per second, for players. The header follows the first, as the video would start late by its B-frames.
 FRAGMENTED = ("-movflags", "frag_keyframe+empty_moov+delay_moov+default_base_moof", "-frag_duration", "1000000")
+# Delimiters show where each access unit begins.
+ANNEX_B = ("-aud", "1", "-x264-params", "repeat-headers=1", "-fps_mode", "passthrough", "-f", "h264")
 
 CONTAINERS = {
     "mp4": Container("mp4", ("h264", "h265", "av1", "h264rgb"), FAST_START, FRAGMENTED),
@@ -175,16 +177,26 @@ class Encoding:
 
     def arguments(self, width: int, height: int, to_pipe: bool) -> list[str]:
         """Returns the arguments of ffmpeg between its input and its output."""
-        codec, kind = CODECS[self.codec], CONTAINERS[self.format]
+        kind = CONTAINERS[self.format]
+        extra = (kind.pipe if to_pipe else kind.file) or ()
+        # Apple's players recognize HEVC by this tag only.
+        tag = ["-tag:v", "hvc1"] if self.codec == "h265" and self.format in ("mp4", "mov") else []
+        return [*self._of_codec(width, height), *tag, *extra, "-f", kind.muxer]
+
+    def annex_b_arguments(self, width: int, height: int) -> list[str]:
+        """Returns the arguments for a stream of H.264 in Annex B instead of a container.
+
+        An access unit begins with a delimiter, and that of a keyframe contains its parameter sets.
+        """
+        return [*self._of_codec(width, height), *ANNEX_B]
+
+    def _of_codec(self, width: int, height: int) -> list[str]:
+        codec = CODECS[self.codec]
         filters = [_pad(width, height, *self.padding(width, height)), codec.filters]
         graph = ",".join(filter(None, filters))
         quality = ["-crf", str(self.crf)] if self.crf is not None else []
         effort = [codec.preset_flag, self.preset] if self.preset is not None else []
-        # Apple's players recognize HEVC by this tag only.
-        tag = ["-tag:v", "hvc1"] if self.codec == "h265" and self.format in ("mp4", "mov") else []
-        extra = (kind.pipe if to_pipe else kind.file) or ()
-        named = [*quality, *effort, *self._order, *tag]
-        return [*(["-vf", graph] if graph else []), *codec.arguments, *named, *extra, "-f", kind.muxer]
+        return [*(["-vf", graph] if graph else []), *codec.arguments, *quality, *effort, *self._order]
 
     @property
     def _order(self) -> list[str]:
@@ -199,20 +211,6 @@ class Encoding:
                 return [*every, "-x265-params", "log-level=error:bframes=0"]
             case _:
                 return every
-
-
-def annex_b_arguments(width: int, height: int, keyframe_every: int) -> list[str]:
-    """Returns the arguments of ffmpeg between its input and its output for a stream of H.264 access units in Annex B.
-
-    The stream has no B-frames, so that its frames are in their order of display. Each access unit begins with a
-    delimiter, and each keyframe with its parameter sets.
-    """
-    codec = CODECS["h264"]
-    crf = codec.crf[2] if codec.crf else 0
-    graph = ",".join(filter(None, [_pad(width, height, width % 2, height % 2), codec.filters]))
-    quality = ["-crf", str(crf), "-preset", codec.preset]
-    stream = ["-bf", "0", "-g", str(keyframe_every), "-aud", "1", "-x264-params", "repeat-headers=1"]
-    return ["-vf", graph, *codec.arguments, *quality, *stream, "-fps_mode", "passthrough", "-f", "h264"]
 
 
 def encoding(

@@ -1,6 +1,7 @@
 """Encodes frames into a stream of H.264, whose access units, one per frame, are stored separately."""
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from typing import Self
 
@@ -9,7 +10,7 @@ import numpy as np
 from mjrun.child_process import ChildProcess
 from mjrun.errors import EncoderError
 from mjrun.formats import ffmpeg
-from mjrun.formats.codecs import RGB24, annex_b_arguments
+from mjrun.formats.codecs import RGB24, encoding
 
 DELIMITER = b"\0\0\0\1\x09"  # a NAL unit of type 9 begins each access unit; ITU-T H.264, 7.4.1.2.3
 
@@ -17,33 +18,37 @@ DELIMITER = b"\0\0\0\1\x09"  # a NAL unit of type 9 begins each access unit; ITU
 class H264Stream:
     """A running encoder, which returns the access unit of each frame some frames later.
 
-    An access unit is in the format of Annex B. A keyframe, one per second of video, contains the parameter sets; there
-    are no B-frames. Odd sides are padded by one pixel. To be closed.
+    An access unit is in the format of Annex B. A keyframe, at least one per second of video, contains the parameter
+    sets; there are no B-frames. Odd sides are padded by one pixel. To be closed.
 
     Args:
       size: width and height of the frames [pixels].
       fps: frames per second of the video.
+      crf: constant rate factor; by default, that of videos.
 
     Raises:
       EncoderError: ffmpeg is missing.
       OSError: the system refuses to start it.
     """
 
-    def __init__(self, size: tuple[int, int], fps: Fraction) -> None:
+    def __init__(self, size: tuple[int, int], fps: Fraction, crf: int | None = None) -> None:
         self.size = size
         self._written = self._returned = 0
         self._rest = b""  # the beginning of the next access unit
         width, height = size
         source = ["-f", "rawvideo", "-pix_fmt", RGB24, "-s", f"{width}x{height}", "-framerate", str(fps)]
-        encoding = annex_b_arguments(width, height, keyframe_every=max(1, math.floor(fps)))
-        command = ffmpeg.command(*source, "-i", "pipe:0", *encoding, "-flush_packets", "1", "pipe:1")
+        chosen = encoding(None, "mp4", "h264", crf)
+        self._encoding = replace(chosen, keyframe_every=max(1, math.floor(fps)))
+        arguments = self._encoding.annex_b_arguments(width, height)
+        command = ffmpeg.command(*source, "-i", "pipe:0", *arguments, "-flush_packets", "1", "pipe:1")
         self._child = ChildProcess(command, fed=True, stdout="capture", stderr="capture", stdout_limit=math.inf)
 
     @property
     def encoded_size(self) -> tuple[int, int]:
         """Width and height of the encoded frames, padding included [pixels]."""
         width, height = self.size
-        return width + width % 2, height + height % 2
+        right, bottom = self._encoding.padding(width, height)
+        return width + right, height + bottom
 
     def write(self, frame: np.ndarray) -> list[bytes]:
         """Adds a frame, `(height, width, 3)` uint8, and returns the access units that are complete, in order.
