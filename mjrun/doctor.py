@@ -17,6 +17,7 @@ from mjrun.confinement.confinement import CHECKS
 from mjrun.confinement.self_confinement import means
 from mjrun.dataclass import dataclass
 from mjrun.diff import pictures
+from mjrun.formats import mcap
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
@@ -139,6 +140,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
+        mcap.EXTRA: (mcap.LIBRARIES, [".mcap"]),
         pictures.EXTRA: ([pictures.LIBRARY], [errors.option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARIES, [f"{errors.option('engine')} warp"]),
     }

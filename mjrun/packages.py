@@ -80,7 +80,7 @@ def require(use: str, extra: str, *modules: str) -> dict[str, str]:
     """
     packages = [PACKAGES.get(module, module.replace("_", "-")) for module in modules]
     for module, package in zip(modules, packages, strict=True):
-        if importlib.util.find_spec(module) is None:
+        if not _is_installed(module):
             raise MissingExtraError(use, package, extra)
     versions = {package: installed_version(package) for package in packages}
     for error in wrong_versions(versions):
@@ -152,6 +152,13 @@ def cause_of(error: BaseException) -> MjrunError | None:
         if place == [each.module]:  # it raised the error as it was imported
             return DamagedPackageError(each.package, installed_version(each.package), str(error))
     return None
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:  # the package that contains it
+        return False
 
 
 def _requiring(needed: PackageRequirement) -> dict[str, str]:

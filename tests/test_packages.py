@@ -66,6 +66,8 @@ def test_a_library_is_required_in_a_version_that_works(monkeypatch: pytest.Monke
         MissingExtraError, match=r"^a fit needs not-here, which is not installed\npip install 'mjrun\[fit\]'$"
     ):
         require("a fit", "fit", "scipy", "not_here")
+    with pytest.raises(MissingExtraError, match=r"a fit needs not-here\.part"):
+        require("a fit", "fit", "not_here.part")
     installed = metadata.version("scikit-image")
     with pytest.raises(WrongVersionError) as error:
         require_all({"diff": (("skimage",), "a comparison")})

@@ -2,3 +2,6 @@
 
 `writer` writes the file, `foxglove` the messages that viewers know, and `numeric` messages of measured values.
 """
+
+EXTRA = "mcap"
+LIBRARIES = ("mcap", "foxglove_schemas_protobuf", "google.protobuf")
