@@ -22,6 +22,8 @@ NEEDED = (
     "mjrun/SKILL.md",
     "mjrun/scenes/dominos.xml",
     "mjrun/rendering/fonts/OFL.txt",
+    "mjrun/plotting/replay/viewer.js",
+    "mjrun/plotting/replay/LICENSE-three",
 )
 UNWANTED = ("tests/", ".github/", "out/", "benchmarks/")
 

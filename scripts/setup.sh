@@ -1,6 +1,6 @@
 #!/bin/sh
 # Set up what is missing: .venv with mjrun and its tools, software OpenGL where nothing can draw, Xvfb for the
-# tests of windows, and software Vulkan for the second renderer, which all but its tests can do without.
+# tests of windows, a browser for those of replays, and software Vulkan for the second renderer, which all but its tests can do without.
 #   scripts/setup.sh          all of it
 #   scripts/setup.sh python   only .venv
 # PYTHON=python3.12 chooses the Python. What is set up already costs nothing.
@@ -10,6 +10,8 @@ cd -- "$(dirname -- "$0")/.."
 
 GL_PACKAGES='libegl1 libopengl0 libegl-mesa0 libgl1-mesa-dri'
 DISPLAY_PACKAGES='xvfb libgl1 libglx-mesa0' # for the tests of windows
+BROWSER_PACKAGES='chromium-headless-shell' # for the tests of replays
+BROWSERS="$BROWSER_PACKAGES chromium chromium-browser google-chrome google-chrome-stable" # those of tests/browser.py
 VULKAN_PACKAGES='mesa-vulkan-drivers libvulkan1'
 STAMP=.venv/mjrun-setup        # what .venv was set up from, or "unfinished"
 CAN_DRAW=.venv/mjrun-can-draw  # exists once mjrun doctor has found a renderer
@@ -183,8 +185,19 @@ set_up_display() {
   apt_install "the tests of mjrun view need a display without a screen (Xvfb)" $DISPLAY_PACKAGES
 }
 
+# --- a browser for the tests of replays
+
+set_up_browser() {
+  for browser in $BROWSERS; do
+    command -v "$browser" >/dev/null && return
+  done
+  # shellcheck disable=SC2086
+  apt_install "the tests of replays need a browser without a screen" $BROWSER_PACKAGES
+}
+
 what=${1:-all}
 case $what in all | python) ;; *) die "usage: scripts/setup.sh [python]" ;; esac
 up_to_date || set_up_python
 [ "$what" = python ] || [ -e "$CAN_DRAW" ] || set_up_drawing
 [ "$what" = python ] || set_up_display
+[ "$what" = python ] || set_up_browser

@@ -80,6 +80,12 @@ def test_the_font_of_captions_is_in_the_wheel_with_its_licence(installed: Path) 
     assert run(installed, "-c", code).split(maxsplit=1) == [str(fonts / "Inter.ttf"), "θ̇ ≤ 90°\n"]
 
 
+def test_the_viewer_of_replays_is_in_the_wheel_with_the_licence_of_three(installed: Path) -> None:
+    (licences,) = installed.glob("mjrun-*.dist-info/licenses")
+    licence = (licences / "mjrun/plotting/replay/LICENSE-three").read_text("utf-8")
+    assert licence.strip() in (installed / "mjrun/plotting/replay/viewer.js").read_text("utf-8")
+
+
 def test_a_source_distribution_makes_the_same_wheel(tmp_path: Path, installed: Path) -> None:
     with tarfile.open(built("build_sdist", ROOT, tmp_path)) as archive:
         archive.extractall(tmp_path, filter="data")

@@ -1,0 +1,170 @@
+"""A page that replays a simulation in 3D: one file that opens from disk, without network access.
+
+The page holds three files as base64 of gzip: the viewer, whose source is in scripts/replay; the scene, a GLB; and data
+that accompanies it, JSON followed by the arrays that it refers to. A content security policy permits only the scripts
+and the style of the page, by their hashes, and no request.
+"""
+
+import base64
+import gzip
+import hashlib
+import json
+import struct
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import clean
+from mjrun.palette import ON_DARK, ON_LIGHT, Colour
+from mjrun.plotting.markup import Markup, element
+
+VIEWER = Path(__file__).with_name("replay")
+_LEVEL = 6
+_ALIGNMENT = 8  # bytes
+_DTYPES = {"f4": np.float32, "f8": np.float64, "u4": np.uint32}
+
+
+@dataclass(frozen=True)
+class ReplayCurve:
+    """A curve: its name, unit and values."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class ReplayPanel:
+    """Curves over the same axis."""
+
+    title: str
+    unit: str
+    curves: Sequence[ReplayCurve]
+
+
+@dataclass(frozen=True)
+class ReplayContacts:
+    """Contacts at the frames.
+
+    Attributes:
+      counts: number of contacts at each frame.
+      values: position [m], normal and force [N] of each contact, in the axes of the world `(n, 9)`.
+    """
+
+    counts: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class ReplayMark:
+    """A mark on the time line: an `event`, or an assertion that did `pass` or `fail`."""
+
+    time: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A replay.
+
+    Attributes:
+      title, subtitle: text of its header.
+      maker: the program, with its version.
+      times: simulated times of the frames [s].
+      panels: curves.
+      curve_times: simulated times of the values of all curves [s]; None for those of the frames.
+      marks: events and assertions.
+      contacts: contacts; None if they were not recorded.
+      facts: names and values for the reader.
+    """
+
+    title: str
+    subtitle: str
+    maker: str
+    times: np.ndarray
+    panels: Sequence[ReplayPanel] = ()
+    curve_times: np.ndarray | None = None
+    marks: Sequence[ReplayMark] = ()
+    contacts: ReplayContacts | None = None
+    facts: Sequence[tuple[str, str]] = ()
+
+
+def replay_page(replay: Replay, glb: bytes) -> bytes:
+    """Returns the page of a replay, whose frames are those of the animation of `glb`."""
+    viewer, boot, style = ((VIEWER / name).read_text("utf-8") for name in ("viewer.js", "boot.js", "viewer.css"))
+    policy = (
+        f"default-src 'none'; script-src {_hash(boot)} {_hash(viewer)}; style-src {_hash(style)}; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("meta", http_equiv="Content-Security-Policy", content=policy),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1, viewport-fit=cover"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("meta", name="generator", content=replay.maker),
+        element("title", replay.title),
+        element("style", Markup(style)),
+    )
+    body = element(
+        "body",
+        element("p", "Loading …", id="status"),
+        element("noscript", element("p", "This replay needs JavaScript.")),
+        _embedded("viewer", viewer.encode()),
+        _embedded("scene", glb),
+        _embedded("data", _data(replay)),
+        element("script", Markup(boot)),
+    )
+    return f"<!doctype html>\n{element('html', head, body, lang='en')}\n".encode()
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _embedded(name: str, content: bytes) -> Markup:
+    text = base64.b64encode(gzip.compress(content, _LEVEL, mtime=0)).decode()
+    return element("script", Markup(text), id=name, type="application/gzip")
+
+
+def _data(replay: Replay) -> bytes:
+    """Returns the length of JSON, the JSON, and arrays aligned to 8 bytes."""
+    blocks: list[bytes] = []
+
+    def placed(values: np.ndarray, dtype: str) -> dict[str, object]:
+        block = np.ascontiguousarray(values, np.dtype(_DTYPES[dtype]).newbyteorder("<")).tobytes()
+        offset = sum(map(len, blocks))
+        blocks.append(block + bytes(-len(block) % _ALIGNMENT))
+        return {"dtype": dtype, "offset": offset, "length": int(values.size)}
+
+    contacts = replay.contacts
+    content: dict[str, object] = {
+        "title": clean(replay.title),
+        "subtitle": clean(replay.subtitle),
+        "times": placed(replay.times, "f8"),
+        "curveTimes": placed(replay.times if replay.curve_times is None else replay.curve_times, "f8"),
+        "panels": [
+            {
+                "title": clean(panel.title),
+                "unit": clean(panel.unit),
+                "curves": [
+                    {"name": clean(curve.name), "unit": clean(curve.unit), "values": placed(curve.values, "f4")}
+                    for curve in panel.curves
+                ],
+            }
+            for panel in replay.panels
+        ],
+        "marks": [{"time": mark.time, "kind": mark.kind, "text": clean(mark.text)} for mark in replay.marks],
+        "contacts": contacts and {"counts": placed(contacts.counts, "u4"), "values": placed(contacts.values, "f4")},
+        "facts": [[clean(name), clean(value)] for name, value in replay.facts],
+        "colors": {"light": _css_colours(ON_LIGHT), "dark": _css_colours(ON_DARK)},
+    }
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
+    return b"".join([struct.pack("<I", len(text)), text, bytes(-(len(text) + 4) % _ALIGNMENT), *blocks])
+
+
+def _css_colours(colours: Iterable[Colour]) -> list[str]:
+    return ["#" + "".join(f"{part:02x}" for part in colour) for colour in colours]
