@@ -34,6 +34,8 @@ _HOMES = {
     "DiffResult": "mjrun.diff.result",
     "Evaluation": "mjrun.evaluation.evaluation",
     "EvaluationResult": "mjrun.evaluation.evaluation",
+    "Export": "mjrun.outputs.export",
+    "ExportResult": "mjrun.outputs.export",
     "Figure": "mjrun.plotting.table",
     "Fit": "mjrun.fitting.fit",
     "FitResult": "mjrun.fitting.result",

@@ -29,6 +29,8 @@ from mjrun.model.source import Source
 from mjrun.model.sources import ModelLike
 from mjrun.model.sources import load as load
 from mjrun.options.push import Push
+from mjrun.outputs.export import Export as _Export
+from mjrun.outputs.export import ExportResult as ExportResult
 from mjrun.outputs.image import Image as _Image
 from mjrun.outputs.image import ImageResult as ImageResult
 from mjrun.outputs.keyframe import Keyframe as _Keyframe
@@ -87,6 +89,8 @@ __all__ = [
     "DiffResult",
     "Evaluation",
     "EvaluationResult",
+    "Export",
+    "ExportResult",
     "Figure",
     "Fit",
     "FitResult",
@@ -635,6 +639,102 @@ class Evaluation(_Evaluation):
         rewritten: Callable[[Mapping[str, str]], Source] | None = ...,
     ) -> None: ...
 
+class Export(_Export):
+    """An export of a simulation: its options are keywords.
+
+    Options:
+      output: .glb (binary glTF with scene and motion).
+      format: File format. [default: the output's suffix]
+      fps: Frames per second of the export [Hz], such as 60 or 30000/1001. [default: 30]
+      speed: Simulated seconds per second of playback; 0.25 is slow motion. [default: 1]
+      keep_partial: If the simulation becomes unstable, keep the frames from before.
+      plot: Curves of measured values beside the scene, in formats that show curves: energy,
+        qpos[left_*]. Each use adds a plot.
+      probe: Values to export with the scene, in formats that hold measured values: qpos, energy,
+        xpos[hand], … as in a trace. [default: those of a trace, in formats that hold measured values]
+      rate: Rows of measured values per simulated second [Hz], at most one per step. [default: one row
+        per frame]
+      jobs: Number of processes that render images, in formats that hold them. [default: 'auto']
+      camera: Camera to add to those of the model: one of auto, free, orbit, track, look with settings
+        after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
+        orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
+        a camera script, camera.yaml, with a sequence of shots. [default: auto, in formats without
+        images]
+      size: Width and height of images [pixels]; their ratio is that of cameras. [default: (1280, 720)]
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
+        that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
+        [default: ('auto',)]
+      geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
+        collision, both. [default: visual where both have about the same place]
+      show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
+        joint, …
+      hide: Visual flags to switch off: shadow, skybox, texture, …
+      geomgroup: Groups of geoms to show: 0,1,2, all or none.
+      sitegroup: Groups of sites to show.
+      jointgroup: Groups of joints to show.
+      tendongroup: Groups of tendons to show.
+      actuatorgroup: Groups of actuators to show.
+      flexgroup: Groups of flexes to show.
+      skingroup: Groups of skins to show.
+      frame_axes: Objects whose axes are shown: body, geom, site, camera, light, contact or world.
+        [default: 'none']
+      label: Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …
+        [default: 'none']
+      trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
+        is higher.
+      trail_span: Duration of the motion that a trail shows [s]. [default: all]
+      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
+        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
+        trace=FILE, with map=FILE or map.
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      manifest: JSON file that records how the output was made: versions, command, model, options, wall
+        times and hashes.
+    """
+    def __init__(
+        self,
+        simulation: _Simulation,
+        output: str | PathLike[str],
+        *,
+        manifest: str | PathLike[str] | None = ...,
+        command: str = ...,
+        gl: str | None = ...,
+        require_gpu: bool = ...,
+        quality: Literal["draft", "model", "high"] = ...,
+        renderer: Literal["classic", "filament"] = ...,
+        size: Sequence[int] = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+        stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
+        | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
+        geoms: Literal["visual", "collision", "both"] | None = ...,
+        show: str | Sequence[str] = ...,
+        hide: str | Sequence[str] = ...,
+        geomgroup: Sequence[int] | str | None = ...,
+        sitegroup: Sequence[int] | str | None = ...,
+        jointgroup: Sequence[int] | str | None = ...,
+        tendongroup: Sequence[int] | str | None = ...,
+        actuatorgroup: Sequence[int] | str | None = ...,
+        flexgroup: Sequence[int] | str | None = ...,
+        skingroup: Sequence[int] | str | None = ...,
+        frame_axes: str = ...,
+        label: str = ...,
+        trail: str | Sequence[str] = ...,
+        trail_span: float | str | Fraction | None = ...,
+        ghost: str | Sequence[str] = ...,
+        format: str | None = ...,
+        fps: float | str | Fraction = ...,
+        speed: float | str | Fraction = ...,
+        keep_partial: bool = ...,
+        plot: str | Sequence[str] = ...,
+        probe: str | Sequence[str] = ...,
+        rate: float | str | Fraction | None = ...,
+        jobs: int | Literal["auto"] = ...,
+    ) -> None: ...
+
 class Fit(_Fit):
     """A fit of parameters of the model of `simulation` to measurements. Its options are keywords.
 
@@ -730,15 +830,6 @@ class Image(_Image):
         settings after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
         orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
         a camera script, camera.yaml, with a sequence of shots. [default: ('auto',)]
-      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
-      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
-      separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
-      captions: Label each view with its camera and its kind.
-      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
-        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
-      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
-      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
-        [default: 'object']
       stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
         that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
         [default: ('auto',)]
@@ -764,6 +855,21 @@ class Image(_Image):
       ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
         key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
         trace=FILE, with map=FILE or map.
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
+      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
+      separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
+      captions: Label each view with its camera and its kind.
+      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
+        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
+      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
+      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
+        [default: 'object']
       text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
         trace as in '{qpos/knee:.1f}'.
       text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
@@ -772,12 +878,6 @@ class Image(_Image):
         time [s], in OpenCV axes.
       calibration_format: Format of the calibration file. One of mjrun, nerfstudio, bop, ros. [default:
         'mjrun']
-      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
-        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
-      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
-        which requires Vulkan. One of classic, filament. [default: 'classic']
-      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
-      require_gpu: Fail instead of rendering in software.
       manifest: JSON file that records how the output was made: versions, command, model, options, wall
         times and hashes.
     """
@@ -788,12 +888,6 @@ class Image(_Image):
         *,
         manifest: str | PathLike[str] | None = ...,
         command: str = ...,
-        gl: str | None = ...,
-        require_gpu: bool = ...,
-        quality: Literal["draft", "model", "high"] = ...,
-        renderer: Literal["classic", "filament"] = ...,
-        size: Sequence[int] = ...,
-        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         view: Literal["rgb", "depth", "seg"] | Sequence[Literal["rgb", "depth", "seg"]] = ...,
         layout: Literal["row", "column", "grid"] = ...,
         separate: bool = ...,
@@ -801,6 +895,16 @@ class Image(_Image):
         style: Literal["color", "exact"] | None = ...,
         depth_range: Sequence[float] | None = ...,
         seg_by: str = ...,
+        text: str | None = ...,
+        text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
+        calibration: str | PathLike[str] | None = ...,
+        calibration_format: Literal["mjrun", "nerfstudio", "bop", "ros"] = ...,
+        gl: str | None = ...,
+        require_gpu: bool = ...,
+        quality: Literal["draft", "model", "high"] = ...,
+        renderer: Literal["classic", "filament"] = ...,
+        size: Sequence[int] = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
         | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
         geoms: Literal["visual", "collision", "both"] | None = ...,
@@ -818,10 +922,6 @@ class Image(_Image):
         trail: str | Sequence[str] = ...,
         trail_span: float | str | Fraction | None = ...,
         ghost: str | Sequence[str] = ...,
-        text: str | None = ...,
-        text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
-        calibration: str | PathLike[str] | None = ...,
-        calibration_format: Literal["mjrun", "nerfstudio", "bop", "ros"] = ...,
         time: float | str | Fraction | Event | None = ...,
         step: int | None = ...,
         format: str | None = ...,
@@ -1376,15 +1476,6 @@ class Video(_Video):
         settings after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
         orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
         a camera script, camera.yaml, with a sequence of shots. [default: ('auto',)]
-      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
-      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
-      separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
-      captions: Label each view with its camera and its kind.
-      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
-        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
-      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
-      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
-        [default: 'object']
       stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
         that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
         [default: ('auto',)]
@@ -1410,6 +1501,21 @@ class Video(_Video):
       ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
         key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
         trace=FILE, with map=FILE or map.
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
+      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
+      separate: Write each view to a separate file, named NAME-CAMERA-VIEW.
+      captions: Label each view with its camera and its kind.
+      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
+        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
+      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
+      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
+        [default: 'object']
       text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
         trace as in '{qpos/knee:.1f}'.
       text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
@@ -1418,12 +1524,6 @@ class Video(_Video):
         time [s], in OpenCV axes.
       calibration_format: Format of the calibration file. One of mjrun, nerfstudio, bop, ros. [default:
         'mjrun']
-      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
-        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
-      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
-        which requires Vulkan. One of classic, filament. [default: 'classic']
-      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
-      require_gpu: Fail instead of rendering in software.
       manifest: JSON file that records how the output was made: versions, command, model, options, wall
         times and hashes.
     """
@@ -1434,12 +1534,6 @@ class Video(_Video):
         *,
         manifest: str | PathLike[str] | None = ...,
         command: str = ...,
-        gl: str | None = ...,
-        require_gpu: bool = ...,
-        quality: Literal["draft", "model", "high"] = ...,
-        renderer: Literal["classic", "filament"] = ...,
-        size: Sequence[int] = ...,
-        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         view: Literal["rgb", "depth", "seg"] | Sequence[Literal["rgb", "depth", "seg"]] = ...,
         layout: Literal["row", "column", "grid"] = ...,
         separate: bool = ...,
@@ -1447,6 +1541,16 @@ class Video(_Video):
         style: Literal["color", "exact"] | None = ...,
         depth_range: Sequence[float] | None = ...,
         seg_by: str = ...,
+        text: str | None = ...,
+        text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
+        calibration: str | PathLike[str] | None = ...,
+        calibration_format: Literal["mjrun", "nerfstudio", "bop", "ros"] = ...,
+        gl: str | None = ...,
+        require_gpu: bool = ...,
+        quality: Literal["draft", "model", "high"] = ...,
+        renderer: Literal["classic", "filament"] = ...,
+        size: Sequence[int] = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
         stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
         | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
         geoms: Literal["visual", "collision", "both"] | None = ...,
@@ -1464,10 +1568,6 @@ class Video(_Video):
         trail: str | Sequence[str] = ...,
         trail_span: float | str | Fraction | None = ...,
         ghost: str | Sequence[str] = ...,
-        text: str | None = ...,
-        text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
-        calibration: str | PathLike[str] | None = ...,
-        calibration_format: Literal["mjrun", "nerfstudio", "bop", "ros"] = ...,
         fps: float | str | Fraction | None = ...,
         speed: float | str | Fraction = ...,
         format: str | None = ...,
@@ -1826,12 +1926,6 @@ def frames(
     jobs: int | Literal["auto"] = ...,
     size: Sequence[int] = ...,
     camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
-    view: Literal["rgb", "depth", "seg"] | Sequence[Literal["rgb", "depth", "seg"]] = ...,
-    layout: Literal["row", "column", "grid"] = ...,
-    captions: bool = ...,
-    style: Literal["color", "exact"] | None = ...,
-    depth_range: Sequence[float] | None = ...,
-    seg_by: str = ...,
     stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
     | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
     geoms: Literal["visual", "collision", "both"] | None = ...,
@@ -1849,12 +1943,18 @@ def frames(
     trail: str | Sequence[str] = ...,
     trail_span: float | str | Fraction | None = ...,
     ghost: str | Sequence[str] = ...,
-    text: str | None = ...,
-    text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
     quality: Literal["draft", "model", "high"] = ...,
     renderer: Literal["classic", "filament"] = ...,
     gl: str | None = ...,
     require_gpu: bool = ...,
+    view: Literal["rgb", "depth", "seg"] | Sequence[Literal["rgb", "depth", "seg"]] = ...,
+    layout: Literal["row", "column", "grid"] = ...,
+    captions: bool = ...,
+    style: Literal["color", "exact"] | None = ...,
+    depth_range: Sequence[float] | None = ...,
+    seg_by: str = ...,
+    text: str | None = ...,
+    text_corner: Literal["top-left", "top", "top-right", "bottom-left", "bottom", "bottom-right"] | None = ...,
 ) -> Iterator[np.ndarray]:
     """Simulates a model, and yields the frames of the video that `mjrun video` makes, with the same pixels.
 
@@ -1943,14 +2043,6 @@ def frames(
         settings after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
         orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
         a camera script, camera.yaml, with a sequence of shots. [default: ('auto',)]
-      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
-      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
-      captions: Label each view with its camera and its kind.
-      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
-        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
-      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
-      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
-        [default: 'object']
       stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
         that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
         [default: ('auto',)]
@@ -1976,16 +2068,24 @@ def frames(
       ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
         key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
         trace=FILE, with map=FILE or map.
-      text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
-        trace as in '{qpos/knee:.1f}'.
-      text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
-        bottom-right. [default: top-left; bottom-right with captions]
       quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
         model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
       renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
         which requires Vulkan. One of classic, filament. [default: 'classic']
       gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
       require_gpu: Fail instead of rendering in software.
+      view: Kind of image: colour, depth [m] or segmentation. [default: ('rgb',)]
+      layout: Arrangement of several views in one frame. One of row, column, grid. [default: 'row']
+      captions: Label each view with its camera and its kind.
+      style: Pixel values of depth and segmentation: color writes colours for viewing; exact writes
+        16-bit millimetres or ids. One of color, exact. [default: chosen by the file format]
+      depth_range: Depths [m] shown in the first and the last colour. [default: the visible range]
+      seg_by: Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.
+        [default: 'object']
+      text: Text on the frame, with values in braces: '{time:.2f} s', '{speed}x', or any column of a
+        trace as in '{qpos/knee:.1f}'.
+      text_corner: Position of the text. One of top-left, top, top-right, bottom-left, bottom,
+        bottom-right. [default: top-left; bottom-right with captions]
     """
 
 def sweep(

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pkgutil import resolve_name
 
-from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Choice, Optional
 from mjrun.options.option import FrontEnd, Option, Options, options_of
+from mjrun.outputs.format_lists import with_formats
 
 WIDTH = 100  # characters
 # Options of a video that concern its file, which functions in memory lack.

@@ -53,7 +53,19 @@ CONTENTS = {
         *("continuous-integration", "performance"),
     ),
     "Guides": (
-        *("videos", "cameras", "images", "datasets", "view", "traces", "plots", "controls", "replay", "documents"),
+        *(
+            "videos",
+            "cameras",
+            "images",
+            "datasets",
+            "view",
+            "traces",
+            "plots",
+            "controls",
+            "replay",
+            "exports",
+            "documents",
+        ),
         *("studies", "fitting", "policies", "evaluation", "gymnasium", "model-sources", "checking", "diff"),
         *("benchmarks", "scripting", "python"),
     ),
@@ -337,7 +349,7 @@ def command_pages() -> dict[str, str]:
 
 def _command_page(name: str, command: click.Command) -> str:
     from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
-    from mjrun.formats.format_lists import with_formats
+    from mjrun.outputs.format_lists import with_formats
 
     context = click.Context(command, info_name=f"mjrun {name}")
     usage = " ".join(command.collect_usage_pieces(context))

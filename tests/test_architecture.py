@@ -29,6 +29,7 @@ HOUSE = (
     ("rendering", "plotting", "diff", "policy"),
     ("task",),
     ("physics", "probe", "camera", "formats"),
+    ("scene_graph",),
     ("worker",),
     ("model",),
     ("options", "child_process"),
@@ -90,12 +91,14 @@ LIBRARIES = {
     "mujoco": (
         *("cli", "gym", "in_memory", "doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
         *("experiment", "outputs", "simulation"),
-        *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats", "model"),
+        *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats"),
+        *("scene_graph", "model"),
     ),
     "numpy": (
         *("cli", "gym", "in_memory", "doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
         *("experiment", "outputs", "simulation"),
-        *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats", "model"),
+        *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats"),
+        *("scene_graph", "model"),
     ),
 }
 

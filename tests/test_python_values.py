@@ -19,6 +19,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "Check": (["scene:pendulum"],),
     "Diff": ("a.csv", "b.csv"),
     "Evaluation": (mjrun.read_task("scene:car_drive"), "folder"),
+    "Export": (PENDULUM, "a.glb"),
     "Fit": (PENDULUM,),
     "Image": (PENDULUM, "a.png"),
     "Keyframe": (PENDULUM, "a.xml"),

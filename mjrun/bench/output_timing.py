@@ -146,7 +146,7 @@ def timed_frames(
       UsageError: the size is not supported.
     """
     check_drawing(drawing, model, backend)
-    watch, (motion,) = Stopwatch(clock), camera_motions(drawing, model)
+    watch, (motion,) = Stopwatch(clock), camera_motions(drawing.camera, drawing.size, model)
     (stream,) = (file.stream(drawing, Overlay()) for file in panel_files(drawing, "drawing"))
     compositor = scene_compositor(drawing, model, backend, [stream], [(motion.pose(state),) for state in states])
     compositor.renderer = partial(TIMED[drawing.renderer], watch=watch)

@@ -354,7 +354,7 @@ def flags(declared: Option) -> list[str]:
 
 
 def _help(declared: Option) -> str:
-    from mjrun.formats.format_lists import with_formats
+    from mjrun.outputs.format_lists import with_formats
 
     default = shown_default(declared)
     note = f"[default: {default}]" if default else ""

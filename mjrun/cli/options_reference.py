@@ -7,7 +7,6 @@ from typing import NamedTuple
 from mjrun.cli.click_command import DeclaredOption, flags, is_repeatable, shown_default
 from mjrun.cli.main import COMMANDS, load_command
 from mjrun.dataclass import dataclass
-from mjrun.formats.format_lists import with_formats
 from mjrun.options.kinds import Flag
 from mjrun.options.option import FrontEnd, Option, options_of
 from mjrun.options.output import KeyframeOptions
@@ -16,6 +15,7 @@ from mjrun.options.plot import PlotOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.task import PARTS, TaskOptions
 from mjrun.options.trace import RecordingOptions
+from mjrun.outputs.format_lists import with_formats
 from mjrun.probe.expression import MEANINGS
 
 SIMULATION_SECTIONS = ("Simulation", "Policy", "Model")  # the rest of a command that simulates is about its output

@@ -7,6 +7,7 @@ from mjrun.errors import clean, counted
 
 if TYPE_CHECKING:
     from mjrun.diff.result import DiffResult
+    from mjrun.outputs.export import ExportResult
     from mjrun.outputs.image import ImageResult
     from mjrun.outputs.keyframe import KeyframeResult
     from mjrun.outputs.output import OutputResult
@@ -91,6 +92,13 @@ def keyframe(result: "KeyframeResult") -> str:
     return f"{clean(result.path)}: keyframe {clean(result.name)} of step {result.step}, {result.time:.6g} s"
 
 
+def export(result: "ExportResult") -> str:
+    frames = counted(result.frames, "frame")
+    length = f"{frames}, {result.duration:.4g} s at {_figure(result.fps, 4)} fps"
+    size = f", {result.size / 1e6:.3g} MB" if result.size else ""
+    return f"{clean(result.path)}: {result.format}, {length}{size}; made in {result.wall:.1f} s"
+
+
 SUMMARIES: "dict[str, Callable[[Any], str]]" = {
     "VideoResult": video,
     "ImageResult": image,
@@ -99,6 +107,7 @@ SUMMARIES: "dict[str, Callable[[Any], str]]" = {
     "TablePlotResult": table_plot,
     "RecordingResult": recording,
     "KeyframeResult": keyframe,
+    "ExportResult": export,
 }
 
 

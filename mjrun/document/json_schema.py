@@ -18,11 +18,11 @@ from mjrun.document.task import TASK
 from mjrun.document.value_forms import CAMERA, DocumentReader
 from mjrun.document.vars_and_defaults import DEFAULTS, VARS
 from mjrun.errors import CommandFailure, UnknownNameError
-from mjrun.formats.format_lists import with_formats
 from mjrun.model.description.model_description import SECTION_TYPES, ModelDescription
 from mjrun.model.info import InfoResult
 from mjrun.options.schema_validation import ANNOTATIONS, Schema
 from mjrun.options.structured_kinds import OptionsMapping
+from mjrun.outputs.format_lists import with_formats
 from mjrun.outputs.run_report import RESULTS, RunResult
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -38,7 +38,7 @@ class DocumentKind:
     keys: frozenset[str]
 
 
-RUN = ("videos", "images", "traces", "plots", "recordings", "keyframes")
+RUN = ("videos", "images", "traces", "plots", "recordings", "keyframes", "exports")
 STUDY = ("vary", "points", "metrics", "samples", "sampler")
 FIT = ("data", "free", "holdout_data", "excite")
 TASK = ("observations", "actions", "rewards", "terminations")

@@ -13,6 +13,7 @@ traces:
   - {output: run.csv, probe: [qpos, energy], rate: 100, assert: max(abs(energy/drift)) < 1e-3}
 plots:
   - {output: energy.png, probe: energy}
+exports: [dominos.glb]
 html: dominos.html
 ```
 """
@@ -41,6 +42,7 @@ from mjrun.document.tree import (
 )
 from mjrun.document.value_forms import DocumentReader
 from mjrun.errors import FaultyJobsError, UsageError
+from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.kinds import File, ReadingContext
 from mjrun.options.option import Options, document_key, options
@@ -64,6 +66,7 @@ OUTPUTS: dict[str, type[OutputOptions]] = {
     "plots": PlotOptions,
     "recordings": RecordingOptions,
     "keyframes": KeyframeOptions,
+    "exports": ExportOptions,
 }
 
 

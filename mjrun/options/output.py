@@ -8,7 +8,7 @@ from mjrun.options.kinds import File, Flag, Optional, Text
 from mjrun.options.number_kinds import ExactNumber, Integer
 from mjrun.options.option import Exclusion, FrontEnd, Options, option, options, required
 
-# Placeholders in help texts, which `mjrun.formats.format_lists` replaces by the available formats.
+# Placeholders in help texts, which `mjrun.outputs.format_lists` replaces by the available formats.
 TABLES = "{table formats}"
 VIDEOS = "{video formats}"
 CODECS = "{codecs}"
@@ -16,6 +16,7 @@ RGB_IMAGES = "{rgb image formats}"
 DEPTH_IMAGES = "{depth image formats}"
 SEGMENTATION_IMAGES = "{segmentation image formats}"
 PLOTS = "{plot formats}"
+EXPORTS = "{export formats}"
 
 
 @options

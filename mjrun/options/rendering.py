@@ -71,8 +71,8 @@ class RendererOptions(BackendOptions):
 
 
 @options
-class ViewOptions(RendererOptions):
-    """Cameras, views, visible objects and additions to the image."""
+class SceneOptions(RendererOptions):
+    """Cameras, visible objects, and additions to the scene."""
 
     section: ClassVar[str] = "View"
     exclusions: ClassVar[tuple[Exclusion, ...]] = (Exclusion(("geoms", "geomgroup"), "both choose the geoms to show"),)
@@ -83,32 +83,6 @@ class ViewOptions(RendererOptions):
         default="auto",
         help=f"Camera of the model, by name or index; or one of {', '.join(RIGS)} with settings after a colon: "
         f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots.",
-    )
-    view: tuple[str, ...] = option(
-        converter=Several(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."
-    )
-    layout: str = option(converter=Choice(LAYOUTS), default="row", help="Arrangement of several views in one frame.")
-    separate: bool = option(
-        converter=Flag(), default=False, help="Write each view to a separate file, named NAME-CAMERA-VIEW."
-    )
-    captions: bool = option(converter=Flag(), default=False, help="Label each view with its camera and its kind.")
-    style: str | None = option(
-        converter=Optional(Choice(STYLES)),
-        default=None,
-        usual="chosen by the file format",
-        help="Pixel values of depth and segmentation: color writes colours for viewing; exact writes 16-bit "
-        "millimetres or ids.",
-    )
-    depth_range: tuple[float, float] | None = option(
-        converter=Optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
-        default=None,
-        usual="the visible range",
-        help="Depths [m] shown in the first and the last colour.",
-    )
-    seg_by: str = option(
-        converter=MujocoName("KIND", of="segmentation"),
-        default="object",
-        help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
     )
     stage: tuple[str, ...] = option(
         converter=Several(Choice((*STAGE, "camera")), commas=True),
@@ -181,6 +155,40 @@ class ViewOptions(RendererOptions):
         "the motion of a recording, recording=FILE; or that of a table of positions, trace=FILE, with "
         "map=FILE or --map.",
     )
+
+
+@options
+class ImageContentOptions(Options):
+    """Kinds of images, their arrangement, and text on them."""
+
+    section: ClassVar[str] = "View"
+
+    view: tuple[str, ...] = option(
+        converter=Several(Choice(VIEWS)), default="rgb", help="Kind of image: colour, depth [m] or segmentation."
+    )
+    layout: str = option(converter=Choice(LAYOUTS), default="row", help="Arrangement of several views in one frame.")
+    separate: bool = option(
+        converter=Flag(), default=False, help="Write each view to a separate file, named NAME-CAMERA-VIEW."
+    )
+    captions: bool = option(converter=Flag(), default=False, help="Label each view with its camera and its kind.")
+    style: str | None = option(
+        converter=Optional(Choice(STYLES)),
+        default=None,
+        usual="chosen by the file format",
+        help="Pixel values of depth and segmentation: color writes colours for viewing; exact writes 16-bit "
+        "millimetres or ids.",
+    )
+    depth_range: tuple[float, float] | None = option(
+        converter=Optional(Range("NEAR..FAR", "two depths in metres, the nearer first")),
+        default=None,
+        usual="the visible range",
+        help="Depths [m] shown in the first and the last colour.",
+    )
+    seg_by: str = option(
+        converter=MujocoName("KIND", of="segmentation"),
+        default="object",
+        help="Objects that a segmentation distinguishes: object, geom, site, …, body or root-body.",
+    )
     text: str | None = option(
         converter=Optional(Text("TEMPLATE")),
         default=None,
@@ -202,3 +210,10 @@ class ViewOptions(RendererOptions):
     calibration_format: str = option(
         converter=Choice(CALIBRATION_FORMATS), default="mjrun", help="Format of the calibration file."
     )
+
+
+@options
+class ViewOptions(SceneOptions, ImageContentOptions):
+    """Cameras, views, visible objects and additions to the image."""
+
+    section: ClassVar[str] = "View"

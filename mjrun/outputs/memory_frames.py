@@ -49,8 +49,12 @@ class FramesInMemory(DrawnFrames[output.OutputResult]):
 
     def arrays(self) -> Iterator[np.ndarray]:
         """Draws the frames after the simulation."""
+        return (parts[0] for parts in self.parts())
+
+    def parts(self) -> Iterator[list[np.ndarray]]:
+        """Draws the frames after the simulation, and yields the image of each file."""
         for parts in self.drawn(self.compositor()):
-            yield parts[0].copy()
+            yield [part.copy() for part in parts]
 
 
 def drawn_frames(video: VideoInMemory) -> Generator[np.ndarray]:

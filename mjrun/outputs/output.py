@@ -29,7 +29,7 @@ from mjrun.simulation.simulation import Simulation, require_simulation
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
-    from mjrun.options.rendering import ViewOptions
+    from mjrun.options.rendering import RendererOptions
     from mjrun.rendering.backend import Backend, BackendDetection
     from mjrun.rendering.workers import PainterProcesses
 
@@ -83,7 +83,7 @@ class Preview:
     """A description of an output before it is made.
 
     Attributes:
-      kind: `video`, `image`, `trace`, `plot`, `recording` or `keyframe`.
+      kind: `video`, `image`, `trace`, `plot`, `recording`, `keyframe` or `export`.
       path: path of the output.
       count: number of frames, images, rows, samples or states; None if an event decides.
       unit: noun for what is counted.
@@ -117,8 +117,8 @@ class RendererRequest:
     require_gpu: bool
 
     @classmethod
-    def of(cls, options: "ViewOptions") -> "RendererRequest":
-        """Returns the request in view options."""
+    def of(cls, options: "RendererOptions") -> "RendererRequest":
+        """Returns the request in options of a renderer."""
         return cls(options.renderer, None if options.renderer == "filament" else options.gl, options.require_gpu)
 
     def detection(self) -> "BackendDetection":

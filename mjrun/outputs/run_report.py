@@ -11,6 +11,7 @@ from mjrun.formats.manifest import with_fingerprints
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.page import PageOptions
 from mjrun.options.plot import FigureOptions
+from mjrun.outputs.export import ExportResult
 from mjrun.outputs.image import ImageResult
 from mjrun.outputs.keyframe import KeyframeResult
 from mjrun.outputs.output import Job, OutputResult
@@ -35,6 +36,7 @@ RESULTS: dict[str, type[OutputResult]] = {
     "Plot": PlotResult,
     "Recording": RecordingResult,
     "Keyframe": KeyframeResult,
+    "Export": ExportResult,
 }
 
 

@@ -18,7 +18,7 @@ from mjrun.model.override import Override
 from mjrun.model.source import Source
 from mjrun.model.stage import FLOOR, GROUND, LIGHT, SLANT
 from mjrun.model.state import restore, sizes, widened
-from mjrun.options.rendering import ViewOptions
+from mjrun.options.rendering import SceneOptions
 
 TILES = 3.0  # tiles of the floor per extent of the model
 AWAY = 2.0  # distance of the light and reach of its shadows, in extents of the model
@@ -34,19 +34,25 @@ CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 
 
 def drawn_model(
-    options: ViewOptions, model: mujoco.MjModel, source: Source, *, is_measured: bool = False
+    options: SceneOptions,
+    model: mujoco.MjModel,
+    source: Source,
+    cameras: Sequence[object] | None = None,
+    *,
+    is_measured: bool = False,
 ) -> tuple[mujoco.MjModel, str, bool]:
     """Returns the model to draw, a remark about a stage that the user has not requested, and whether it has a camera.
 
     Args:
       source: the source of the model, whose numbers may differ.
+      cameras: the cameras that see it; by default, those in the options.
       is_measured: the images measure what exists, and must not show what the simulation lacks unless requested.
 
     Raises:
       CompiledOverrideError: a stage is requested for a compiled model.
       BrokenModelError: the source has changed.
     """
-    parts, remark = stage_parts(options, model, is_measured=is_measured), ""
+    parts, remark = stage_parts(options, model, cameras, is_measured=is_measured), ""
     staged, has_camera = model, "camera" in parts
     if added := [part for part in parts if part != "camera"]:
         try:
@@ -61,7 +67,13 @@ def drawn_model(
     return drawn, remark, has_camera
 
 
-def stage_parts(options: ViewOptions, model: mujoco.MjModel, *, is_measured: bool = False) -> Sequence[str]:
+def stage_parts(
+    options: SceneOptions,
+    model: mujoco.MjModel,
+    cameras: Sequence[object] | None = None,
+    *,
+    is_measured: bool = False,
+) -> Sequence[str]:
     """Returns the parts of the stage to add: `floor`, `light`, `sky` and `camera`.
 
     `auto` adds what a model without a floor and a sky lacks. It omits the floor from images that measure what exists,
@@ -76,7 +88,9 @@ def stage_parts(options: ViewOptions, model: mujoco.MjModel, *, is_measured: boo
     if planes.sum() > (added >= 0) or np.any(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX):
         return ()
     falls = added < 0 and np.any(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-    is_framed = not is_measured and any(str(camera).partition(":")[0] == "auto" for camera in options.camera)
+    is_framed = not is_measured and any(
+        str(camera).partition(":")[0] == "auto" for camera in (options.camera if cameras is None else cameras)
+    )
     lacks = {"floor": not (is_measured or falls), "light": not model.nlight, "sky": True, "camera": is_framed}
     return [part for part, is_lacking in lacks.items() if is_lacking]
 

@@ -12,7 +12,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, option
 from mjrun.model.mujoco_globals import collected_warnings
 from mjrun.model.names import enum_members, enum_value
-from mjrun.options.rendering import QUALITIES, ViewOptions
+from mjrun.options.rendering import QUALITIES, SceneOptions
 
 ALL = mujoco.mjtCatBit.mjCAT_ALL.value
 GROUPS = {
@@ -96,7 +96,7 @@ class Visual:
                     scene.flags[rendering[name]] = value
 
 
-def visual_of(options: ViewOptions) -> Visual:
+def visual_of(options: SceneOptions) -> Visual:
     """Returns the flags, groups, frames, labels and quality in `options`.
 
     Raises:

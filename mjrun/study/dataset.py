@@ -133,7 +133,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
                 f"{option('vary')} {CAMERA}…: a camera of the model has no settings; give a rig, such as free"
             )
         cameras = [camera_argument(each, camera) if isinstance(each, str) else each for each in self.camera]
-        camera_motions(ViewOptions(camera=cameras, size=self.size), prepared.model)
+        camera_motions(cameras, self.size, prepared.model)
         timeline = prepared.first.timeline(prepared.model)
         if self.simulation.has_end and max(self.times) > timeline.duration:
             late, end = float(max(self.times)), float(timeline.duration)

@@ -216,9 +216,10 @@ def test_all_jobs_are_of_one_and_the_same_simulation_in_the_order_of_the_section
 
 def test_the_example_in_the_module_is_a_document() -> None:
     example = (run.__doc__ or "").split("```yaml")[1].split("```")[0]
-    film, still, trace, plot = jobs(example)
+    film, still, trace, plot, exported = jobs(example)
     assert (film.speed, film.camera) == (Fraction(1, 4), ("top", "orbit:lookat=box,distance=1"))
     assert (still.time.when, trace.rate, plot.probe) == ("contact(domino_6, seesaw)", 100, ("energy",))
+    assert exported.output == "out/dominos.glb"
 
 
 # --- around the document -----------------------------------------------------------------------------
@@ -306,7 +307,7 @@ def test_folders_and_patterns_of_frames_stay_what_they_are() -> None:
 # --- what is wrong -----------------------------------------------------------------------------------
 
 RUN_KEYS = f"keys: {listing([*run.RUN.keys, 'vars', 'defaults'])}"
-NOTHING = "the document has no outputs; add one of videos, images, traces, plots, recordings, keyframes"
+NOTHING = "the document has no outputs; add one of videos, images, traces, plots, recordings, keyframes, exports"
 SIZE = "expected width and height in pixels, as in 1280x720 or [1280, 720]"
 SETTING = "expected a finite number, text, true or false, or a list of finite numbers"
 TAIL = "recordings: [r.npz]\n"

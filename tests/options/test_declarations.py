@@ -16,7 +16,6 @@ from mjrun.bench import warp_timing
 from mjrun.cli.main import COMMANDS, group
 from mjrun.errors import BadValueError, UsageError
 from mjrun.formats.codecs import CODECS
-from mjrun.formats.format_lists import with_formats
 from mjrun.options.bench import BenchOptions, EngineOptions, ReportFormatOptions
 from mjrun.options.check import CheckOptions
 from mjrun.options.confinement import ConfinementOptions
@@ -38,6 +37,7 @@ from mjrun.options.task import ActionOptions, ObservationOptions, TaskOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import PLOT_SIDES, VideoOptions
 from mjrun.options.viewer import ViewerOptions
+from mjrun.outputs.format_lists import with_formats
 from mjrun.rendering.graph import graph_size
 from mjrun.study.executors import ENGINES
 

@@ -1,14 +1,15 @@
 """Options of all outputs, and the placeholders for formats."""
 
-from mjrun.formats.format_lists import LISTS
+from mjrun.options.export import ExportOptions
 from mjrun.options.image import ImageOptions
 from mjrun.options.option import options_of
 from mjrun.options.output import KeyframeOptions, OutputOptions
 from mjrun.options.plot import PlotOptions
 from mjrun.options.trace import RecordingOptions, TraceOptions
 from mjrun.options.video import VideoOptions
+from mjrun.outputs.format_lists import LISTS
 
-OUTPUTS = (VideoOptions, ImageOptions, TraceOptions, PlotOptions, RecordingOptions, KeyframeOptions)
+OUTPUTS = (VideoOptions, ImageOptions, TraceOptions, PlotOptions, RecordingOptions, KeyframeOptions, ExportOptions)
 
 
 def test_every_output_has_a_file_and_a_manifest() -> None:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from mjrun.options.option import is_given, options_of
-from mjrun.options.rendering import ViewOptions
+from mjrun.options.rendering import SceneOptions
 from mjrun.rendering.decorations import Decoration
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -33,7 +33,7 @@ class PlannedDecoration(Protocol):
 
 
 def planned_decorations(
-    options: ViewOptions, model: mujoco.MjModel, simulation: Simulation | None = None
+    options: SceneOptions, model: mujoco.MjModel, simulation: Simulation | None = None
 ) -> list[PlannedDecoration]:
     """Plans the decorations in `options`, in the order in which the options are declared.
 

@@ -13,7 +13,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.formats.recording import RecordingReader, is_recording
 from mjrun.model import state
 from mjrun.model.names import identify
-from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, ViewOptions
+from mjrun.options.rendering import GHOST_MOTIONS, NO_MAP, SceneOptions
 from mjrun.physics.kinematic_motion import KinematicMotion
 from mjrun.physics.recorded_states import require_model, require_timestep, states_at
 from mjrun.rendering.decorations import Ghost
@@ -78,14 +78,14 @@ class PlannedGhosts:
         ]
 
 
-def ghost_files(options: ViewOptions) -> list[tuple[str, str]]:
+def ghost_files(options: SceneOptions) -> list[tuple[str, str]]:
     """Returns the files that the ghosts follow, each with its role."""
     parts = [part.partition("=") for text in options.ghost for part in text.split(",")]
     files = [(name, value) for name, _, value in parts if name in FILES and value]
     return [(FILES[name], value) for name, value in files if not (name == "map" and value == NO_MAP)]
 
 
-def planned(options: ViewOptions, model: mujoco.MjModel, simulation: Simulation) -> PlannedGhosts:
+def planned(options: SceneOptions, model: mujoco.MjModel, simulation: Simulation) -> PlannedGhosts:
     """Resolves the settings of the ghosts, and opens the files that they follow."""
     ghosts: list[GhostPlan] = []
     for index, text in enumerate(options.ghost):

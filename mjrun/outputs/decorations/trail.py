@@ -9,7 +9,7 @@ import numpy as np
 from mjrun.camera.targets import identify_objects
 from mjrun.dataclass import dataclass
 from mjrun.errors import concerning
-from mjrun.options.rendering import ViewOptions
+from mjrun.options.rendering import SceneOptions
 from mjrun.rendering.decorations import LIMIT, Trail, trails
 from mjrun.simulation.simulation import Simulation
 from mjrun.timeline import Timeline
@@ -42,7 +42,7 @@ class PlannedTrails:
         return trails(self.model, self.objects, states, np.array(times), self.span, limit=self.limit)
 
 
-def planned(options: ViewOptions, model: mujoco.MjModel, simulation: Simulation) -> PlannedTrails:
+def planned(options: SceneOptions, model: mujoco.MjModel, simulation: Simulation) -> PlannedTrails:
     """Resolves the objects of the trails."""
     span = None if options.trail_span is None else float(options.trail_span)
     objects: dict[tuple[str, int], None] = {}

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterable
 
 from mjrun.formats import codecs, image_format, tables
-from mjrun.options.output import CODECS, DEPTH_IMAGES, PLOTS, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
+from mjrun.options.output import CODECS, DEPTH_IMAGES, EXPORTS, PLOTS, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
+from mjrun.outputs.exports import export_formats
 
 
 def with_formats(text: str) -> str:
@@ -45,5 +46,6 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     RGB_IMAGES: lambda: _images("rgb"),
     DEPTH_IMAGES: lambda: _images("depth"),
     SEGMENTATION_IMAGES: lambda: _images("seg"),
+    EXPORTS: lambda: [f"{known.suffixes[0]} ({known.description})" for known in export_formats().values()],
     PLOTS: lambda: [*_images("rgb"), *image_format.DRAWINGS],
 }

@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from mjrun.formats import codecs, tables
-from mjrun.formats.format_lists import LISTS, with_formats
 from mjrun.formats.image_format import FORMATS, suffixes
 from mjrun.options.output import CODECS, DEPTH_IMAGES, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
+from mjrun.outputs.format_lists import LISTS, with_formats
 
 
 def test_a_new_table_format_is_listed_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,7 +46,7 @@ def test_other_text_and_other_braces_stay() -> None:
 
 
 def test_listing_formats_loads_no_library() -> None:
-    code = "import sys, json\nfrom mjrun.formats.format_lists import LISTS, with_formats\n"
+    code = "import sys, json\nfrom mjrun.outputs.format_lists import LISTS, with_formats\n"
     code += "[with_formats(each) for each in LISTS]\nprint(json.dumps([*sys.modules]))"
     loaded = json.loads(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
     assert set(loaded).isdisjoint({"numpy", "PIL", "pyarrow", "scipy", "orjson", "mujoco", "imageio_ffmpeg"})

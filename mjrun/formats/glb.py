@@ -1,0 +1,288 @@
+"""Binary glTF files of scenes, with the motion of their nodes.
+
+The format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html. Its y axis points up, so that the node of the
+world is turned; all nodes below have MuJoCo's axes.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from mjrun.errors import UsageError
+from mjrun.formats.image_encoding import ImageData, png
+from mjrun.scene_graph.graph import CameraLens, Light, Material, Mesh, Node, SceneGraph, SceneMotion, Texture
+
+MAGIC, VERSION, JSON, BIN = b"glTF", 2, 0x4E4F534A, 0x004E4942
+FLOAT, UINT16, UINT32 = 5126, 5123, 5125
+VERTICES, INDICES = 34962, 34963  # uses of a buffer
+LIGHTS = "KHR_lights_punctual"
+Z_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # turns z up into y up
+UNITS = {"length": "m", "mass": "kg", "time": "s", "angle": "rad"}
+LARGEST = 2**32 - 1  # bytes of a file
+WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+
+
+def write_glb(
+    file: BinaryIO,
+    graph: SceneGraph,
+    motion: SceneMotion | None = None,
+    facts: Mapping[str, object] | None = None,
+    generator: str = "mjrun",
+) -> None:
+    """Writes a scene, and its motion as one animation.
+
+    Numbers are rounded to float32, by at most 6e-8 of their size.
+
+    Args:
+      facts: additional information about the file, for programs that read it.
+
+    Raises:
+      UsageError: the file would be too large, or frames too close together for float32.
+    """
+    document = _Document(graph, motion)
+    document.json["asset"] = {
+        "version": "2.0",
+        "generator": generator,
+        "extras": {"units": UNITS, **(facts or {})},
+    }
+    text = json.dumps(document.json, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    binary = document.size
+    whole = 12 + 8 + len(text) + ((8 + binary) if binary else 0)
+    if whole > LARGEST:
+        raise UsageError(
+            f"the file would have {whole / 1e9:.1f} GB, and binary glTF is limited to {LARGEST / 1e9:.1f} GB\n"
+            "export fewer frames per second, or a part of the simulation"
+        )
+    file.write(struct.pack("<4sII", MAGIC, VERSION, whole))
+    file.write(struct.pack("<II", len(text), JSON) + text)
+    if binary:
+        file.write(struct.pack("<II", binary, BIN))
+        for content in document.contents():
+            file.write(content)
+
+
+class _Document:
+    """The JSON of a file, and the contents of its buffer in order.
+
+    Attributes:
+      size: bytes of the buffer.
+    """
+
+    def __init__(self, graph: SceneGraph, motion: SceneMotion | None) -> None:
+        self.json: dict[str, Any] = {}
+        self.size = 0
+        self._contents = list[Callable[[], bytes]]()
+        self._indices: dict[tuple[str, object], int] = {}
+        self._primitives: dict[Mesh, dict[str, Any]] = {}
+        children: dict[int, list[int]] = {}
+        for index, node in enumerate(graph.nodes):
+            children.setdefault(node.parent, []).append(index)
+        self.json["nodes"] = [self._node(node, children.get(index, ())) for index, node in enumerate(graph.nodes)]
+        self.json |= {"scene": 0, "scenes": [{"nodes": [0]}]}
+        if motion is not None:
+            self._animate(motion)
+        if LIGHTS in self.json.get("extensions", {}):
+            self.json["extensionsUsed"] = [LIGHTS]
+        if self.size:
+            self.json["buffers"] = [{"byteLength": self.size}]
+
+    def contents(self) -> Iterator[bytes]:
+        """Yields the contents of the buffer, each padded to 4 bytes."""
+        for content in self._contents:
+            part = content()
+            yield part + bytes(-len(part) % 4)
+
+    def _node(self, node: Node, children: Sequence[int]) -> dict[str, Any]:
+        w, x, y, z = node.quaternion
+        written: dict[str, Any] = {"name": node.name}
+        if children:
+            written["children"] = [*children]
+        if node.kind == "world":
+            written["rotation"] = Z_UP
+        else:
+            written |= _unless({"translation": [*node.position]}, [0.0, 0.0, 0.0])
+            written |= _unless({"rotation": [x, y, z, w]}, [0.0, 0.0, 0.0, 1.0])
+            written |= _unless({"scale": [*node.scale]}, [1.0, 1.0, 1.0])
+        if node.mesh is not None:
+            written["mesh"] = self._mesh(node.mesh, node.material)
+        if node.lens is not None:
+            written["camera"] = self._add("cameras", _camera(node.lens, node.name))
+        if node.light is not None:
+            lights = self.json.setdefault("extensions", {}).setdefault(LIGHTS, {"lights": []})["lights"]
+            lights.append(_light(node.light, node.name))
+            written["extensions"] = {LIGHTS: {"light": len(lights) - 1}}
+        extras: dict[str, Any] = {"kind": node.kind, "id": node.id}
+        if node.layer:
+            extras["layer"] = node.layer
+        if not node.visible:
+            extras["visible"] = False
+        written["extras"] = {**extras, **node.facts}
+        return written
+
+    def _mesh(self, mesh: Mesh, material: Material | None) -> int:
+        """Returns the index of a mesh with a material; meshes with several materials share their vertices."""
+
+        def whole() -> dict[str, Any]:
+            if mesh not in self._primitives:
+                self._primitives[mesh] = self._primitive(mesh)
+            number = {} if material is None else {"material": self._material(material)}
+            return {"name": mesh.name, "primitives": [{**self._primitives[mesh], **number}]}
+
+        return self._index("meshes", (mesh, material), whole)
+
+    def _primitive(self, mesh: Mesh) -> dict[str, Any]:
+        vertices = {
+            "POSITION": self._array(mesh.positions, VERTICES, limits=True),
+            "NORMAL": self._array(mesh.normals, VERTICES),
+        }
+        if mesh.uv is not None:
+            vertices["TEXCOORD_0"] = self._array(mesh.uv, VERTICES)
+        index_type = np.uint16 if len(mesh.positions) < 2**16 else np.uint32
+        return {"attributes": vertices, "indices": self._array(mesh.faces.ravel().astype(index_type), INDICES)}
+
+    def _material(self, material: Material) -> int:
+        def whole() -> dict[str, Any]:
+            red, green, blue = (linear(part) for part in material.rgba[:3])
+            alpha = min(max(material.rgba[3], 0.0), 1.0)
+            surface: dict[str, Any] = {
+                "baseColorFactor": [red, green, blue, alpha],
+                "metallicFactor": min(max(material.metallic, 0.0), 1.0),
+                "roughnessFactor": min(max(material.roughness, 0.0), 1.0),
+            }
+            made: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": surface}
+            opaque = alpha >= 1
+            if material.texture is not None:
+                surface["baseColorTexture"] = {"index": self._texture(material.texture)}
+                opaque = opaque and material.texture.pixels.shape[2] == 3
+            if not opaque:
+                made["alphaMode"] = "BLEND"
+            if material.emission > 0:
+                made["emissiveFactor"] = [min(material.emission * part, 1.0) for part in (red, green, blue)]
+                if material.texture is not None:
+                    made["emissiveTexture"] = surface["baseColorTexture"]
+            return made
+
+        return self._index("materials", material, whole)
+
+    def _texture(self, texture: Texture) -> int:
+        def image() -> dict[str, Any]:
+            content = png(ImageData(texture.pixels, 0, None, {}))
+            return {"name": texture.name, "mimeType": "image/png", "bufferView": self._view(content)}
+
+        def whole() -> dict[str, Any]:
+            return {"source": self._index("images", texture, image), "sampler": self._index("samplers", "repeat", dict)}
+
+        return self._index("textures", texture, whole)
+
+    def _animate(self, motion: SceneMotion) -> None:
+        """Adds an animation of everything that moves; all its samplers share the times of the frames."""
+        if not len(motion.times):
+            return
+        times = np.asarray(motion.times, np.float32)
+        if np.any(np.diff(times) <= 0):
+            raise UsageError(
+                f"the frames up to {motion.times[-1]:g} s are too close together for the times of binary glTF"
+            )
+        samplers, channels = list[dict[str, Any]](), list[dict[str, Any]]()
+        start: int | None = None
+        for column, node in enumerate(motion.nodes):
+            parts = {"translation": motion.positions[:, column], "rotation": motion.quaternions[:, column]}
+            for path, values in parts.items():
+                if not np.any(values != values[0]):
+                    continue
+                start = self._array(times, limits=True) if start is None else start
+                content = partial(_float32, values) if path == "translation" else partial(_rotations, values)
+                output = self._accessor(self._later(content, 4 * values.size), len(values), values.shape[1], FLOAT)
+                channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
+                samplers.append({"input": start, "output": output, "interpolation": "LINEAR"})
+        if channels:
+            self.json["animations"] = [{"name": "simulation", "samplers": samplers, "channels": channels}]
+
+    def _array(self, values: np.ndarray, target: int | None = None, limits: bool = False) -> int:
+        """Adds an array; returns the index of its accessor."""
+        kinds = {np.dtype(np.float32): FLOAT, np.dtype(np.uint16): UINT16, np.dtype(np.uint32): UINT32}
+        width = 1 if values.ndim == 1 else values.shape[1]
+        view = self._view(np.ascontiguousarray(values).tobytes(), target)
+        accessor = self._accessor(view, len(values), width, kinds[values.dtype])
+        if limits:
+            low, high = values.min(axis=0), values.max(axis=0)
+            self.json["accessors"][accessor] |= {"min": np.ravel(low).tolist(), "max": np.ravel(high).tolist()}
+        return accessor
+
+    def _accessor(self, view: int, count: int, width: int, component: int) -> int:
+        return self._add(
+            "accessors", {"bufferView": view, "componentType": component, "count": count, "type": WIDTHS[width]}
+        )
+
+    def _view(self, content: bytes, target: int | None = None) -> int:
+        return self._later(lambda: content, len(content), target)
+
+    def _later(self, content: Callable[[], bytes], size: int, target: int | None = None) -> int:
+        """Adds bytes that are made when they are written; returns the index of their part of the buffer."""
+        view = {"buffer": 0, "byteOffset": self.size, "byteLength": size}
+        self._contents.append(content)
+        self.size += size + -size % 4
+        return self._add("bufferViews", view if target is None else {**view, "target": target})
+
+    def _add(self, name: str, value: dict[str, Any]) -> int:
+        values = self.json.setdefault(name, [])
+        values.append(value)
+        return len(values) - 1
+
+    def _index(self, name: str, key: object, make: Callable[[], dict[str, Any]]) -> int:
+        """Returns the index of the object `key` in a list, which is made the first time."""
+        if (name, key) not in self._indices:
+            self._indices[name, key] = self._add(name, make())
+        return self._indices[name, key]
+
+
+def xyzw(quaternions: np.ndarray) -> np.ndarray:
+    """Returns quaternions `(n, 4)` in the order of glTF, of length 1, without jumps to the opposite sign."""
+    turned = quaternions[:, [1, 2, 3, 0]] / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    jumps = np.sum(turned[1:] * turned[:-1], axis=1) < 0
+    signs = np.concatenate([[1.0], np.where(jumps, -1.0, 1.0)]).cumprod()
+    return turned * signs[:, None]
+
+
+def linear(value: float) -> float:
+    """Returns the light of an sRGB value, both from 0 to 1. https://www.w3.org/TR/css-color-4/#color-conversion-code"""
+    value = min(max(value, 0.0), 1.0)
+    return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
+
+
+def _rotations(quaternions: np.ndarray) -> bytes:
+    return _float32(xyzw(quaternions))
+
+
+def _float32(values: np.ndarray) -> bytes:
+    return np.ascontiguousarray(values, np.float32).tobytes()
+
+
+def _unless(written: dict[str, Any], default: Sequence[float]) -> dict[str, Any]:
+    """Returns a property of a node, unless it has its default."""
+    return {name: value for name, value in written.items() if value != default}
+
+
+def _camera(lens: CameraLens, name: str) -> dict[str, Any]:
+    if lens.orthographic:
+        half = lens.fovy / 2
+        shape = {"xmag": half * lens.aspect, "ymag": half, "znear": lens.near, "zfar": lens.far}
+        return {"name": name, "type": "orthographic", "orthographic": shape}
+    shape = {"yfov": lens.fovy, "aspectRatio": lens.aspect, "znear": lens.near, "zfar": lens.far}
+    return {"name": name, "type": "perspective", "perspective": shape}
+
+
+def _light(light: Light, name: str) -> dict[str, Any]:
+    color = [linear(part) for part in light.color]
+    made: dict[str, Any] = {"name": name, "type": light.kind, "color": color, "intensity": light.intensity}
+    if light.range > 0 and light.kind != "directional":
+        made["range"] = light.range
+    if light.kind == "spot":
+        made["spot"] = {"outerConeAngle": min(light.cutoff, math.pi / 2)}
+    return made

@@ -1,0 +1,69 @@
+"""Options of exports."""
+
+from fractions import Fraction
+from typing import ClassVar
+
+from mjrun.options.kinds import Camera, File, Flag, Optional, Several, Text
+from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
+from mjrun.options.option import option, options, required
+from mjrun.options.output import EXPORTS, OutputOptions
+from mjrun.options.rendering import RIGS, SceneOptions
+
+
+@options
+class ExportOptions(SceneOptions, OutputOptions):
+    """An export: a simulation in a format of other programs."""
+
+    section: ClassVar[str] = "Export"
+
+    output: str = required(
+        converter=File(written=True), kw_only=False, short="-o", usual="MODEL.glb", help=f"{EXPORTS}."
+    )
+    format: str | None = option(
+        converter=Optional(Text("NAME")), default=None, usual="the output's suffix", help="File format."
+    )
+    fps: Fraction = option(
+        converter=ExactNumber("FPS"), default=30, help="Frames per second of the export [Hz], such as 60 or 30000/1001."
+    )
+    speed: Fraction = option(
+        converter=ExactNumber("FACTOR"),
+        default=1,
+        help="Simulated seconds per second of playback; 0.25 is slow motion.",
+    )
+    keep_partial: bool = option(
+        converter=Flag(), default=False, help="If the simulation becomes unstable, keep the frames from before."
+    )
+    plot: tuple[str, ...] = option(
+        converter=Several(Text("PROBE,…")),
+        default=(),
+        help="Curves of measured values beside the scene, in formats that show curves: energy, qpos[left_*]. Each use "
+        "adds a plot.",
+    )
+    probe: tuple[str, ...] = option(
+        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        default=(),
+        usual="those of a trace, in formats that hold measured values",
+        help="Values to export with the scene, in formats that hold measured values: qpos, energy, xpos[hand], … as in "
+        "a trace.",
+    )
+    rate: Fraction | None = option(
+        converter=Optional(ExactNumber("HZ")),
+        default=None,
+        usual="one row per frame",
+        help="Rows of measured values per simulated second [Hz], at most one per step.",
+    )
+    jobs: int | str = option(
+        converter=Processes(), default=AUTO, help="Number of processes that render images, in formats that hold them."
+    )
+    camera: tuple[object, ...] = option(
+        converter=Several(Camera()),
+        default=(),
+        usual="auto, in formats without images",
+        help=f"Camera to add to those of the model: one of {', '.join(RIGS)} with settings after a colon: "
+        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots.",
+    )
+    size: tuple[int, int] = option(
+        converter=Size(),
+        default=(1280, 720),
+        help="Width and height of images [pixels]; their ratio is that of cameras.",
+    )

@@ -1,0 +1,356 @@
+"""Export output: the scene of a simulation, with its motion, in a format of other programs."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import mujoco
+import numpy as np
+
+from mjrun.camera.pose import Pose
+from mjrun.camera.script import CameraScript
+from mjrun.dataclass import dataclass
+from mjrun.errors import concerning
+from mjrun.formats.atomic_output import OutputWriter
+from mjrun.formats.destinations import StagedFile, StandardOutput
+from mjrun.model.state import restore, widened
+from mjrun.model.table_column import Column
+from mjrun.options.export import ExportOptions
+from mjrun.options.option import options, options_of
+from mjrun.options.rendering import SceneOptions
+from mjrun.outputs import output
+from mjrun.outputs.exports import ExportFormat, export_format
+from mjrun.outputs.frame_output import (
+    FramePlan,
+    RecordedFrames,
+    SceneJob,
+    ScenePlan,
+    check_scene,
+    plan_frames,
+    plan_scene,
+)
+from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
+from mjrun.outputs.memory_frames import FramesInMemory, VideoInMemory
+from mjrun.outputs.output_files import named_files
+from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, rate_warning
+from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.stepper import instant_of
+from mjrun.probe.select import select, split
+from mjrun.rendering.visual import visual_of
+from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion
+from mjrun.scene_graph.motion import compute_poses, scene_motion
+from mjrun.scene_graph.walk import matrix_quaternion, quaternion_of, scene_graph, vector
+
+
+@options
+class Export(ExportOptions, SceneJob["ExportResult"]):
+    """An export of a simulation: its options are keywords."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_scene(self)
+
+    @property
+    def files(self) -> list[tuple[str, str]]:
+        return named_files(output=None if self.output == "-" else self.output, manifest=self.manifest)
+
+    @property
+    def keeps_partial(self) -> bool:
+        return self.keep_partial
+
+    @cached_property
+    def file_format(self) -> ExportFormat:
+        """The format of the file.
+
+        Raises:
+          UsageError: the format is unknown.
+        """
+        return export_format(self.output, self.format)
+
+    @property
+    def cameras(self) -> Sequence[object]:
+        """The cameras that are added to those of the model."""
+        return self.camera or self.file_format.cameras
+
+    def check(self) -> None:
+        """Checks the format.
+
+        Raises:
+          UsageError: the format is unknown.
+        """
+        _ = self.file_format
+
+    def schedule(
+        self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
+    ) -> FrameSchedule:
+        if scripts:
+            return video_schedule(scripts, context.timeline, self.fps, self.speed, event_steps)
+        steps = context.timeline.frames(self.fps, self.speed)
+        times = [float(k / self.fps) for k in range(len(steps))]
+        return FrameSchedule(steps, times, [float(self.speed)] * len(steps), [], context.timeline)
+
+    def plan(self, context: output.Context) -> "output.Plan[ExportResult]":
+        """Resolves every name in the model and schedules the frames unless events decide."""
+        images = self._images(context) if self.renderer_request else None
+        scene = images.plan.scene if images else plan_scene(self, context, self.cameras)
+        table, steps = self._table(context)
+        count = None if scene.schedule is None else len(scene.schedule.steps)
+        about = f"{self.file_format.name}, {float(self.fps):g} fps"
+        preview = output.Preview("export", self.output, count, "frames", (), about)
+        opened = partial(ExportOutput, self, scene, images, table, steps)
+        flags = table.model.opt.enableflags if table else 0
+        return output.Plan(preview, context.timeline.steps, opened, flags, scene.conditions)
+
+    @property
+    def renderer_request(self) -> output.RendererRequest | None:
+        return output.RendererRequest.of(self) if self.file_format.draws and self.camera else None
+
+    @property
+    def probes(self) -> Sequence[str]:
+        """The values that the file holds."""
+        columns = self.file_format.columns
+        return {"plot": self.plot, "probe": self.probe}.get(columns, ()) or self.file_format.probes
+
+    def _images(self, context: output.Context) -> "PlannedImages":
+        """Plans the images of the cameras, whose frames are those of the export."""
+        values: dict[str, Any] = {each.attribute: getattr(self, each.attribute) for each in options_of(SceneOptions)}
+        job = VideoInMemory(
+            self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
+        )
+        return PlannedImages(job, plan_frames(job, context))
+
+    def _table(self, context: output.Context) -> tuple[ProbeSampler | None, Sequence[int] | None]:
+        """Plans the measured values; their rows are at the frames unless a rate is set."""
+        probes = [name for text in self.probes for name in split(text)]
+        if not probes:
+            return None, None
+        for index, name in enumerate({"plot": self.plot, "probe": self.probe}[self.file_format.columns]):
+            with concerning(self.file_format.columns, index):
+                select(context.model, split(name), context.episode)
+        if text := rate_warning(context.timeline, self.rate):
+            context.reporter.warn(text)
+        table = ProbeSampler(context.model, list(dict.fromkeys(probes)), context.timeline, context.episode)
+        return table, None if self.rate is None else context.timeline.rows(rate=self.rate)
+
+
+@dataclass(frozen=True)
+class PlannedImages:
+    """Images of an export, drawn like those of a video."""
+
+    job: VideoInMemory
+    plan: FramePlan
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredValues:
+    """Measured values.
+
+    Attributes:
+      columns: the columns, `time` [s] first.
+      rows: their values, `(n, columns)`.
+    """
+
+    columns: Sequence[Column]
+    rows: np.ndarray
+
+
+@dataclass(frozen=True)
+class ExportResult(output.OutputResult):
+    """The result of an export.
+
+    Attributes:
+      path: path of the file; `-` is standard output.
+      format: name of the format.
+      frames, fps, duration: number of frames, their rate, and length of the playback [s].
+      simulated, steps: simulated time [s] and steps taken.
+      size: size of the file [bytes].
+      simulation_wall, wall: wall time of stepping, and in total [s].
+      warnings: MuJoCo's warnings.
+    """
+
+    format: str
+    frames: int
+    fps: float
+    duration: float
+    simulated: float
+    steps: int
+    size: int
+    simulation_wall: float
+    wall: float
+    warnings: Sequence[str]
+
+
+class ExportedScene:
+    """A simulated scene that is ready to be written.
+
+    Attributes:
+      job: the options.
+      context: the simulation, its model and its timeline.
+      facts: the facts of the manifest.
+      frames: the states of all frames, their times, and the poses of the cameras.
+      values: the measured values; None if there are none.
+    """
+
+    def __init__(
+        self,
+        job: Export,
+        plan: ScenePlan,
+        frames: RecordedFrames,
+        values: MeasuredValues | None,
+        facts: Mapping[str, object],
+    ) -> None:
+        self.job, self.context, self.frames, self.values, self.facts = job, plan.context, frames, values, facts
+        self._plan = plan
+
+    @property
+    def generator(self) -> str:
+        """The programs that make the file."""
+        return f"mjrun {self.facts['mjrun']}, MuJoCo {self.facts['mujoco']}"
+
+    @property
+    def times(self) -> Sequence[float]:
+        """The time of each frame in the file [s]: frame k is at k/fps."""
+        return self.frames.schedule.times
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The model that is shown, which may have a stage."""
+        return self.frames.drawn_model
+
+    @cached_property
+    def graph(self) -> SceneGraph:
+        """All visible objects, with the added cameras as the last nodes."""
+        return replace(self._model_graph, nodes=[*self._model_graph.nodes, *self._shots])
+
+    @cached_property
+    def motion(self) -> SceneMotion:
+        """The poses of all nodes that move."""
+        motion = scene_motion(self._model_graph, self.model, iter(self.frames.states), self.times)
+        first, shots = len(self._model_graph.nodes), len(self._shots)
+        if not shots:
+            return motion
+        poses = self.frames.poses
+        positions = np.array([[pose.position for pose in each] for each in poses])
+        quaternions = np.array([[matrix_quaternion(pose.rotation) for pose in each] for each in poses])
+        return SceneMotion(
+            motion.times,
+            [*motion.nodes, *range(first, first + shots)],
+            np.concatenate([motion.positions, positions], axis=1),
+            np.concatenate([motion.quaternions, quaternions], axis=1),
+        )
+
+    def instants(self) -> Iterator[mujoco.MjData]:
+        """Yields each frame with all derived fields, contacts and forces computed; to be read before the next."""
+        for state in self.frames.states:
+            yield instant_of(self.context.model, state)
+
+    def images(self) -> Iterator[Sequence[np.ndarray]]:
+        """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
+        assert isinstance(self.frames, FramesInMemory)
+        return self.frames.parts()
+
+    @cached_property
+    def _model_graph(self) -> SceneGraph:
+        model, data = self.model, mujoco.MjData(self.model)
+        restore(model, data, widened(model, self.frames.states[0]))
+        compute_poses(model, data)
+        return scene_graph(model, data, visual_of(self.job).options())
+
+    @cached_property
+    def _shots(self) -> list[Node]:
+        """The nodes of the added cameras."""
+        width, height = self.job.size
+        nodes = list[Node]()
+        for index, (motion, pose) in enumerate(zip(self._plan.motions, self.frames.poses[0], strict=True)):
+            nodes.append(
+                Node(
+                    name=motion.script.name,
+                    kind="shot",
+                    id=index,
+                    parent=0,
+                    position=vector(pose.position),
+                    quaternion=quaternion_of(matrix_quaternion(pose.rotation)),
+                    moves=True,
+                    lens=_lens(pose, width / height),
+                )
+            )
+        return nodes
+
+
+class ExportOutput(output.Output[ExportResult]):
+    """An export with an open file."""
+
+    def __init__(
+        self,
+        job: Export,
+        plan: ScenePlan,
+        images: PlannedImages | None,
+        table: ProbeSampler | None,
+        rows: Sequence[int] | None,
+        stack: ExitStack,
+        rendering: output.SharedRendering,
+    ) -> None:
+        self._job, self._plan, self._context = job, plan, plan.context
+        self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
+        self._frames = (
+            FramesInMemory(images.job, images.plan, stack, rendering) if images else RecordedFrames(plan, stack)
+        )
+        self._table, self._steps, self._rows = table, rows, list[np.ndarray]()
+        destination = StandardOutput() if job.output == "-" else StagedFile(Path(job.output))
+        self._writer = stack.enter_context(OutputWriter(destination))
+        self._file: BinaryIO = self._writer.open_file()
+        self._size = 0
+
+    def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
+        taps = [*self._frames.taps(event_steps)]
+        if self._table:
+            steps = self._frames.schedule.steps if self._steps is None else self._steps
+            self._buffer = RowBuffer(self._table, steps, lambda block: self._rows.append(block.values))
+            taps.append(Tap(steps, self._table.read, self._buffer.add))
+        return taps
+
+    def finish(self) -> Sequence[OutputWriter]:
+        self._frames.keep_recorded()
+        scene = ExportedScene(self._job, self._plan, self._frames, self._measured(), self.facts)
+        write = self._job.file_format.write
+        assert write
+        with self._writer.writing():
+            write(scene, self._file)
+            self._file.flush()
+            self._size = self._file.tell() if self._file.seekable() else 0
+        self.facts = {**self.facts, "frames": len(self._frames.states)}
+        self._writer.finish()
+        return [self._writer]
+
+    def _measured(self) -> MeasuredValues | None:
+        if self._table is None:
+            return None
+        self._buffer.flush()
+        empty = np.empty((0, len(self._table.columns)))
+        return MeasuredValues(self._table.columns, np.concatenate([empty, *self._rows]))
+
+    def result(self, files: Sequence[Path], summary: output.PassSummary) -> ExportResult:
+        job, timeline, count = self._job, self._context.timeline, len(self._frames.states)
+        return ExportResult(
+            path=job.output,
+            format=job.file_format.name,
+            frames=count,
+            fps=float(job.fps),
+            duration=float(count / job.fps),
+            simulated=float(timeline.duration),
+            steps=timeline.steps,
+            size=self._size,
+            simulation_wall=summary.simulation_wall,
+            wall=summary.wall,
+            warnings=summary.warnings,
+        )
+
+
+def _lens(pose: Pose, aspect: float) -> CameraLens:
+    seen = pose.frustum
+    fovy = seen.fovy if seen.orthographic else math.radians(seen.fovy)
+    return CameraLens(fovy, aspect, seen.near, seen.far, seen.orthographic)

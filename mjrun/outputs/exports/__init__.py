@@ -1,0 +1,89 @@
+"""The formats of exports, one module each.
+
+A module is found by its place in this package, and defines `FORMAT`, an `ExportFormat`. Help lists the formats, so that
+their modules import numpy, MuJoCo and the libraries of the format inside functions.
+"""
+
+import functools
+import importlib
+import pkgutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import UnknownNameError, UsageError, clean, option
+from mjrun.packages import require
+
+if TYPE_CHECKING:
+    from mjrun.outputs.export import ExportedScene
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """A format of exports.
+
+    Attributes:
+      name: value of the option format.
+      suffixes: suffixes of its files, the usual one first; empty for folders.
+      description: a noun phrase for help and documentation.
+      write: writes the file; None for a format of folders with episodes.
+      cameras: the cameras that are added to those of the model by default.
+      draws: whether it holds images from the cameras that are requested.
+      columns: the option whose columns it holds: `plot`, `probe` or neither.
+      probes: the columns by default.
+      hidden: whether it also holds objects that are hidden at first, for viewers that can show them.
+      product: `package.module:Class` of the output that makes a folder with episodes.
+      library, extra: library that it needs, and the extra of mjrun that installs it.
+    """
+
+    name: str
+    suffixes: Sequence[str]
+    description: str
+    write: "Callable[[ExportedScene, BinaryIO], object] | None" = None
+    cameras: Sequence[str] = ("auto",)
+    draws: bool = False
+    columns: str = ""
+    probes: Sequence[str] = ()
+    hidden: bool = False
+    product: str = ""
+    library: str = ""
+    extra: str = ""
+
+    def require_library(self) -> None:
+        """Raises MissingExtraError or WrongVersionError if its library is unusable."""
+        if self.library:
+            require(f"writing {self.suffixes[0] if self.suffixes else self.name}", self.extra, self.library)
+
+
+@functools.cache
+def export_formats() -> dict[str, ExportFormat]:
+    """Returns all formats by name."""
+    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+    return {module.FORMAT.name: module.FORMAT for module in modules}
+
+
+def export_format(output: str, name: str | None = None) -> ExportFormat:
+    """Returns the format of an export, from the option format or from the suffix of its file.
+
+    Raises:
+      UnknownNameError: no format has this name.
+      UsageError: no format has this suffix, or the name and the suffix disagree.
+      MissingExtraError: the library of the format is not installed.
+    """
+    formats = export_formats()
+    if name is not None and name not in formats:
+        raise UnknownNameError("format", name, list(formats), where=option("format"))
+    suffix = Path(output).suffix.lower()
+    by_suffix = next((each for each in formats.values() if suffix in each.suffixes), None)
+    chosen = formats[name] if name is not None else by_suffix
+    if chosen is None:
+        known = ", ".join(suffix for each in formats.values() for suffix in each.suffixes)
+        what = f"unknown suffix {clean(suffix)}" if suffix else "the format of an export follows from its suffix"
+        raise UsageError(f"{clean(output)}: {what}\nsuffixes: {known}; or set {option('format')}", path=("output",))
+    if by_suffix is not None and by_suffix != chosen:
+        raise UsageError(
+            f"{option('format')} {chosen.name} contradicts the suffix of {clean(output)}, which is {by_suffix.name}"
+        )
+    chosen.require_library()
+    return chosen

@@ -1,0 +1,18 @@
+"""Binary glTF: scene and motion in one file, for Blender, game engines and viewers."""
+
+from typing import TYPE_CHECKING, BinaryIO
+
+from mjrun.outputs.exports import ExportFormat
+
+if TYPE_CHECKING:
+    from mjrun.outputs.export import ExportedScene
+
+
+def write(scene: "ExportedScene", file: BinaryIO) -> None:
+    """Writes the scene with its motion."""
+    from mjrun.formats.glb import write_glb
+
+    write_glb(file, scene.graph, scene.motion, {"mjrun": scene.facts}, scene.generator)
+
+
+FORMAT = ExportFormat("glb", (".glb",), "binary glTF with scene and motion", write)

@@ -1,0 +1,1 @@
+"""Scene graphs: visible objects as nodes with meshes, materials, lights and cameras, and the motion of the nodes."""

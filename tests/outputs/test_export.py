@@ -1,0 +1,93 @@
+"""Theorems about exports: their frames, instants and errors, against a bare MuJoCo loop."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import mjrun
+from mjrun.errors import MjrunError, SimulationError
+from mjrun.outputs.export import Export
+from mjrun.outputs.exports import export_format, export_formats
+from mjrun.outputs.exports.glb import FORMAT
+from tests.gltf_files import animated, read_gltf
+
+
+def document(path: Path) -> dict[str, Any]:
+    """Returns the JSON of a binary glTF file."""
+    content = path.read_bytes()
+    return json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+
+
+def moved(path: Path, name: str) -> np.ndarray:
+    """Returns the translations of a node `(frames, 3)`."""
+    return animated(read_gltf(path.read_bytes()), name)["translation"]
+
+
+def test_each_frame_is_that_of_a_bare_loop(swing: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(swing, duration=0.5)
+    result = Export(simulation, str(tmp_path / "a.glb"), fps=50, speed=0.5).run()
+    assert (result.frames, result.duration, result.format) == (50, 1.0, "glb")
+    assert result.size == (tmp_path / "a.glb").stat().st_size
+
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data, positions = mujoco.MjData(model), list[np.ndarray]()
+    for step in range(250):
+        if step % 5 == 0:  # frame k shows k·speed/fps = k·0.01 s, and a step has 0.002 s
+            mujoco.mj_kinematics(model, data)
+            positions.append(data.body("ball").xpos.copy())
+        mujoco.mj_step(model, data)
+    assert np.abs(moved(tmp_path / "a.glb", "ball") - positions).max() < 1e-6
+
+
+def test_a_single_frame_has_no_motion(swing: Path, tmp_path: Path) -> None:
+    result = Export(mjrun.Simulation(swing, steps=1), str(tmp_path / "a.glb")).run()
+    assert result.frames == 1
+    assert "animations" not in document(tmp_path / "a.glb")
+
+
+def test_a_requested_camera_is_added_and_moves(swing: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(swing, duration=0.2)
+    Export(simulation, str(tmp_path / "a.glb"), camera="track:ball", size=(300, 200)).run()
+    found = document(tmp_path / "a.glb")
+    assert [camera["name"] for camera in found["cameras"]] == ["side", "track:ball"]
+    assert found["cameras"][1]["perspective"]["aspectRatio"] == 1.5
+    assert len(moved(tmp_path / "a.glb", "track:ball")) == 6
+
+
+def test_an_unstable_simulation_leaves_nothing_unless_asked(exploding: Path, tmp_path: Path) -> None:
+    simulation = mjrun.Simulation(exploding, key="fast", duration=5)
+    with pytest.raises(SimulationError):
+        Export(simulation, str(tmp_path / "a.glb")).run()
+    assert not (tmp_path / "a.glb").exists()
+    with pytest.raises(SimulationError):
+        Export(simulation, str(tmp_path / "a.glb"), keep_partial=True).run()
+    assert document(tmp_path / "a.glb")["asset"]["extras"]["mjrun"]["steps"] == 167
+
+
+@pytest.mark.parametrize(
+    ("output", "options", "message"),
+    [
+        ("a.xyz", {}, r"unknown suffix \.xyz"),
+        ("folder", {}, "follows from its suffix"),
+        ("a.glb", {"format": "gbl"}, "did you mean 'glb'"),
+        ("a.glb", {"camera": ["side", "side"]}, "only once"),
+        ("a.glb", {"camera": "sid"}, "did you mean 'side'"),
+        ("a.glb", {"show": "nothing"}, "visual flag"),
+    ],
+)
+def test_faulty_requests_fail_before_the_simulation(
+    swing: Path, tmp_path: Path, output: str, options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(MjrunError, match=message):
+        Export(mjrun.Simulation(swing, steps=10**9), str(tmp_path / output), **options).run()  # type: ignore[arg-type]
+    assert not (tmp_path / output).exists()
+
+
+def test_formats_are_found_in_their_folder() -> None:
+    assert export_formats()["glb"] is FORMAT
+    assert export_format("A.GLB") is FORMAT
+    assert export_format("anything", "glb") is FORMAT

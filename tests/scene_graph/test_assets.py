@@ -1,0 +1,63 @@
+"""Theorems about the triangles of meshes and height fields, against the compiled model and MuJoCo's rays."""
+
+import mujoco
+import numpy as np
+
+from mjrun.scene_graph.assets import height_field, mesh_asset, mesh_hull
+
+TETRAHEDRON = """
+<mujoco>
+  <asset>
+    <mesh name="flat" vertex="0 0 0 1 0 0 0 1 0 0 0 1" smoothnormal="false"/>
+    <mesh name="smooth" vertex="0 0 0 1 0 0 0 1 0 0 0 1 .1 .1 .1" smoothnormal="true"
+      face="0 2 1 0 1 3 0 3 2 1 2 4 2 3 4 3 1 4"/>
+  </asset>
+  <worldbody><geom type="mesh" mesh="flat"/><geom type="mesh" mesh="smooth"/></worldbody>
+</mujoco>
+"""
+HILL = """
+<mujoco>
+  <asset><hfield name="hill" nrow="4" ncol="5" size="1 2 .5 .1"
+    elevation="0 1 2 0 0  3 1 4 2 5  1 1 1 1 1  0 2 0 2 0"/></asset>
+  <worldbody><geom type="hfield" hfield="hill"/></worldbody>
+</mujoco>
+"""
+
+
+def test_a_mesh_has_the_triangles_of_the_model_and_no_doubled_vertices() -> None:
+    model = mujoco.MjModel.from_xml_string(TETRAHEDRON)
+    for index in range(model.nmesh):
+        mesh = mesh_asset(model, index)
+        faces = slice(model.mesh_faceadr[index], model.mesh_faceadr[index] + model.mesh_facenum[index])
+        corners = model.mesh_vert[model.mesh_vertadr[index] + model.mesh_face[faces]]
+        assert np.array_equal(mesh.positions[mesh.faces], corners)
+        vertices = np.column_stack([mesh.positions, mesh.normals])
+        assert len(np.unique(vertices, axis=0)) == len(vertices)
+        assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-6)
+
+
+def test_the_hull_contains_every_vertex() -> None:
+    model = mujoco.MjModel.from_xml_string(TETRAHEDRON)
+    hull = mesh_hull(model, 1)
+    assert hull
+    corners = hull.positions[hull.faces].astype(float)
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    vertices = model.mesh_vert[model.mesh_vertadr[1] :][: model.mesh_vertnum[1]]
+    assert np.einsum("fi,vfi->vf", outward, vertices[:, None] - corners[None, :, 0]).max() < 1e-6
+
+
+def test_the_surface_of_a_height_field_is_where_rays_hit_it() -> None:
+    model = mujoco.MjModel.from_xml_string(HILL)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mesh, hit = height_field(model, 0), np.zeros(1, np.int32)
+    tops = mesh.positions[:20]
+    inside = np.abs(tops[:, :2]) < [0.99, 1.99]
+    for point in tops[inside.all(axis=1)]:
+        start = point.astype(float) + np.array([0, 0, 1])
+        assert abs(mujoco.mj_ray(model, data, start, np.array([0, 0, -1.0]), None, 1, -1, hit) - 1) < 1e-6
+    assert mesh.positions[:, 2].min() == np.float32(-0.1)
+    a, b, c = mesh.positions[mesh.faces].transpose(1, 0, 2)
+    low = np.array([0, 0, -0.1])
+    solid = float(np.sum((a - low) * np.cross(b - low, c - low)) / 6)
+    assert solid > 4 * 2 * 0.1  # its faces point outward: the base alone has this volume

@@ -1,0 +1,99 @@
+"""Theorems about the scene of a model: every node is where MuJoCo puts its object, at every frame."""
+
+import mujoco
+import numpy as np
+
+from mjrun.model.state import save
+from mjrun.scene_graph.graph import Node, SceneGraph
+from mjrun.scene_graph.motion import compute_poses, scene_motion
+from mjrun.scene_graph.walk import scene_graph
+
+ARM = """
+<mujoco>
+  <worldbody>
+    <light name="sun" type="directional" dir="0 1 -2" mode="trackcom"/>
+    <camera name="follower" mode="trackcom" pos="0 -3 1"/>
+    <geom name="floor" type="plane" size="0 0 1"/>
+    <body name="arm" pos="0 0 1" euler="10 20 30"><joint type="ball"/>
+      <geom name="upper" type="capsule" size=".05" fromto="0 0 0 .3 .1 0"/>
+      <body name="wrist" pos=".3 0 0" euler="0 90 0">
+        <geom name="egg" type="ellipsoid" size=".1 .2 .3" pos="0 .1 0" euler="5 6 7"/>
+        <camera name="wrist" pos="0 0 .1"/><site name="tip" pos=".1 .2 .3"/>
+        <geom name="hidden" size=".1" group="4"/>
+      </body>
+    </body>
+    <body name="target" mocap="true" pos="1 1 1"><geom name="target" type="cylinder" size=".1 .3"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def stepped(count: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data = mujoco.MjData(model)
+    data.qvel[:] = 1, -2, 3
+    mujoco.mj_step(model, data, nstep=count)
+    data.mocap_pos[0] = count, 1, 2
+    return model, data
+
+
+def whole(model: mujoco.MjModel, data: mujoco.MjData) -> SceneGraph:
+    compute_poses(model, data)
+    return scene_graph(model, data, mujoco.MjvOption())
+
+
+def matrix(node: Node) -> np.ndarray:
+    made = np.eye(4)
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, node.quaternion)
+    made[:3, :3], made[:3, 3] = rotation.reshape(3, 3), node.position
+    return made
+
+
+def world(graph: SceneGraph, node: Node) -> np.ndarray:
+    return matrix(node) if node.parent < 0 else world(graph, graph.nodes[node.parent]) @ matrix(node)
+
+
+def test_every_object_is_where_mujoco_puts_it() -> None:
+    model, data = stepped(100)
+    graph = whole(model, data)
+    places = {
+        "body": (data.xpos, data.xmat),
+        "geom": (data.geom_xpos, data.geom_xmat),
+        "site": (data.site_xpos, data.site_xmat),
+        "camera": (data.cam_xpos, data.cam_xmat),
+    }
+    for node in graph.nodes:
+        if node.kind in places:
+            positions, rotations = places[node.kind]
+            assert np.allclose(world(graph, node)[:3, 3], positions[node.id], atol=1e-9)
+            assert np.allclose(world(graph, node)[:3, :3].ravel(), rotations[node.id], atol=1e-9)
+    (light,) = (node for node in graph.nodes if node.kind == "light")
+    assert np.allclose(-world(graph, light)[:3, 2], data.light_xdir[0], atol=1e-9)
+
+
+def test_the_motion_is_that_of_mujoco_and_of_what_can_move_alone() -> None:
+    model, data = stepped(0)
+    graph, states, poses = whole(model, data), list[np.ndarray](), list[dict[str, np.ndarray]]()
+    for count in (0, 10, 30):
+        model, data = stepped(count)
+        states.append(save(model, data))
+        compute_poses(model, data)
+        poses.append({"arm": data.xpos[1].copy(), "target": data.xpos[3].copy(), "follower": data.cam_xpos[0].copy()})
+    motion = scene_motion(graph, model, states, [0, 0.1, 0.2])
+    names = [graph.nodes[index].name for index in motion.nodes]
+    assert names == ["arm", "target", "follower", "sun"]
+    for frame, expected in enumerate(poses):
+        for name, position in expected.items():
+            assert np.allclose(motion.positions[frame, names.index(name)], position, atol=1e-12)
+
+
+def test_hidden_groups_are_left_out() -> None:
+    model, data = stepped(0)
+    names = {node.name for node in whole(model, data).nodes if node.kind == "geom"}
+    assert names == {"floor", "upper", "egg", "target"}
+    options = mujoco.MjvOption()
+    options.geomgroup[4] = 1
+    options.sitegroup[0] = 0
+    shown = scene_graph(model, data, options)
+    assert {node.name for node in shown.nodes if node.kind in ("geom", "site")} == names | {"hidden"}
