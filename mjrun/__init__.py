@@ -91,6 +91,8 @@ __all__ = ["__version__", *_HOMES]  # pyright: ignore[reportUnsupportedDunderAll
 
 
 def __getattr__(name: str) -> object:
+    if name == "errors":
+        return import_module("mjrun.errors")
     if name not in _HOMES:
         raise AttributeError(f"module 'mjrun' has no attribute {name!r}")
     try:

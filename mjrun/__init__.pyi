@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from mujoco import MjModel
 
+from mjrun import errors as errors
 from mjrun.bench.bench import Bench as _Bench
 from mjrun.bench.results import BenchResult as BenchResult
 from mjrun.camera.script import CameraScript, Event
@@ -224,7 +225,7 @@ class Bench(_Bench):
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       render: Also time rendering and encoding.
       size: Width and height of a view [pixels]. [default: 1280x720]
       camera: Camera, as for mjrun video. [default: free]
@@ -487,6 +488,7 @@ class Diff(_Diff):
 
     Args:
       a, b: the inputs, both of the same kind, which is detected from the files; a model may be compiled.
+      command: the command line, for the page.
 
     Options:
       columns: Compare only these columns, by name or wildcard, such as 'qpos/*'. [default: all]
@@ -532,6 +534,7 @@ class Diff(_Diff):
         align: str | None = ...,
         common: bool = ...,
         model: str | PathLike[str] | None = ...,
+        command: str = ...,
     ) -> None: ...
 
 class Evaluation(_Evaluation):
@@ -596,7 +599,7 @@ class Evaluation(_Evaluation):
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       jobs: Number of processes that run episodes. [default: 'auto']
     """
     def __init__(
@@ -1020,6 +1023,10 @@ class Plot(_Plot):
       mark_event: Draw a vertical line wherever a condition over columns becomes true:
         landed=contact/ncon > 0.
       title: Title above all panels.
+      legend_title: Title of the legend, such as the quantity that it lists.
+      xlabel: Label of the x axis. [default: the column of the x axis]
+      ylabel: Label of the y axis of all panels, force [N], or of the second panel only, 2:force [N];
+        each panel has a title already.
       style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
         of light, dark, print. [default: 'light']
       size: Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch. [default: 1280
@@ -1050,6 +1057,9 @@ class Plot(_Plot):
         mark: str | Sequence[str] = ...,
         mark_event: str | Sequence[str] = ...,
         title: str | None = ...,
+        legend_title: str | None = ...,
+        xlabel: str | None = ...,
+        ylabel: str | Sequence[str] = ...,
         style: Literal["light", "dark", "print"] = ...,
         size: Sequence[int] | None = ...,
         font_size: float | None = ...,
@@ -1188,7 +1198,7 @@ class Simulation(_Simulation):
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
     """
     def __init__(
         self,
@@ -1323,6 +1333,9 @@ class Study(_Study):
 class TablePlot(_TablePlot):
     """A plot of tables: its options are keywords.
 
+    Args:
+      command: the command line, for the page.
+
     Options:
       output: png, jpg, webp, tiff, svg, pdf, or - for standard output. [default: no image, with html]
       format: File format. [default: the output's suffix; png in a pipe]
@@ -1350,6 +1363,10 @@ class TablePlot(_TablePlot):
       mark_event: Draw a vertical line wherever a condition over columns becomes true:
         landed=contact/ncon > 0.
       title: Title above all panels.
+      legend_title: Title of the legend, such as the quantity that it lists.
+      xlabel: Label of the x axis. [default: the column of the x axis]
+      ylabel: Label of the y axis of all panels, force [N], or of the second panel only, 2:force [N];
+        each panel has a title already.
       style: Colour scheme; print is meant for paper and also distinguishes lines by dash patterns. One
         of light, dark, print. [default: 'light']
       size: Width and height [pixels], or as on paper, 85mmx60mm; a pixel is 1/96 inch. [default: 1280
@@ -1370,6 +1387,9 @@ class TablePlot(_TablePlot):
         mark: str | Sequence[str] = ...,
         mark_event: str | Sequence[str] = ...,
         title: str | None = ...,
+        legend_title: str | None = ...,
+        xlabel: str | None = ...,
+        ylabel: str | Sequence[str] = ...,
         style: Literal["light", "dark", "print"] = ...,
         size: Sequence[int] | None = ...,
         font_size: float | None = ...,
@@ -1380,6 +1400,7 @@ class TablePlot(_TablePlot):
         assert_: str | Sequence[str] = ...,
         label: str | Sequence[str] = ...,
         include: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
+        command: str = ...,
     ) -> None: ...
 
 class Termination(_Termination):
@@ -1713,7 +1734,7 @@ def evaluate(
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       jobs: Number of processes that run episodes. [default: 'auto']
     """
 
@@ -1844,7 +1865,7 @@ def fit(
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       free: Parameter to estimate and its bounds: joint/hinge.damping=0.001..1, or log:1e-4..1 if its
         order of magnitude is unknown. Accepts any path of set, with scale: or wildcards to tie several
         values together; actuator/NAME.kp and .kv of position servos; delay:ctrl/* or delay:qpos/knee
@@ -2030,7 +2051,7 @@ def frames(
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       fps: Frames per second of the video [Hz], such as 60 or 30000/1001. [default: 30; 25 in a GIF]
       speed: Simulated seconds per second of video; 0.25 is slow motion. [default: 1]
       plot: Live plot of measured values under or beside the frame: energy, qpos[left_*]. Each use adds
@@ -2222,7 +2243,7 @@ def sweep(
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       metric: Number computed from each simulation: drift=max(abs(energy/drift)), fell=first(time,
         xpos/torso/z < 0.8). Uses the same expressions as assert.
       every: Evaluate metrics at every N-th step. [default: 1]
@@ -2387,7 +2408,7 @@ def trace(
       set: Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10,
         opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1,
         vis.quality.shadowsize=1024; relative to the model's value, scale:geom/*.density=1.2,
-        add:body/box.pos=0,0,.1.
+        add:body/box.pos=0,0,.1. Lengths, masses and times may have units, geom/ball.size=25mm.
       output: csv, feather, h5, jsonl, mat, npz, parquet, or - for standard output. [default: '-']
       probe: Values to measure: qpos, qvel, qacc, ctrl, act, energy, sensor, contact, xpos, speed,
         momentum, … or any field of MjData; values of some objects, qpos[left_*], xpos[hand]; or a

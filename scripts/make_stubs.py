@@ -137,7 +137,7 @@ def stub() -> str:
             classes.append(class_stub(name, value))
     classes += map(function_stub, FUNCTIONS)
     names = f"__all__ = {sorted(mjrun.__all__)!r}\n_HOMES: dict[str, str]\n"
-    imports.append("from mjrun.version import __version__ as __version__")
+    imports += ["from mjrun import errors as errors", "from mjrun.version import __version__ as __version__"]
     text = "\n".join([HEADER, *imports, "", names, *classes])
     for arguments in (["check", "--fix", "--quiet", "--select", "I,F401"], ["format", "--quiet"]):
         command = [sys.executable, "-m", "ruff", *arguments, "--stdin-filename", str(STUB), "-"]

@@ -2,6 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
+import mujoco
+import numpy as np
+
 from mjrun.check.check import CheckResult, worst_first
 from mjrun.check.finding_pictures import PicturedModel, data_uri
 from mjrun.check.model_result import Copy, ModelResult
@@ -9,7 +12,7 @@ from mjrun.check.rule import SEVERITIES, Finding
 from mjrun.check.rule_table import RULES
 from mjrun.errors import ModelError, NoRendererError, clean, counted
 from mjrun.plotting.html_page import Page, PageCard, PageFacts
-from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.page_writer import MAKER, PageWriter, origin
 from mjrun.reporter import Reporter
 
 MAX_CARDS = 300
@@ -70,8 +73,11 @@ class FindingCards:
         return image
 
 
-def write_check_page(path: str, result: CheckResult, summary: str, makers: FindingCards) -> None:
+def write_check_page(path: str, result: CheckResult, summary: str, makers: FindingCards, command: str) -> None:
     """Writes the page, with the cards of fixes at the end.
+
+    Args:
+      command: the command line, for the page.
 
     Raises:
       BadValueError: `path` does not end with .html.
@@ -84,8 +90,15 @@ def write_check_page(path: str, result: CheckResult, summary: str, makers: Findi
     cards += makers.fixes
     found = sum(len(model.findings) for model in result.models)
     notes = [summary] + ([f"{counted(found - MAX_CARDS, 'more finding')} …"] if found > MAX_CARDS else [])
+    versions = {"mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
+    models = [model.model for model in result.models[:MAX_CARDS]]
     page = Page(
-        "Check of models", MAKER, cards=cards[:MAX_CARDS], facts=[_models(result)] if found else [], notes=notes
+        "Check of models",
+        MAKER,
+        cards=cards[:MAX_CARDS],
+        facts=[_models(result)] if found else [],
+        manifests=[origin("This check", command, models, versions)],
+        notes=notes,
     )
     with PageWriter(path) as writer:
         writer.write(page)

@@ -99,7 +99,9 @@ def _kept(result: "StudyResult") -> str:
 
 def _metrics(result: "StudyResult") -> list[Column]:
     summaries = list(result.metrics.values())
-    columns = [Column("metric", list(result.metrics))]
+    columns = [
+        Column("metric", [f"{name} [{each.unit}]" if each.unit else name for name, each in result.metrics.items()])
+    ]
     columns += [
         Column(heading, [number(summary.quantiles[i]) for summary in summaries], right=True, extra=i in (1, 2, 4, 5))
         for i, heading in enumerate(HEADINGS)

@@ -161,7 +161,8 @@ class EvaluationResult:
         Raises:
           FileError: the folder has been removed.
         """
-        return Table(dict(read_results(Path(self.path) / FILES[0])[0]))
+        numbers, _, _, _, units = read_results(Path(self.path) / FILES[0])
+        return Table(dict(numbers), dict(units))
 
     def _repr_html_(self) -> str:
         """Returns the table of episodes for a notebook."""

@@ -71,7 +71,7 @@ def study_figures(folder: str | Path) -> tuple[list[PageFigure], list[str]]:
         drawing = plan.drawing
     except (UsageError, MissingExtraError) as error:
         return [], [f"no plot: {str(error).partition(chr(10))[0]}"]
-    svg = svg_text(drawing, study_grid(drawing, None), "light")
+    svg = svg_text(drawing, study_grid(drawing, None, in_page=True), "light")
     labels = [panel.label for panel in drawing.panels]
     return [PageFigure(adaptive(svg), listing(labels), plan.notes)], []
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
@@ -62,11 +63,18 @@ class ResultsTable:
         place = {label: index for index, label in enumerate(labels)}
         self.add(Column(name, meaning=meaning, labels=labels), [place[text] if text else -1 for text in texts])
 
-    def add_parameters(self, design: Design, points: Sequence[int], text_meaning: str = "") -> None:
+    def add_parameters(
+        self,
+        design: Design,
+        points: Sequence[int],
+        text_meaning: str = "",
+        units: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         """Appends a column for each parameter of a design.
 
         Args:
           points: number of the point of each row.
+          units: units of parameters, by name.
         """
         for index, name in enumerate(design.names):
             texts = [design.points[point][index] for point in points]
@@ -74,7 +82,8 @@ class ResultsTable:
             if values is None:
                 self.add_texts(name, texts, text_meaning)
             else:
-                self.add(Column(name, meaning="what varies", integer=is_whole(name)), values)
+                column = Column(name, units.get(name, ""), "what varies", integer=is_whole(name))
+                self.add(column, values)
 
     def flags(self, name: str, texts: Sequence[str]) -> dict[str, np.ndarray]:
         """Returns a flag column `(n,)` for each text: 1 in the rows where the column `name` contains it, else 0."""

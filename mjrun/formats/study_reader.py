@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ class StudyResults:
       numbers: columns of numbers `(n,)`, by name: metrics, and most parameters; NaN where a number is missing.
       texts: columns of texts, by name: `status`, `message`, and parameters such as models.
       metric_columns: columns of traces that the metrics read.
+      units: units of parameters and metrics, by name; of those that have one.
     """
 
     folder: Path
@@ -43,6 +45,11 @@ class StudyResults:
     numbers: Mapping[str, np.ndarray]
     texts: Mapping[str, Sequence[str]]
     metric_columns: Sequence[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+
+    def with_unit(self, name: str) -> str:
+        """Returns the name of a parameter or a metric with its unit: `slid [m]`."""
+        return f"{name} [{self.units[name]}]" if name in self.units else name
 
     @property
     def status(self) -> np.ndarray:
@@ -75,7 +82,7 @@ def read_study(folder: str | Path) -> StudyResults:
         collect = f"mjrun sweep {clean(str(folder))} --collect"
         unfinished = f"the study is not finished: `{collect}` makes a table of the finished points"
         raise FileError(folder, f"has no {RESULTS}", unfinished if is_begun else _HINT)
-    numbers, texts, names, manifest = read_results(path)
+    numbers, texts, names, manifest, units = read_results(path)
     if STATUS not in names or names[:1] != [FIRST] or not isinstance(manifest.get("metrics"), dict):
         raise FileError(path, "holds no results of a study", _HINT)
     if not texts[STATUS]:
@@ -85,11 +92,11 @@ def read_study(folder: str | Path) -> StudyResults:
     parameters = [name for name in names[1 : names.index(STATUS)] if name not in metrics]
     columns = manifest.get("columns")
     metric_columns = list(map(str, columns)) if isinstance(columns, list) else []
-    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns)
+    return StudyResults(folder, parameters, metrics, numbers, texts, metric_columns, units)
 
 
-def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any]]:
-    """Reads a table of results: its columns of numbers, its columns of texts, all names in order, and its manifest.
+def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, Any], Mapping[str, str]]:
+    """Reads a table of results: its columns of numbers and of texts, all names in order, its manifest, and units.
 
     Raises:
       FileError: it cannot be read.
@@ -98,7 +105,7 @@ def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, An
     input_format(path)
     from pyarrow import parquet
 
-    from mjrun.formats.arrow_columns import read_whole_parquet
+    from mjrun.formats.arrow_columns import read_whole_parquet, units
 
     with opened(path, "table", [path.suffix]) as stream, decoding(path, "cannot be read as results of a study"):
         text_columns = [field.name for field in parquet.read_schema(stream) if _is_text(field.type)]
@@ -110,7 +117,8 @@ def read_results(path: Path) -> tuple[Numbers, Texts, list[str], Mapping[str, An
         else:
             numbers[name] = column.to_numpy().astype(float)
     manifest = json.loads((table.schema.metadata or {}).get(b"mjrun", b"{}"))
-    return numbers, texts, table.column_names, manifest
+    known = units(table.schema, dict(zip(table.column_names, range(len(table.column_names)), strict=True)))
+    return numbers, texts, table.column_names, manifest, {name: unit for name, unit in known.items() if unit}
 
 
 def _texts(column: "pyarrow.DictionaryArray") -> Iterator[str]:

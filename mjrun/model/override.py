@@ -2,7 +2,8 @@
 
 Paths are `opt.FIELD`, `opt.flag.NAME`, `vis.SECTION.FIELD`, `stat.FIELD`, `compiler.FIELD`, `size.memory`, and
 `KIND/NAME.FIELD` for an element, where NAME may contain `*`, `?` and `[…]`, or be an index.
-`FIELD[2]` is one number of several. `scale:PATH` and `add:PATH` are relative to the value in the source.
+`FIELD[2]` is one number of several. `scale:PATH` and `add:PATH` are relative to the value in the source. Lengths,
+masses and times may have units, as in `geom/ball.size=25mm`; angles are in the unit of the compiler of the model.
 """
 
 import math
@@ -84,6 +85,20 @@ ORIENTATIONS = {
 }
 ALTERNATIVES = {"quat": "alt", "iquat": "ialt"}
 UNITS = {unit: 1024**power for power, unit in enumerate(("", "K", "M", "G", "T"))}  # of memory, as in MJCF
+# Units of values, with what they measure and their size in SI units, and the fields that they fit.
+QUANTITIES = {
+    "m": ("length", 1.0),
+    "cm": ("length", 0.01),
+    "mm": ("length", 0.001),
+    "kg": ("mass", 1.0),
+    "g": ("mass", 0.001),
+}
+QUANTITIES |= {"s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6)}
+MEASURED = {
+    "length": {"pos", "ipos", "size", "fromto", "margin", "gap", "width", "radius", "center", "extent", "cranklength"},
+    "mass": {"mass"},
+    "time": {"timestep", "delay", "interval"},
+}
 RELATIVE: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {"scale": np.multiply, "add": np.add}
 BOOLEANS = {"true": True, "enable": True, "1": True, "false": False, "disable": False, "0": False}
 # Switches that MjSpec stores as integers.
@@ -421,13 +436,31 @@ def _parse_memory(override: Override) -> int:
 
 
 def _parse_number(text: str, override: Override, expected: str, kind: Callable[[str], float]) -> float:
+    number, factor = _without_unit(text, override) if kind is float else (text, 1.0)
     try:
-        value = kind(text)
+        value = kind(number)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise BadValueError(override.name, override.value, expected)
-    return value
+    return value if factor == 1 else value * factor
+
+
+def _without_unit(text: str, override: Override) -> tuple[str, float]:
+    """Splits a number from its unit, and returns the size of that in SI units: 1 without a unit.
+
+    Raises:
+      UsageError: the field does not measure what the unit does, or the value is a factor.
+    """
+    match = re.fullmatch(r"\s*([-+.\deE]*[.\d])\s*([a-z]+)\s*", text)
+    if not match or match[2] not in QUANTITIES:
+        return text, 1.0
+    kind, factor = QUANTITIES[match[2]]
+    field = override.target.rpartition(".")[2]
+    if field not in MEASURED[kind] or override.operation == "scale":
+        reason = "a factor has none" if override.operation == "scale" else f"{clean(field)} is no {kind}"
+        raise UsageError(f"{override.name}: {clean(override.value)} has a unit, and {reason}: give a number alone")
+    return match[1], factor
 
 
 def _parse_numbers(override: Override) -> list[float]:

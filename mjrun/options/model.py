@@ -70,7 +70,8 @@ class ModelOptions(Options):
         default=(),
         help="Override any attribute before compilation, under its MuJoCo name: opt.gravity=0,0,10, "
         "opt.cone=elliptic, opt.flag.contact=disable, geom/floor.friction[0]=.1, vis.quality.shadowsize=1024; "
-        "relative to the model's value, scale:geom/*.density=1.2, add:body/box.pos=0,0,.1.",
+        "relative to the model's value, scale:geom/*.density=1.2, add:body/box.pos=0,0,.1. Lengths, masses and times "
+        "may have units, geom/ball.size=25mm.",
     )
 
 

@@ -64,6 +64,18 @@ class FigureOptions(Options):
         help="Draw a vertical line wherever a condition over columns becomes true: landed=contact/ncon > 0.",
     )
     title: str | None = option(converter=Optional(Text("TEXT")), default=None, help="Title above all panels.")
+    legend_title: str | None = option(
+        converter=Optional(Text("TEXT")), default=None, help="Title of the legend, such as the quantity that it lists."
+    )
+    xlabel: str | None = option(
+        converter=Optional(Text("TEXT")), default=None, usual="the column of the x axis", help="Label of the x axis."
+    )
+    ylabel: tuple[str, ...] = option(
+        converter=Several(Text("[PANEL:]TEXT")),
+        default=(),
+        help="Label of the y axis of all panels, force [N], or of the second panel only, 2:force [N]; each panel has a "
+        "title already.",
+    )
     style: str = option(
         converter=Choice(STYLES),
         default="light",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from mjrun.diff.pictures import WorstFrames
@@ -19,14 +20,16 @@ from mjrun.options.plot import FigureOptions
 from mjrun.outputs.worst_frame_image import shown_frames
 from mjrun.plotting.figure_writer import require_matplotlib
 from mjrun.plotting.html_page import VIDEOS, Page, PageFacts, PageFigure, PagePair, page_file
-from mjrun.plotting.page_writer import MAKER, PageWriter
+from mjrun.plotting.page_writer import MAKER, PageWriter, origin
 from mjrun.plotting.table_figure import TableFigure
 
 DRAWN = 4  # columns whose curves are shown
 LISTED = 100  # columns, and differences of models
 
 
-def write_comparison_page(result: DiffResult, options: PageOptions, worst: WorstFrames | None = None) -> None:
+def write_comparison_page(
+    result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
+) -> None:
     """Writes the page about a comparison.
 
     Args:
@@ -42,14 +45,17 @@ def write_comparison_page(result: DiffResult, options: PageOptions, worst: Worst
     if os.path.realpath(options.html) in map(os.path.realpath, (result.a, result.b)):
         raise UsageError(f"{option('html')} {clean(options.html)} is a compared file; give the page another name")
     with PageWriter(options.html) as writer:
-        writer.write(comparison_page(result, options, worst))
+        writer.write(comparison_page(result, options, worst, command))
         writer.publish()
 
 
-def comparison_page(result: DiffResult, options: PageOptions, worst: WorstFrames | None = None) -> Page:
+def comparison_page(
+    result: DiffResult, options: PageOptions, worst: WorstFrames | None = None, command: str = ""
+) -> Page:
     """Returns the page about a comparison."""
     columns = [column for column in result.table.columns if column.first] if result.table else []
     has_files = result.kind == "table" and STDIN not in (result.a, result.b)
+    versions = {"mujoco": mujoco.mj_versionString(), "numpy": np.__version__}
     paths = [path for path in (result.a, result.b) if Path(path).suffix.lower() in VIDEOS]
     return Page(
         title=f"{result.a} and {result.b}",
@@ -59,6 +65,7 @@ def comparison_page(result: DiffResult, options: PageOptions, worst: WorstFrames
         figures=[_curves(result, columns)] if has_files and columns else [],
         pairs=[_pair(result, worst)] if worst is not None else [],
         files=[page_file(path, str(options.html), options.embed_up_to) for path in paths],
+        manifests=[origin("This comparison", command, (result.a, result.b), versions)],
         notes=[f"Possible reason: {note}" for note in result.notes],
     )
 

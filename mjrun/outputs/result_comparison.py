@@ -42,10 +42,12 @@ class Diff(DiffOptions):
 
     Args:
       a, b: the inputs, both of the same kind, which is detected from the files; a model may be compiled.
+      command: the command line, for the page.
     """
 
     a: ModelLike = field(kw_only=False)
     b: ModelLike = field(kw_only=False)
+    command: str = ""
 
     def run(self, reporter: Reporter | None = None) -> DiffResult:
         """Compares the two inputs.
@@ -67,7 +69,7 @@ class Diff(DiffOptions):
         if self.html is not None:
             from mjrun.outputs.comparison_page import write_comparison_page
 
-            write_comparison_page(result, self, worst)
+            write_comparison_page(result, self, worst, self.command)
         return result
 
     def _require_applicable(self, kind: str) -> None:

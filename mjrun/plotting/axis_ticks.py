@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis, XAxis, YAxis
-from matplotlib.ticker import Formatter, Locator, NullLocator
+from matplotlib.ticker import Formatter, Locator, NullFormatter, NullLocator
 
 from mjrun.plotting.figure_data import Scale
 from mjrun.plotting.matplotlib_figure import SMALL, Canvas
@@ -14,6 +14,7 @@ from mjrun.plotting.tick_labels import labels_of, linear_ticks, log_ticks
 
 ACROSS, UP = (5.0, 10), (2.3, 8)  # room for a tick along the axis [em], and maximum number of ticks
 LONGEST = 9  # maximum width of a category's name on a vertical axis [em]
+DECADES = 8  # maximum number of decades of a logarithmic axis with minor ticks
 WHOLE = 8  # maximum number of categories on a horizontal axis with all names shown
 
 
@@ -31,7 +32,8 @@ def number_ticks(axis: Axis, em: float, *, whole: bool = False) -> None:
     """Adds ticks at round numbers, or at whole numbers only, to an axis whose scale is already set."""
     axis.set_major_locator(_NumberLocator(axis, em, whole))
     axis.set_major_formatter(_NumberFormatter(axis))
-    axis.set_minor_locator(NullLocator())
+    axis.set_minor_locator(_MinorLocator(axis) if axis.get_scale() == "log" else NullLocator())
+    axis.set_minor_formatter(NullFormatter())
 
 
 def category_ticks(axis: Axis, names: Sequence[str], canvas: Canvas) -> None:
@@ -78,6 +80,23 @@ class _NumberLocator(Locator):
         if self._of.get_scale() == "log":
             return log_ticks(vmin, vmax, count)
         return linear_ticks(vmin, vmax, count, self._whole)
+
+
+class _MinorLocator(Locator):
+    """A locator of minor ticks on a logarithmic axis: 2 to 9 in each decade, unless decades are many."""
+
+    def __init__(self, axis: Axis) -> None:
+        self._of = axis
+
+    def __call__(self) -> Sequence[float]:
+        return self.tick_values(*sorted(self._of.get_view_interval()))
+
+    def tick_values(self, vmin: float, vmax: float) -> Sequence[float]:
+        low, high = math.floor(math.log10(vmin)), math.floor(math.log10(vmax))
+        if high - low > DECADES:
+            return []
+        ticks = [digit * 10.0**power for power in range(low, high + 1) for digit in range(2, 10)]
+        return [tick for tick in ticks if vmin <= tick <= vmax]
 
 
 class _NumberFormatter(Formatter):

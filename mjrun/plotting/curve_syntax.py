@@ -167,6 +167,38 @@ def parse_ylim(texts: Sequence[str], panels: int) -> dict[int, tuple[float, floa
     return everywhere | limits
 
 
+def parse_ylabel(texts: Sequence[str], panels: int) -> dict[int, str]:
+    """Returns the labels of y axes by panel, counted from 0; the label of one panel precedes that of all.
+
+    Raises:
+      UsageError: the figure has fewer panels.
+    """
+    everywhere, labels = dict[int, str](), dict[int, str]()
+    for index, text in enumerate(texts):
+        with concerning("ylabel", index):
+            if numbered := _PANEL.fullmatch(text):
+                labels[panel_index(int(numbered[1]), panels, "ylabel")] = numbered[2].strip()
+            else:
+                everywhere = dict.fromkeys(range(panels), text)
+    return everywhere | labels
+
+
+def parse_marks(texts: Sequence[str], panels: int) -> list[ReferenceLine]:
+    """Parses marks of a figure with these panels.
+
+    Raises:
+      BadValueError: a text is not a mark.
+      UsageError: the figure has fewer panels.
+    """
+    marks: list[ReferenceLine] = []
+    for index, text in enumerate(texts):
+        with concerning("mark", index):
+            marks.append(parse_reference_line(text))
+            if marks[-1].panel is not None:
+                panel_index(marks[-1].panel, panels, "mark")
+    return marks
+
+
 def panel_index(number: int, panels: int, name: str) -> int:
     """Returns the index of a panel from its number, counted from 1, in the option `name`.
 

@@ -73,6 +73,7 @@ class DrawnPanel:
 
     Attributes:
       limits: the ends of the y axis; None for all values.
+      axis_label: the label beside the y axis, in addition to that above the panel.
     """
 
     label: str
@@ -80,6 +81,7 @@ class DrawnPanel:
     log: bool
     marks: Sequence[ReferenceLine]
     limits: Range | None = None
+    axis_label: str = ""
 
     @property
     def y(self) -> Scale:
@@ -102,6 +104,7 @@ class Drawing:
     Attributes:
       x_margin: margin beside curves, as a share of their range; none over time, which extends from edge to edge.
       x_limits: the ends of the x axis; None for all values.
+      legend_title: title of the legends.
     """
 
     title: str
@@ -111,6 +114,7 @@ class Drawing:
     marks: Sequence[ReferenceLine]
     x_margin: float = 0.0
     x_limits: Range | None = None
+    legend_title: str = ""
 
     @property
     def x(self) -> Scale:

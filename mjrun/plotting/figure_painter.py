@@ -47,7 +47,7 @@ def paint(drawing: Drawing, grid: PanelGrid, canvas: Canvas) -> None:
     title = TITLE_ROOM if drawing.title else 0.0
     height = (canvas.height - (title + BELOW) * canvas.em) / grid.rows - ABOVE * canvas.em
     legends = [
-        _Legend(canvas, axes, panel, (height, canvas.width / grid.columns))
+        _Legend(canvas, axes, panel, (height, canvas.width / grid.columns), drawing.legend_title)
         for axes, panel in zip(panels, drawing.panels, strict=True)
     ]
     names = [[entry.name for entry in legend.entries] for legend in legends]
@@ -65,6 +65,7 @@ def _furnish(canvas: Canvas, axes: Axes, drawing: Drawing, panel: DrawnPanel, *,
     set_scale(canvas, axes, "y", y, whole=panel.is_whole())
     axes.grid(True)
     axes.set_title(panel.label)
+    axes.set_ylabel(canvas.shown(panel.axis_label))
     if lowest:
         axes.set_xlabel(drawing.x_label)
     else:
@@ -114,14 +115,19 @@ class _Legend:
 
     Args:
       size: approximate height of the panel, and width with everything beside it [pixels].
+      title: title above the names.
     """
 
-    def __init__(self, canvas: Canvas, axes: Axes, panel: DrawnPanel, size: tuple[float, float]) -> None:
+    def __init__(
+        self, canvas: Canvas, axes: Axes, panel: DrawnPanel, size: tuple[float, float], title: str = ""
+    ) -> None:
         self._canvas, self._axes = canvas, axes
         self._height, width = size
         self.entries = self._named(panel)
+        self._title = title if self.entries else ""
         overhang = 0.2 * canvas.em
-        self._columns, scale = arranged(self.entries, -overhang, self._height + overhang, LINE * canvas.em)
+        top = self._height + overhang - (LINE * canvas.em if self._title else 0.0)
+        self._columns, scale = arranged(self.entries, -overhang, top, LINE * canvas.em)
         self._size = scale * LETTERS * canvas.em
         room, wide = (self._texts(part * width) for part in (LEGEND, WIDE_LEGEND))
         whole = [[canvas.shown(entry.name) for entry in column] for column in self._columns]
@@ -133,6 +139,11 @@ class _Legend:
         edge = ScaledTranslation(1, 0, cast(Affine2DBase, axes.transAxes))
         beside = blended_transform_factory(canvas.figure.dpi_scale_trans + edge, axes.transAxes)  # inches, and shares
         left = 0.5 * canvas.em
+        if self._title:
+            widths = [canvas.measure(text, size) for texts in self._fitted for text in texts]
+            text = canvas.fitted(self._title, (SAMPLE + GAP) * size + max(widths), size)
+            y = 1 - 0.4 * LINE * canvas.em / self._height
+            axes.text(left / DPI, y, text, transform=beside, va="center_baseline", fontsize=size * POINT, weight="bold")
         for column, texts in zip(self._columns, self._fitted, strict=True):
             x = left + (SAMPLE + GAP) * size
             for entry, text in zip(column, texts, strict=True):

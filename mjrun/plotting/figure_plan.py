@@ -69,7 +69,8 @@ class FigurePlan:
         for axis, limits in (("xlim", [options.xlim] if self.log_x else []), ("ylim", map(self.ylim.get, self.log_y))):
             if any(limit and limit[0] <= 0 for limit in limits):
                 raise UsageError(f"{option(axis)}: a logarithmic axis starts above 0")
-        self.marks = self._marks()
+        self.marks = curve_syntax.parse_marks(options.mark, len(self.panels))
+        self.ylabels = curve_syntax.parse_ylabel(options.ylabel, len(self.panels))
         self._events = self._event_marks()
         names = max(len(panel.curves) for panel in self.panels) * len(tables) + len(self.marks)
         self._count = FigureContents(len(self.panels), names, bool(options.title))
@@ -87,7 +88,7 @@ class FigurePlan:
         """Returns the grid in a page, which is narrow and may be long: a single column unless panels are many."""
         if self.options.size or self.options.columns or len(self.panels) > PAGE_PANELS:
             return self.grid
-        return panel_grid(self._count, None, 1, self.options.font_size)
+        return panel_grid(self._count, None, 1, self.options.font_size, in_page=True)
 
     def collector(self, table: int) -> "TableCollector":
         """Returns the collector of a table's rows."""
@@ -101,7 +102,16 @@ class FigurePlan:
         vertical = [mark for mark in self.marks if mark.vertical]
         margin = 0.0 if self.breaks else MARGIN / 2
         marks = [*vertical, *events]
-        return Drawing(self.options.title or "", self._x_label(), self.log_x, panels, marks, margin, self.options.xlim)
+        return Drawing(
+            title=self.options.title or "",
+            x_label=self.options.xlabel or self._x_label(),
+            log_x=self.log_x,
+            panels=panels,
+            marks=marks,
+            x_margin=margin,
+            x_limits=self.options.xlim,
+            legend_title=self.options.legend_title or "",
+        )
 
     def _drawn(self, index: int, panel: Panel, points: Sequence[dict[tuple[int, int], Points]]) -> DrawnPanel:
         several, curves = len(self.tables) > 1, list[DrawnCurve]()
@@ -114,7 +124,8 @@ class FigurePlan:
                 colour, variant = (table, number) if several else (number, 0)
                 curves.append(DrawnCurve(label, drawn[index, number], colour, variant))
         marks = [mark for mark in self.marks if not mark.vertical and mark.panel in (None, index + 1)]
-        return DrawnPanel(panel.label, curves, index in self.log_y, marks, self.ylim.get(index))
+        ylabel = self.ylabels.get(index, "")
+        return DrawnPanel(panel.label, curves, index in self.log_y, marks, self.ylim.get(index), ylabel)
 
     def _x_axis(self) -> curve_syntax.CurveSpec | None:
         """Returns the x axis; None for the number of the row."""
@@ -161,15 +172,6 @@ class FigurePlan:
             left = [curve.text.name for panel in panels[PANELS:] for curve in panel.curves]
             self.notes.append(f"{len(left)} columns are left out, {listing(left)}; choose with {option('y')}")
         return panels[:PANELS]
-
-    def _marks(self) -> list[curve_syntax.ReferenceLine]:
-        marks: list[curve_syntax.ReferenceLine] = []
-        for index, text in enumerate(self.options.mark):
-            with concerning("mark", index):
-                marks.append(curve_syntax.parse_reference_line(text))
-                if marks[-1].panel is not None:
-                    curve_syntax.panel_index(marks[-1].panel, len(self.panels), "mark")
-        return marks
 
     def _event_marks(self) -> list[EventLines]:
         events: list[EventLines] = []

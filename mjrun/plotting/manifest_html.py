@@ -35,13 +35,15 @@ def manifest_articles(manifests: Sequence[FileManifest]) -> Iterator[Markup]:
         common = {}
     for manifest, facts in zip(manifests, every, strict=True):
         terms = _terms({key: value for key, value in facts.items() if key not in common})
-        options, outputs = _mapping(manifest.content.get("options")), manifest.content.get("outputs")
-        yield element("article", element("h3", manifest.path), terms, *_options(options), *_hashes(outputs))
+        options = _options(_mapping(manifest.content.get("options")))
+        read = _hashes("Files that were read", manifest.content.get("inputs"))
+        made = _hashes("Files that were made", manifest.content.get("outputs"))
+        yield element("article", element("h3", manifest.path), terms, *options, *read, *made)
 
 
 def _facts(manifest: FileManifest) -> dict[str, object]:
     """Returns the most important facts first, then all others but options and hashes; empty ones are omitted."""
-    content = {key: value for key, value in manifest.content.items() if key not in ("options", "outputs")}
+    content = {key: value for key, value in manifest.content.items() if key not in ("options", "inputs", "outputs")}
     result, model = _mapping(content.pop("result", None)), _mapping(content.pop("model", None))
     versions = [f"{name} {content.pop(name)}" for name in _VERSIONS if isinstance(content.get(name), str)]
     facts = {
@@ -70,16 +72,16 @@ def _options(options: Mapping[str, object]) -> Iterator[Markup]:
         yield element("details", element("summary", f"Options ({len(rows)})"), table)
 
 
-def _hashes(outputs: object) -> Iterator[Markup]:
-    files = [_mapping(file) for file in cast(list[object], outputs)] if isinstance(outputs, list) else []
+def _hashes(title: str, entries: object) -> Iterator[Markup]:
+    files = [_mapping(file) for file in cast(list[object], entries)] if isinstance(entries, list) else []
     rows: list[Markup] = []
     for file in files:
         head = element("th", element("code", _text(file.get("path", ""))), scope="row")
         size = element("td", _text(file.get("bytes", "")), class_="number")
         rows.append(element("tr", head, size, element("td", element("code", _text(file.get("sha256", ""))))))
     if rows:
-        table = table_element("Files that were made", ["File", "Bytes", "SHA-256"], rows, [1])
-        yield element("details", element("summary", f"Hashes ({len(rows)})"), table)
+        table = table_element(title, ["File", "Bytes", "SHA-256"], rows, [1])
+        yield element("details", element("summary", f"{title} ({len(rows)})"), table)
 
 
 def flat(values: Mapping[str, object], above: str = "") -> dict[str, object]:

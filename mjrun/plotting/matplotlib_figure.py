@@ -40,7 +40,8 @@ def _style(theme: Theme, em: float) -> dict[Any, Any]:
     """Returns matplotlib's settings for a theme, with letters of `em` points."""
     ink, grey = rgb(theme.ink), rgb(theme.grey)
     hair = max(0.8 * POINT, em / 16)
-    ticks = {"major.size": 0, "major.pad": 0.35 * em, "labelsize": SMALL * em, "color": grey}
+    ticks: dict[str, Any] = {"major.size": 0, "major.pad": 0.35 * em, "labelsize": SMALL * em, "color": grey}
+    ticks |= {"minor.size": 0.2 * em, "minor.width": hair}
     return {
         "figure.facecolor": rgb(theme.ground),
         "figure.titlesize": TITLE * em,

@@ -1,10 +1,11 @@
 """Writing of pages about results, and the files that they include."""
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
-from mjrun.errors import BadValueError, FileError, concerning, option
+from mjrun.errors import BadValueError, FileError, clean, concerning, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile
 from mjrun.formats.input_file import parse_manifest
@@ -63,6 +64,26 @@ def included(paths: Iterable[str], page: str, limit: float) -> tuple[list[PageFi
         else:
             manifests.append(FileManifest(path, manifest))
     return files, manifests
+
+
+def origin(title: str, command: str, inputs: Iterable[str], versions: Mapping[str, str]) -> FileManifest:
+    """Returns how something was made: the command, the versions, and the hashes of the files that were read.
+
+    Args:
+      inputs: paths of the files; those that are not files, such as standard input, are omitted.
+      versions: versions of libraries in addition to mjrun, by name.
+    """
+    files = [
+        {"path": clean(path), "bytes": Path(path).stat().st_size, "sha256": _digest(path)}
+        for path in dict.fromkeys(inputs)
+        if Path(path).is_file()
+    ]
+    return FileManifest(title, {"command": command, "mjrun": __version__, **versions, "inputs": files})
+
+
+def _digest(path: str) -> str:
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def recorded_verdicts(manifests: Iterable[FileManifest]) -> list[tuple[str, Verdict]]:

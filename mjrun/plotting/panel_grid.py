@@ -4,6 +4,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, option
 
 WIDTHS = (1280, 1600, 1920)  # default width of a figure, by panels side by side [pixels]
+PAGE_WIDTH, PAGE_FONT = 640, 8.6  # width [pixels] and letters [pt] of a figure that a phone shows whole
 LEAST_WIDTH, LEAST_HEIGHT = 140, 56  # minimum size of a panel with everything around it [pixels]
 LEAST_BELOW = 40  # minimum height for the x axis [pixels]
 MOST_SIDE, MOST_PIXELS = 2**16 - 1, 10**8  # limits of drawing in about 400 MB
@@ -38,9 +39,17 @@ class PanelGrid:
 
 
 def panel_grid(
-    count: FigureContents, size: tuple[int, int] | None, columns: int | None, font_size: float | None = None
+    count: FigureContents,
+    size: tuple[int, int] | None,
+    columns: int | None,
+    font_size: float | None = None,
+    *,
+    in_page: bool = False,
 ) -> PanelGrid:
     """Returns the grid of these panels, in `size` pixels, `columns` and letters of `font_size` points if set.
+
+    Args:
+      in_page: whether a page shows the figure, below others and also on phones.
 
     Raises:
       BadValueError: the panels do not fit, or the figure has too many pixels.
@@ -48,6 +57,8 @@ def panel_grid(
     side = min(count.panels, columns or _columns(count.panels, size[0] if size else None))
     rows = -(-count.panels // side)
     width = size[0] if size else WIDTHS[min(side, len(WIDTHS)) - 1]
+    if in_page and not size:
+        width, font_size = PAGE_WIDTH, font_size or PAGE_FONT
     em = 6 + width / (150 + 30 * (side > 1)) if font_size is None else font_size / POINT
     if size is None:
         panel = min(max(12.5, 3.5 + 1.02 * count.names), 16.5)  # [em], so that a legend has room

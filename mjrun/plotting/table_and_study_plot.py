@@ -1,20 +1,23 @@
 """Plots of tables and of studies, as images and as pages."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+
+import numpy as np
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FailedAssertionError, UsageError, clean, counted, listing, option, quoted
 from mjrun.formats.atomic_output import publish_together
 from mjrun.formats.image_format import figure_format
-from mjrun.formats.study_reader import read_study
+from mjrun.formats.study_reader import RESULTS, read_study
 from mjrun.formats.table_reader import STDIN
 from mjrun.options.option import is_given, options
 from mjrun.options.plot import TablePlotOptions
 from mjrun.plotting import page_writer
 from mjrun.plotting.figure_writer import FigureWriter, require_matplotlib, svg_text
 from mjrun.plotting.html_page import Page, PageFigure, PageTable, media_html
+from mjrun.plotting.manifest_html import FileManifest
 from mjrun.plotting.page_writer import MAKER, PageWriter
 from mjrun.plotting.study.figure_data import study_grid
 from mjrun.plotting.study.plan import StudyFigurePlan
@@ -25,12 +28,18 @@ from mjrun.probe.verdict import Verdict
 from mjrun.reporter import Reporter, WarningReporter
 
 SCHEMA = "mjrun-plot-1"  # schema of the report
-OF_TABLES = ("mark", "mark_event", "assert", "xlim", "ylim", "label")  # options that do not apply to a study
+OF_TABLES = ("mark_event", "assert", "label")  # options that do not apply to a study
 
 
 @options
 class TablePlot(TablePlotOptions):
-    """A plot of tables: its options are keywords."""
+    """A plot of tables: its options are keywords.
+
+    Args:
+      command: the command line, for the page.
+    """
+
+    command: str = ""
 
     @property
     def paths(self) -> list[str]:
@@ -100,7 +109,7 @@ class TablePlot(TablePlotOptions):
             verdicts=[*verdicts, *((path, each) for path, each in recorded if (path, each.text) not in known)],
             files=files,
             tables=[PageTable(each.path, each.rows, each.statistics()) for each in summaries],
-            manifests=[*manifests, *embedded],
+            manifests=[_origin(self, self.paths), *manifests, *embedded],
         )
 
 
@@ -139,10 +148,13 @@ class StudyPlot(TablePlot):
                 writers.append(picture)
             if self.html:
                 page = stack.enter_context(PageWriter(self.html))
-                svg = svg_text(drawing, grid, self.style)
+                in_page = grid if self.size else study_grid(drawing, None, self.font_size, in_page=True)
+                svg = svg_text(drawing, in_page, self.style)
                 figure = PageFigure(adaptive(svg) if self.style == "light" else svg, listing(labels), plan.notes)
                 files, manifests = page_writer.included(self.include, self.html, self.embed_up_to)
-                page.write(Page(self.title or folder, MAKER, [figure], files=files, manifests=manifests))
+                own = _origin(self, [str(Path(folder, RESULTS))])
+                shown = Page(self.title or folder, MAKER, [figure], files=files, manifests=[own, *manifests])
+                page.write(shown)
                 writers.append(page)
             publish_together(writers)
         return _result(self, grid.size, [len(results)], labels, sum(each.curves for each in drawing.panels), plan.notes)
@@ -192,6 +204,10 @@ def _check_outputs(plot: TablePlot) -> None:
         raise UsageError(f"{clean(plot.output)} would be a page, not an image: {option('html')} writes pages")
     if plot.include and plot.html is None:
         raise UsageError(f"{option('include')} requires {option('html')}")
+
+
+def _origin(plot: TablePlot, files: Iterable[str]) -> FileManifest:
+    return page_writer.origin("This page", plot.command, files, {"numpy": np.__version__})
 
 
 def _target(plot: TablePlot) -> str | None:

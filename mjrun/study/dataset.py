@@ -199,7 +199,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
     ) -> "DatasetResult":
         results, folder = prepared.results(), Path(self.output)
         facts = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
-        study_table(prepared.points, (), results).write(prepared.folder, facts)
+        study_table(prepared.points, (), results, prepared.units).write(prepared.folder, facts)
         self._remove_points_from(len(results))
         parts: dict[str, list[Mapping[str, Any]]] = {name: [] for name, share in self.split if share}
         rejected = 0

@@ -15,8 +15,12 @@ import numpy as np
 from mjrun.errors import MjrunError, UsageError, clean
 from mjrun.experiment.design import Design, design
 from mjrun.experiment.results_table import Requirements, check_metric_names, metric_columns, parse_metrics
+from mjrun.model.setting_units import setting_unit
 from mjrun.model.variants import ModelVariants
 from mjrun.options.sweep import ExecutionOptions, StudyOptions
+from mjrun.probe.expression_units import expression_unit
+from mjrun.probe.metric import Metric
+from mjrun.probe.select import available_columns
 from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
@@ -38,6 +42,7 @@ from mjrun.study.spec import (
     without_cameras,
 )
 
+IN_SECONDS = ("timestep", "duration", "ctrl_noise_time", "control_dt")  # options of simulations
 LENGTH = ("timestep", "duration", "steps")  # parameters that determine the number of steps
 FIRST_STEPS = 2000  # in a chunk before anything is measured, if points have fewer
 FIRST_POINTS = 32  # most points in such a chunk: each may be compiled
@@ -64,6 +69,7 @@ class PreparedStudy:
       files: files of results.
       known: known results, by the key of their points.
       columns: columns that the metrics read in the base model, except the time.
+      units: units of parameters and metrics in the base model; empty where unknown.
 
     Raises:
       UsageError: a name is unknown, or a value is invalid.
@@ -80,7 +86,8 @@ class PreparedStudy:
             snapshot = base.snapshot.with_files(_varied_files(spec.base, self.points))
             self.spec = replace(spec, names=self.points.names, base=replace(base, snapshot=snapshot))
             self.shipped = ShippedStudy.of(self.spec)
-            self.columns = self._check(options.require)
+            metrics = self._check(options.require)
+            self.columns, self.units = metric_columns(metrics), self._units(metrics)
             self.folder = Path(options.output)
             self.files = ChunkFiles(self.folder, [name for name, _ in spec.metrics])
             self.known = self.files.read()
@@ -239,8 +246,8 @@ class PreparedStudy:
                     sizes.add(len(results), sum(each.steps for each in results), sum(each.wall for each in results))
                 yield arrived
 
-    def _check(self, requirements: Sequence[str]) -> Sequence[str]:
-        """Raises errors that concern all points before the first is simulated; returns the columns of the metrics."""
+    def _check(self, requirements: Sequence[str]) -> Sequence[Metric]:
+        """Raises errors that concern all points before the first is simulated; returns the metrics."""
         episode = self.first.episode
         check_metric_names(self.spec.metrics, (*self.points.names, *STATUSES, *TABLE_COLUMNS))
         metrics = parse_metrics(self.spec.metrics, self.model, episode.columns if episode else None)
@@ -257,7 +264,18 @@ class PreparedStudy:
                 case _:
                     pass
             raise
-        return metric_columns(metrics)
+        return metrics
+
+    def _units(self, metrics: Sequence[Metric]) -> Mapping[str, str]:
+        episode = self.first.episode
+        available = available_columns(self.model, episode.columns if episode else None)
+        columns = {"time": "s"} | {each.name: each.unit for each in available}
+        parameters = {
+            name: columns.get(name) or (name in IN_SECONDS and "s") or setting_unit(self.model, name)
+            for name in self.points.names
+        }
+        named = zip(self.spec.metrics, metrics, strict=True)
+        return parameters | {name: expression_unit(metric.root, columns) for (name, _), metric in named}
 
 
 def _checked_design(

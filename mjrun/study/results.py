@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
@@ -19,13 +20,22 @@ FEW = 4  # values of a point in a message
 _COMPARED = re.compile(r"""\bstatus\s*(==|!=)\s*(["'])(\w+)\2""")
 
 
-def study_table(design: Design, metrics: Sequence[str], results: Sequence[PointResult]) -> ResultsTable:
-    """Returns the table of a study, with a row for each point in order."""
+def study_table(
+    design: Design,
+    metrics: Sequence[str],
+    results: Sequence[PointResult],
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> ResultsTable:
+    """Returns the table of a study, with a row for each point in order.
+
+    Args:
+      units: units of parameters and metrics, by name.
+    """
     table = ResultsTable()
     table.add(POINT, range(len(results)))
-    table.add_parameters(design, range(len(design.points)))
+    table.add_parameters(design, range(len(design.points)), units=units)
     for index, name in enumerate(metrics):
-        table.add(Column(name, meaning="metric"), [result.metrics[index] for result in results])
+        table.add(Column(name, units.get(name, ""), "metric"), [result.metrics[index] for result in results])
     table.add_texts("status", [result.status for result in results])
     table.add(Column("steps", meaning="steps taken", integer=True), [result.steps for result in results])
     codes = [result.exit_code for result in results]

@@ -5,7 +5,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 import mujoco
@@ -146,7 +146,7 @@ class Study(StudyOptions, ExecutionOptions):
         """Writes the table, the kept files and the manifest; raises errors of a finished study with its result."""
         points, results = prepared.points, prepared.results()
         names = [name for name, _ in self.metric]
-        table = study_table(points, names, results)
+        table = study_table(points, names, results, prepared.units)
         facts: dict[str, object] = {"mjrun": __version__, "mujoco": mujoco.mj_versionString()}
         facts |= {"metrics": dict(self.metric), "columns": prepared.columns}
         files = table.write(prepared.folder, facts)  # the same for all runs, unlike the manifest
@@ -163,7 +163,10 @@ class Study(StudyOptions, ExecutionOptions):
             points=len(results),
             simulated=simulated,
             statuses={status: count for status, count in statuses.items() if count},
-            metrics={name: _summary(points, [r.metrics[i] for r in results]) for i, name in enumerate(names)},
+            metrics={
+                name: replace(_summary(points, [r.metrics[i] for r in results]), unit=prepared.units[name])
+                for i, name in enumerate(names)
+            },
             failures=point_failures(points, results),
             assertions=verdicts,
             files=[*map(str, files), str(prepared.folder / MANIFEST)],
@@ -226,7 +229,8 @@ class StudyResult:
         Raises:
           FileError: the folder has been removed.
         """
-        return Table(dict(read_study(self.path).numbers))
+        results = read_study(self.path)
+        return Table(dict(results.numbers), dict(results.units))
 
     def _repr_html_(self) -> str:
         """Returns the table of points for a notebook."""
@@ -243,6 +247,7 @@ class MetricSummary:
       quantiles: 0, 5, 25, 50, 75, 95 and 100 % of the values, interpolated linearly.
       lowest, highest: points with the extreme values; None if no point has a value.
       lowest_values, highest_values: parameters of these points.
+      unit: the unit of the values; empty for pure numbers and where it is unknown.
     """
 
     count: int
@@ -253,6 +258,7 @@ class MetricSummary:
     highest: int | None
     lowest_values: Mapping[str, str] = field(default_factory=dict)
     highest_values: Mapping[str, str] = field(default_factory=dict)
+    unit: str = ""
 
 
 def _summary(points: Design, values: Sequence[float]) -> MetricSummary:

@@ -59,7 +59,13 @@ def write_study_page(
 
 def _metrics(result: "StudyResult") -> list[PageFacts]:
     rows = [
-        (name, f"{each.count:,}", *map(number, each.quantiles), number(each.mean), number(each.std))
+        (
+            f"{name} [{each.unit}]" if each.unit else name,
+            f"{each.count:,}",
+            *map(number, each.quantiles),
+            number(each.mean),
+            number(each.std),
+        )
         for name, each in result.metrics.items()
     ]
     heads = ("Metric", "Points", *QUANTILES, "Mean", "Std")

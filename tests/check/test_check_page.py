@@ -57,7 +57,7 @@ def test_a_page_has_a_card_for_each_finding_the_worst_first() -> None:
     write("broken.xml", hinged("limited='true'"))
     result = Check(["a.xml", "broken.xml"], steps=0).run()
     reporter = Warnings()
-    write_check_page("page.html", result, "2 models", FindingCards(reporter))
+    write_check_page("page.html", result, "2 models", FindingCards(reporter), "mjrun check a.xml")
     page = Path("page.html").read_text()
     assert re.findall(r"</span> (MJ\d+)", page) == ["MJ303", "MJ302"]
     assert re.findall(r"<code>([^<]*xml:\d+)</code>", page) == ["broken.xml:5", "a.xml:5"]
@@ -79,7 +79,7 @@ def test_a_fix_has_a_card_with_pictures_of_both_models_if_it_can_be_seen(dry_run
     )
     cards = FindingCards(Warnings())
     result = Check(["a.xml"], steps=0, fix=True, unsafe_fixes=True, dry_run=dry_run).run(before_fix=cards.add_fixes)
-    write_check_page("page.html", result, "", cards)
+    write_check_page("page.html", result, "", cards, "")
     page = Path("page.html").read_text()
     assert re.findall(r"fix</span> (MJ\d+)", page) == ["MJ302", "MJ402"]
     before, after = re.findall(r'<img src="data:image/jpeg;base64,([^"]*)', page)
@@ -96,10 +96,10 @@ def test_names_are_escaped_and_a_page_without_a_renderer_has_no_pictures(monkeyp
     finding = Finding("MJ302", "warning", "<script>\x1b", "a.xml", 5, "joint 'j'", "<b>")
     reporter = Warnings()
     result = CheckResult((ModelResult("a.xml", True, (finding, finding)),), 0, 0)
-    write_check_page("page.html", result, "", FindingCards(reporter))
+    write_check_page("page.html", result, "", FindingCards(reporter), "")
     page = Path("page.html").read_text()
     assert "&lt;script&gt;\\x1b" in page
     assert "<img" not in page
     assert len(reporter.warnings) == 1
     with pytest.raises(UsageError, match="a file that ends with"):
-        write_check_page("page.txt", CheckResult((), 0, 0), "", FindingCards(reporter))
+        write_check_page("page.txt", CheckResult((), 0, 0), "", FindingCards(reporter), "")

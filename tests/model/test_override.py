@@ -125,6 +125,10 @@ def refusal(path: str, value: str) -> UsageError:
         ("text/note.data", "ho, ho", 'data="hi"', 'data="ho, ho"'),
         ("key/home.qpos", "1,2", '"home"', '"home" qpos="1 2"'),
         ("key/home.time", "1", '"home"', '"home" time="1"'),
+        ("site/tip.size", "300mm", '"tip"', '"tip" size=".3"'),
+        ("body/arm.pos", "1cm,20cm,2", '"arm"', '"arm" pos=".01 .2 2"'),
+        ("body/leg.mass", "900g", 'mass="1"', 'mass="0.9"'),
+        ("opt.timestep", "4ms", "<option/>", '<option timestep="0.004"/>'),
     ],
 )
 def test_an_override_is_the_attribute_written_into_the_source(path: str, value: str, old: str, new: str) -> None:
@@ -356,6 +360,19 @@ def test_a_relative_value_with_a_wildcard_is_relative_to_each_element() -> None:
     spec = mujoco.MjSpec.from_string(xml)
     apply(spec, Override("scale:geom/*.size[0]", "2"))
     assert [geom.size[0] for geom in spec.geoms] == [2, 6]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "reason"),
+    [
+        ("opt.gravity", "0,0,-9mm", "gravity is no length"),
+        ("geom/shin.l.size", "1kg", "size is no mass"),
+        ("scale:geom/shin.l.size", "1mm", "a factor has none"),
+        ("joint/knee.range", "-1mm,1", "range is no length"),
+    ],
+)
+def test_a_unit_that_does_not_fit_is_refused(path: str, value: str, reason: str) -> None:
+    assert f"{value} has a unit, and {reason}" in str(refusal(path, value))
 
 
 INCOMPLETE = ("", ".", "/", "opt", "opt.", "opt.flag", "vis.quality", "geom/", "geom/floor", "geom/floor.", "geom/*")

@@ -37,7 +37,7 @@ def test_it_holds_tables_images_verdicts_and_what_made_them(jobs: list[Job[Outpu
     html = page.read_text()
     text = read(html).text
     assert external_references(html) == []
-    for part in ("study.yaml", "1 assertion passed", "qpos/hinge", "51 rows", "p.png", "Hashes (1)"):
+    for part in ("study.yaml", "1 assertion passed", "qpos/hinge", "51 rows", "p.png", "Files that were made (1)"):
         assert part in text
     assert html.count("<svg") == 1
     assert "data:image/png;base64," in html

@@ -198,7 +198,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_a_study_is_a_picture_and_the_same_bytes_again(study: str, suffix: str, tmp_path: Path) -> None:
     results = [StudyPlot(study, str(tmp_path / f"{i}.{suffix}"), size=(640, 480)).run() for i in range(2)]
     assert (tmp_path / f"0.{suffix}").read_bytes() == (tmp_path / f"1.{suffix}").read_bytes()
-    assert (results[0].panels, results[0].rows, results[0].curves) == (["drift"], [3], 1)
+    assert (results[0].panels, results[0].rows, results[0].curves) == (["drift [J]"], [3], 1)
     if suffix == "png":
         with Image.open(tmp_path / "0.png") as image:
             assert image.size == (640, 480)
@@ -212,7 +212,7 @@ def test_a_study_has_a_page(study: str, tmp_path: Path) -> None:
 
 def test_what_a_study_cannot_have_is_reported(study: str) -> None:
     with pytest.raises(UsageError, match="applies to tables only"):
-        StudyPlot(study, "a.png", mark=("a=1",)).run()
+        StudyPlot(study, "a.png", label=("a",)).run()
     with pytest.raises(UsageError, match="one study"):
         StudyPlot([study, "b.csv"], "a.png").run()
     with pytest.raises(UsageError, match="include requires html"):

@@ -1,4 +1,4 @@
-"""The types of mjrun: the stubs are those of the declarations, and README's Python passes strict checks."""
+"""The types of mjrun: the stubs are those of the declarations, and the Python of the pages passes strict checks."""
 
 import json
 import re
@@ -14,7 +14,15 @@ from scripts.make_stubs import STUB, stub
 from tests.documentation import blocks
 
 ROOT = Path(__file__).parents[2]
-BLOCKS = blocks("python")
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+CELLS = json.loads((ROOT / "docs/notebook.ipynb").read_text("utf-8"))["cells"]
+NOTEBOOK = "\n".join("".join(cell["source"]) for cell in CELLS if cell["cell_type"] == "code")
+# Lines of IPython, which are no Python, are omitted.
+BLOCKS = [*(block for page in PAGES for block in blocks("python", page.read_text("utf-8")))]
+BLOCKS.append(re.sub(r"(?m)^[%!].*$", "", NOTEBOOK))
+# matplotlib and gymnasium leave some types open, and the last line of a cell is shown.
+LENIENT = ("reportUnknownMemberType", "reportUnknownVariableType", "reportUnknownArgumentType")
+LENIENT += ("reportUnknownLambdaType", "reportUnusedExpression")
 ACCEPTED = """
 from fractions import Fraction
 from pathlib import Path
@@ -46,7 +54,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for index, block in enumerate([*BLOCKS, ACCEPTED]):
         (folder / f"right_{index}.py").write_text(block)
     (folder / "wrong.py").write_text("\n".join(["import mjrun", *REFUSED]) + "\n")
-    settings = {"stubPath": str(ROOT / "typings"), "typeCheckingMode": "standard"}
+    settings = {"stubPath": str(ROOT / "typings"), "typeCheckingMode": "strict", **dict.fromkeys(LENIENT, False)}
     (folder / "pyrightconfig.json").write_text(json.dumps(settings))
     return folder
 

@@ -52,6 +52,14 @@ def table(folder: Path) -> bytes:
     return (folder / "results.parquet").read_bytes() + (folder / "results.csv").read_bytes()
 
 
+def test_parameters_and_metrics_have_units_in_the_table(simulation: Simulation, tmp_path: Path) -> None:
+    vary = {"qpos/ball/z": "1,2", "opt.timestep": "1e-3", "seed": "1"}
+    result = study(simulation, tmp_path / "study", vary=vary).run()
+    units = {name: unit for name, unit in result.table.units.items() if unit}
+    assert units == {"qpos/ball/z": "m", "opt.timestep": "s", "low": "m", "drift": "J"}
+    assert result.metrics["drift"].unit == "J"
+
+
 def test_a_run_that_cannot_begin_leaves_the_folder_as_it_was(simulation: Simulation, tmp_path: Path) -> None:
     study(simulation, tmp_path / "study", vary={"qvel/ball/vx": "0,1"}).run()
     before = {path: path.read_bytes() for path in (tmp_path / "study").rglob("*") if path.is_file()}

@@ -28,7 +28,7 @@ def test_the_page_shows_the_numbers_of_the_table_and_how_it_was_made(ball: Simul
     text = page.read_text("utf-8")
     cells = PageCells(text).texts
     low = pd.read_csv(folder / "results.csv")["low"]
-    shown = PageCells(text).numbers_after("low", 9)
+    shown = PageCells(text).numbers_after("low [m]", 9)
     expected = [5, *np.quantile(low, (0, 0.05, 0.25, 0.5, 0.75, 0.95, 1)), low.mean()]
     np.testing.assert_allclose(shown, expected, rtol=1e-4)
     assert "0.2, 0.4, 0.6, 0.8, 1" in cells

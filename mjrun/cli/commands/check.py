@@ -88,7 +88,7 @@ def check(console: Console, command_line: CommandLine) -> None:
     if options.html and cards:
         from mjrun.check.check_page import write_check_page
 
-        write_check_page(options.html, result, report.summary(), cards)
+        write_check_page(options.html, result, report.summary(), cards, console.command)
     console.answer(report, form)
     if result.code:
         console.fail(result.code, "FailedCheck", report.summary())

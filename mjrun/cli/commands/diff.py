@@ -102,7 +102,9 @@ def diff(console: Console, command_line: CommandLine) -> None:
     from mjrun.cli.diff_report import diff_report, verdict
     from mjrun.outputs.result_comparison import Diff
 
-    result = command_line.make(Diff, a=command_line.argument("a"), b=command_line.argument("b")).run(console)
+    result = command_line.make(
+        Diff, a=command_line.argument("a"), b=command_line.argument("b"), command=console.command
+    ).run(console)
     console.answer(diff_report(result, every=console.verbosity > 0), form)
     if not result.equal:
         console.fail(DIFFERENT, "Difference", verdict(result))

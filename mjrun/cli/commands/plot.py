@@ -104,7 +104,7 @@ def _plot_tables(console: Console, command_line: CommandLine, tables: Sequence[s
         raise click.UsageError("Missing option '-o' / '--output' or '--html'.", click.get_current_context())
     is_piped = payload_on_stdout(command_line)
     is_study = any(is_folder(table) for table in tables)
-    job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables)
+    job = command_line.make(StudyPlot if is_study else TablePlot, tables=tables, command=console.command)
     with reported_failures(console, lambda results: _report(results[0], is_piped), FailedAssertionError):
         result = job.run(console)
     console.answer(_report(result, is_piped))

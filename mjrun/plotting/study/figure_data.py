@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mjrun.dataclass import dataclass
+from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import Scale, scale
 from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
 
@@ -54,12 +55,19 @@ class FailedPoints:
 
 @dataclass(frozen=True)
 class GraphPanel:
-    """A metric over a parameter; failures are shown at the bottom."""
+    """A metric over a parameter; failures are shown at the bottom.
+
+    Attributes:
+      marks: lines at values of either axis.
+      axis_label: the label beside the y axis, in addition to that above the panel.
+    """
 
     x: Scale
     y: Scale
     series: Sequence[Series]
     failures: Sequence[FailedPoints]
+    marks: Sequence[ReferenceLine] = ()
+    axis_label: str = ""
 
     @property
     def label(self) -> str:
@@ -111,11 +119,17 @@ class ParallelPanel:
 
 @dataclass(frozen=True)
 class RankPanel:
-    """Rank correlations of parameters with a metric; all panels of a figure have the same parameters in one order."""
+    """Strengths of the relations of parameters to a metric; all panels of a figure have the same parameters.
+
+    Attributes:
+      correlations: rank correlations, which monotone relations have.
+      dependences: shares of dependence by mutual information, which relations of any shape have.
+    """
 
     label: str
     parameters: Sequence[str]
     correlations: np.ndarray
+    dependences: np.ndarray
 
     curves = 0
 
@@ -131,12 +145,14 @@ class StudyDrawing:
       panels: panels of one kind, followed by trajectories over time.
       columns: number of columns of panels; None to choose it.
       above: parallel coordinates above all panels, if any.
+      legend_title: title of the key.
     """
 
     title: str
     panels: Sequence[StudyPanel]
     columns: int | None = None
     above: ParallelPanel | None = None
+    legend_title: str = ""
 
 
 def cell_scale(name: str, levels: np.ndarray, labels: Sequence[str]) -> Scale:
@@ -178,8 +194,13 @@ def is_even_in_ratios(values: np.ndarray) -> bool:
     return bool(abs(ratio - 0.5) < abs(share - 0.5))
 
 
-def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None, font_size: float | None = None) -> PanelGrid:
+def study_grid(
+    drawing: StudyDrawing, size: tuple[int, int] | None, font_size: float | None = None, *, in_page: bool = False
+) -> PanelGrid:
     """Returns the size of a figure and the positions of its panels.
+
+    Args:
+      in_page: whether a page shows the figure.
 
     Raises:
       BadValueError: the panels do not fit in `size` pixels.
@@ -190,6 +211,9 @@ def study_grid(drawing: StudyDrawing, size: tuple[int, int] | None, font_size: f
     side = drawing.columns or (1 if panels < 3 and not is_heat else min(most, panels))
     if drawing.columns is None and size and size[0] < 900:
         side = 1
+    in_page = in_page and drawing.columns is None and all(isinstance(panel, GraphPanel) for panel in drawing.panels)
+    side = 1 if in_page else side
     names = max((len(p.parameters) + 2 for p in drawing.panels if isinstance(p, RankPanel)), default=0)
     above = min(side, panels) if drawing.above else 0
-    return panel_grid(FigureContents(panels + above, names, bool(drawing.title)), size, min(side, panels), font_size)
+    contents = FigureContents(panels + above, names, bool(drawing.title))
+    return panel_grid(contents, size, min(side, panels), font_size, in_page=in_page)

@@ -15,6 +15,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.text import Annotation
 
 from mjrun.plotting.axis_ticks import number_ticks, set_scale
+from mjrun.plotting.curve_syntax import ReferenceLine
 from mjrun.plotting.figure_data import Scale
 from mjrun.plotting.matplotlib_figure import SMALL, TITLE, Canvas, rgb
 from mjrun.plotting.panel_grid import POINT, PanelGrid
@@ -24,6 +25,7 @@ from mjrun.plotting.tick_labels import value_labels
 UPPER = 1.25  # height of parallel coordinates, in rows of panels
 NAMES = 0.3  # maximum share of the figure for names of parameters
 REACH = 1.1  # end of the axis of rank correlations on either side
+FALLING = 0.1  # negative rank correlation from which a ring is on the side of its bar
 THICK = 0.62  # height of a bar, as a share of its row
 OPACITIES = (0.16, 0.26)  # of the bands, from wide to narrow, where they add up
 BANDS = ("5–95 %", "25–75 %")
@@ -34,6 +36,7 @@ COLOUR_MAP = "viridis"  # perceptually uniform
 BAR, GAP = 0.8, 0.7  # width of a colour bar, and gap before it [em]
 METRIC = 10  # maximum width of a metric's name above its colour bar [em]
 WRITTEN = 100  # maximum number of cells of a heat map with their values
+DIGITS = "{:.4g}"  # of these values
 VECTORS = 4000  # number of cells above which an svg or a pdf stores them as an image
 
 
@@ -43,7 +46,7 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
     rows = -(-len(panels) // side)
     key = _key(drawing, canvas)
     if key:
-        _add_key(canvas, key, drawing.title)
+        _add_key(canvas, key, drawing.title, drawing.legend_title)
     parts = canvas.figure.add_gridspec(
         2 if drawing.above else 1, 1, height_ratios=[UPPER, rows] if drawing.above else [1]
     )
@@ -66,7 +69,9 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
                 label = panel.columns.name
             case RankPanel():
                 _draw_rank_bars(canvas, panel, axes, named=index % side == 0)
-                label = "rank correlation (of monotone relations)"
+                label = "strength of the relation"
+        if isinstance(panel, GraphPanel):
+            axes.set_ylabel(canvas.shown(panel.axis_label))
         if _is_lowest(drawing, index, side):
             axes.set_xlabel(label)
         else:
@@ -81,11 +86,21 @@ def paint_study(drawing: StudyDrawing, grid: PanelGrid, canvas: Canvas) -> None:
 def _key(drawing: StudyDrawing, canvas: Canvas) -> dict[str, Artist]:
     graphs = [panel for panel in drawing.panels if isinstance(panel, GraphPanel)]
     maps = [panel for panel in drawing.panels if isinstance(panel, HeatPanel)]
-    return {**(heat_key(canvas, maps) if maps else {}), **(_graph_key(canvas, graphs) if graphs else {})}
+    ranked = any(isinstance(panel, RankPanel) for panel in drawing.panels)
+    return {
+        **(heat_key(canvas, maps) if maps else {}),
+        **(_rank_key(canvas) if ranked else {}),
+        **(_graph_key(canvas, graphs) if graphs else {}),
+    }
 
 
-def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str) -> None:
-    """Adds a key above all panels, with the title above it: in one line if it fits, otherwise in columns."""
+def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str, legend_title: str) -> None:
+    """Adds a key above all panels, with the title above it: in one line if it fits, otherwise in columns.
+
+    The title of the key comes first in it.
+    """
+    if legend_title:
+        key = {f"{legend_title}:": Line2D([], [], linestyle="none"), **key}
     em, room = SMALL * canvas.em, canvas.width - 2 * canvas.em
     names = [canvas.fitted(name, room - 3 * em, em) for name in key]
     widths = [canvas.measure(name, em) + 3.65 * em for name in names]  # with sample and gaps
@@ -101,6 +116,20 @@ def _add_key(canvas: Canvas, key: Mapping[str, Artist], title: str) -> None:
     )
 
 
+def _rank_key(canvas: Canvas) -> dict[str, Artist]:
+    """Returns samples of the two measures of a relation, by name."""
+    bar = Patch(facecolor=rgb(canvas.theme.colour(0)), linewidth=0)
+    return {"monotone (rank correlation)": bar, "of any shape (mutual information)": _dot(canvas)}
+
+
+def _dot(canvas: Canvas) -> Line2D:
+    """Returns a ring, which marks a share of mutual information."""
+    ring = Line2D([], [], linestyle="none", marker="o", zorder=3, markersize=0.45 * canvas.em * POINT)
+    ring.set(markerfacecolor=rgb(canvas.theme.ground), markeredgecolor=rgb(canvas.theme.ink))
+    ring.set_markeredgewidth(0.8 * canvas.weight)
+    return ring
+
+
 def _draw_rank_bars(canvas: Canvas, panel: RankPanel, axes: Axes, *, named: bool) -> None:
     """Draws rank correlations as bars, each with its number on the other side of zero, which is always free."""
     theme, em = canvas.theme, canvas.em
@@ -113,6 +142,9 @@ def _draw_rank_bars(canvas: Canvas, panel: RankPanel, axes: Axes, *, named: bool
     axes.grid(True, axis="x")
     axes.barh(rows, values, THICK, color=[rgb(theme.colour(0 if value >= 0 else 1)) for value in values])
     axes.axvline(0, color=rgb(theme.zero), linewidth=1.5 * canvas.hair)
+    dots = _dot(canvas)
+    dots.set_data(np.where(values < -FALLING, -panel.dependences, panel.dependences), rows)  # NaN has none
+    axes.add_line(dots)
     for row, value in enumerate(panel.correlations.tolist()):
         text = "–" if np.isnan(value) else f"{value:+.2f}".replace("-", "−")
         axes.annotate(
@@ -174,6 +206,8 @@ def _draw_graph(canvas: Canvas, panel: GraphPanel, axes: Axes) -> None:
         axes.axhline(0, color=rgb(theme.zero), linewidth=canvas.hair, zorder=1)
     for series in reversed(panel.series):  # the first on top
         _series(canvas, axes, series)
+    for mark in panel.marks:
+        _mark(canvas, axes, mark)
     for index, each in enumerate(panel.failures):
         height = RUG * canvas.em * POINT
         axes.plot(
@@ -187,6 +221,30 @@ def _draw_graph(canvas: Canvas, panel: GraphPanel, axes: Axes) -> None:
             transform=axes.get_xaxis_transform(),
             clip_on=False,
         )
+
+
+def _mark(canvas: Canvas, axes: Axes, mark: ReferenceLine) -> None:
+    """Draws a line at a value of either axis, with its label at the end of the line."""
+    low, high = axes.get_xlim() if mark.vertical else axes.get_ylim()
+    if not low <= mark.value <= high:
+        return
+    draw, place = (axes.axvline, (mark.value, 1)) if mark.vertical else (axes.axhline, (1, mark.value))
+    draw(mark.value, color=rgb(canvas.theme.ink), linewidth=1.3 * canvas.hair, dashes=(5, 3), zorder=1.5)
+    size = 0.85 * SMALL * canvas.em * POINT
+    transform = axes.get_xaxis_transform() if mark.vertical else axes.get_yaxis_transform()
+    axes.annotate(
+        canvas.shown(mark.label),
+        place,
+        xycoords=transform,
+        xytext=(0.3 * size, -0.2 * size) if mark.vertical else (-0.3 * size, 0.3 * size),
+        textcoords="offset points",
+        ha="left" if mark.vertical else "right",
+        va="top" if mark.vertical else "bottom",
+        fontsize=size,
+        color=rgb(canvas.theme.grey),
+        bbox={"facecolor": rgb(canvas.theme.ground), "edgecolor": "none", "alpha": 0.8, "pad": 0.1 * size},
+        zorder=4,
+    )
 
 
 def _series(canvas: Canvas, axes: Axes, series: Series) -> None:
@@ -249,7 +307,7 @@ def _write_values(canvas: Canvas, panel: HeatPanel, axes: Axes) -> None:
     known = np.argwhere(np.isfinite(panel.values)).tolist()
     if rows * columns > WRITTEN or not known or box.height / rows < 1.6 * size:
         return
-    labels = value_labels([float(panel.values[row, column]) for row, column in known])
+    labels = value_labels([float(DIGITS.format(panel.values[row, column])) for row, column in known])
     if max(canvas.measure(label, size) for label in labels) > box.width / columns - size:
         return
     norm, colours = _norm(panel.colours), colormaps[COLOUR_MAP]

@@ -11,7 +11,15 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, concerning, listing, option, quoted
 from mjrun.formats.study_reader import StudyResults
 from mjrun.options.plot import FigureOptions
-from mjrun.plotting.curve_syntax import CurveSpec, parse_curves, parse_log, parse_panel
+from mjrun.plotting.curve_syntax import (
+    CurveSpec,
+    parse_curves,
+    parse_log,
+    parse_marks,
+    parse_panel,
+    parse_ylabel,
+    parse_ylim,
+)
 from mjrun.plotting.figure_data import MARGIN, Scale, scale
 from mjrun.plotting.study.figure_data import (
     FailedPoints,
@@ -27,6 +35,7 @@ from mjrun.plotting.study.figure_data import (
 from mjrun.plotting.study.statistics import (
     SEED,
     Parameter,
+    dependences,
     grouped,
     is_grid,
     parameter_of,
@@ -35,6 +44,7 @@ from mjrun.plotting.study.statistics import (
     summary,
 )
 from mjrun.plotting.study.trajectories import Trajectories
+from mjrun.probe.expression_units import expression_unit
 
 LINES = 6  # maximum number of curves of another parameter in one panel
 FEW = 3  # maximum number of parameters that have a scatter plot each
@@ -45,7 +55,7 @@ RANKED = 40  # maximum number of parameters in a panel of rank correlations
 
 @dataclass(frozen=True)
 class MetricValues:
-    """A metric or an expression over metrics: its name, and its values `(n,)`, NaN if missing."""
+    """A metric or an expression over metrics: its name with its unit, and its values `(n,)`, NaN if missing."""
 
     name: str
     values: np.ndarray
@@ -74,6 +84,12 @@ class StudyFigurePlan:
         self._trajectories, self._over_time = Trajectories(results), list[CurveSpec]()
         self._metrics = self._chosen_metrics()
         self._log_x, _ = parse_log(options.log, len(self._metrics))
+        self._marks = parse_marks(options.mark, len(self._metrics) + len(self._over_time))
+        self._ylim = parse_ylim(options.ylim, len(self._metrics))
+        self._ylabels = parse_ylabel(options.ylabel, len(self._metrics) + len(self._over_time))
+        limits = [options.xlim] if self._log_x else []
+        if any(low <= 0 for low, _ in filter(None, limits)):
+            raise UsageError(f"{option('xlim')}: a logarithmic axis starts above 0")
 
     @cached_property
     def drawing(self) -> StudyDrawing:
@@ -120,18 +136,24 @@ class StudyFigurePlan:
         for index, text in enumerate(texts):
             with concerning("y", index):
                 if text in known:
-                    metrics.append((text, known[text]))
+                    metrics.append((self._results.with_unit(text), known[text]))
                     continue
                 try:
                     self._over_time += parse_panel(text, self._trajectories.columns).curves
                 except UnknownNameError:
                     for curve in self._curves(text, list(columns)):
-                        metrics.append((curve.name, curve.expression.values(columns)))
+                        metrics.append((self._named(curve), curve.expression.values(columns)))
         _, chosen = parse_log(self._options.log, len(metrics))
         return [
             MetricValues(name, values, index in chosen if self._options.log else spans_decades(values))
             for index, (name, values) in enumerate(metrics)
         ]
+
+    def _named(self, curve: CurveSpec) -> str:
+        """Returns the name of an expression with its unit."""
+        units = self._results.units
+        unit = expression_unit(curve.expression.root, units) if curve.unit is None else curve.unit
+        return f"{curve.name} [{unit}]" if unit else curve.name
 
     def _curves(self, text: str, columns: list[str]) -> Sequence[CurveSpec]:
         """Parses curves over metrics and parameters; an error about columns over time alone is specific."""
@@ -165,7 +187,8 @@ class StudyFigurePlan:
         if len(curves) != 1:
             raise BadValueError(option("x"), self._options.x, f"one parameter, it is {len(curves)}")
         values = curves[0].expression.values(columns)
-        return Parameter(curves[0].name, values, np.unique(values[np.isfinite(values)]))
+        levels = np.unique(values[np.isfinite(values)])
+        return Parameter(curves[0].name, values, levels, label=self._named(curves[0]))
 
     # --- kinds of figures ----------------------------------------------------------------------------
 
@@ -178,35 +201,59 @@ class StudyFigurePlan:
         if not x.is_listed and (others or not is_parameter):
             return self._scatter([x])
         lines = others[0] if len(others) == 1 and len(others[0].levels) <= LINES else None
-        axis = x.scale(True if self._log_x else None)
+        axis = self._axis(x)
         panels = [self._graph(x, axis, metric, lines) for metric in self._shown(self._metrics)]
         return self._drawn(panels)
+
+    def _axis(self, x: Parameter) -> Scale:
+        """Returns the axis of a parameter, with the range and the label that are requested."""
+        axis, options = x.scale(True if self._log_x else None), self._options
+        if options.xlim and not axis.categories:
+            low, high = options.xlim
+            axis = replace(axis, low=low, high=high, log=axis.log and low > 0)
+        return replace(axis, name=options.xlabel) if options.xlabel else axis
+
+    def _panel(
+        self, x: Scale, metric: MetricValues, drawn: np.ndarray, series: Sequence[Series], failures: np.ndarray
+    ) -> GraphPanel:
+        """Returns a panel of a metric, with its marks.
+
+        Args:
+          drawn: the values that the y axis shows.
+          failures: x of all points `(n,)`.
+        """
+        index = next(number for number, each in enumerate(self._metrics) if each is metric)
+        marks = [mark for mark in self._marks if mark.vertical or mark.panel in (None, index + 1)]
+        heights = [mark.value for mark in marks if not mark.vertical]
+        y = scale(metric.name, np.append(drawn, heights), log=metric.log, edge=MARGIN)
+        if limit := self._ylim.get(index):
+            y = replace(y, low=limit[0], high=limit[1], log=y.log and limit[0] > 0)
+        return GraphPanel(x, y, series, self._failures(failures), marks, self._ylabels.get(index, ""))
 
     def _graph(self, x: Parameter, axis: Scale, metric: MetricValues, lines: Parameter | None) -> GraphPanel:
         groups = [("", np.ones(len(x.values), bool))]
         if lines is not None:
             groups = [
-                (f"{lines.name} = {label}", lines.values == level)
+                (label if self._options.legend_title else f"{lines.name} = {label}", lines.values == level)
                 for level, label in zip(lines.levels, lines.labels, strict=True)
             ]
         series = [summary(name, x, metric.values, chosen, i) for i, (name, chosen) in enumerate(groups)]
         drawn = [each for s in series for each in (s.y, *(end for band in s.bands for end in (band.low, band.high)))]
-        y = scale(metric.name, np.concatenate(drawn), log=metric.log, edge=MARGIN)
-        return GraphPanel(axis, y, series, self._failures(x.values))
+        return self._panel(axis, metric, np.concatenate(drawn), series, x.values)
 
     def _scatter(self, parameters: Sequence[Parameter]) -> StudyDrawing:
         """Plans dots, in a column of panels for each parameter."""
         metrics = self._metrics[: max(1, GRAPHS // len(parameters))]
         panels: list[StudyPanel] = []
         for metric in self._shown(metrics):
-            y = scale(metric.name, metric.values, log=metric.log, edge=MARGIN)
             for x in parameters:
                 dots = Series("", x.values, metric.values, joined=False)
-                panels.append(GraphPanel(x.scale(True if self._log_x else None), y, [dots], self._failures(x.values)))
+                panels.append(self._panel(self._axis(x), metric, metric.values, [dots], x.values))
         return self._drawn(panels, len(parameters))
 
     def _heat_maps(self, across: Parameter, up: Parameter) -> StudyDrawing:
         """Plans a cell for each pair of values: the median of its points."""
+        self._refuse_curve_options("heat maps")
         column, row = np.searchsorted(across.levels, across.values), np.searchsorted(up.levels, up.values)
         shape = (len(up.levels), len(across.levels))
         cells = row * shape[1] + column
@@ -224,7 +271,8 @@ class StudyFigurePlan:
         return self._drawn(panels)
 
     def _parallel(self, parameters: Sequence[Parameter]) -> StudyDrawing:
-        """Plans parallel coordinates, and the rank correlations of all parameters with each metric."""
+        """Plans parallel coordinates, and how much each metric depends on each parameter."""
+        self._refuse_curve_options("parallel coordinates")
         first = self._metrics[0]
         values = np.column_stack([*(each.values for each in parameters), first.values])
         order = np.argsort(np.abs(ranks(first.values) - 0.5), kind="stable")  # the extremes last, on top
@@ -247,21 +295,32 @@ class StudyFigurePlan:
         """Returns a panel for each metric, with the parameters ordered by their strongest correlation with any."""
         metrics, values = self._shown(self._metrics), [each.values for each in parameters]
         correlations = np.array([rank_correlations(values, metric.values) for metric in metrics])
-        strength = np.nan_to_num(np.abs(correlations), nan=-1.0).max(axis=0)
+        shares = np.array([dependences(values, metric.values) for metric in metrics])
+        strength = np.nan_to_num(np.maximum(np.abs(correlations), shares), nan=-1.0).max(axis=0)
         order = np.argsort(-strength, kind="stable")[:RANKED]
         if len(order) < len(parameters):
-            self.notes.append(
-                f"of {len(parameters)} parameters, the {RANKED} with the strongest correlations have bars"
-            )
+            self.notes.append(f"of {len(parameters)} parameters, the {RANKED} with the strongest relations have bars")
         names = [parameters[i].ordinal_name for i in order]
-        return [RankPanel(metric.name, names, row[order]) for metric, row in zip(metrics, correlations, strict=True)]
+        rows = zip(metrics, correlations, shares, strict=True)
+        return [RankPanel(metric.name, names, ranked[order], share[order]) for metric, ranked, share in rows]
 
     # --- parts ---------------------------------------------------------------------------------------
 
     def _drawn(
         self, panels: Sequence[StudyPanel], columns: int | None = None, above: ParallelPanel | None = None
     ) -> StudyDrawing:
-        return StudyDrawing(self._options.title or "", panels, self._options.columns or columns, above)
+        options = self._options
+        columns = options.columns or columns
+        return StudyDrawing(options.title or "", panels, columns, above, options.legend_title or "")
+
+    def _refuse_curve_options(self, kind: str) -> None:
+        """Raises UsageError if an option is given that applies to curves and dots only."""
+        options = self._options
+        given = {"mark": options.mark, "xlim": options.xlim, "ylim": options.ylim, "ylabel": options.ylabel}
+        for name, value in given.items():
+            if value:
+                other = f"{option('x')} PARAMETER draws curves or dots over one of them"
+                raise UsageError(f"{option(name)} does not apply to {kind}, which show several parameters\n{other}")
 
     def _shown(self, metrics: Sequence[MetricValues]) -> list[MetricValues]:
         """Returns the metrics to draw, and notes those without any value."""

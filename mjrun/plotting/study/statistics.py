@@ -13,6 +13,7 @@ from mjrun.plotting.tick_labels import value_labels
 
 SEED = "seed"  # its values are repetitions if any other parameter varies
 QUANTILES = ((0.05, 0.95), (0.25, 0.75))  # ends of the bands
+BINS = 10  # maximum number of bins of a variable, for mutual information
 DOTS = 40  # maximum number of values of x that are marked
 
 
@@ -23,6 +24,7 @@ class Parameter:
     Attributes:
       name: name in the study.
       values: values of the points `(n,)`; for texts, their index in `categories`.
+      label: name with the unit, for axes.
       levels: the distinct values, ascending.
     """
 
@@ -30,6 +32,7 @@ class Parameter:
     values: np.ndarray
     levels: np.ndarray
     categories: Sequence[str] = ()
+    label: str = ""
 
     @property
     def is_listed(self) -> bool:
@@ -53,17 +56,19 @@ class Parameter:
             is_log = (
                 figure_data.is_geometric(self.levels) if self.is_listed else figure_data.is_even_in_ratios(self.values)
             )
-        return scale(self.name, self.values, log=is_log, categories=self.categories, edge=figure_data.EDGE)
+        return scale(
+            self.label or self.name, self.values, log=is_log, categories=self.categories, edge=figure_data.EDGE
+        )
 
     def cells(self) -> Scale:
         """Returns its axis with a cell for each level."""
-        return figure_data.cell_scale(self.name, self.levels, self.labels)
+        return figure_data.cell_scale(self.label or self.name, self.levels, self.labels)
 
 
 def parameter_of(results: StudyResults, name: str) -> Parameter:
     if name in results.numbers:
         values = results.numbers[name]
-        return Parameter(name, values, np.unique(values))
+        return Parameter(name, values, np.unique(values), label=results.with_unit(name))
     categories = list(dict.fromkeys(results.texts[name]))
     places = {text: float(index) for index, text in enumerate(categories)}
     values = np.array([places[text] for text in results.texts[name]])
@@ -103,6 +108,46 @@ def grouped(keys: np.ndarray, values: np.ndarray) -> list[tuple[int | float, np.
 def ranks(values: np.ndarray) -> np.ndarray:
     """Returns the ranks of values, from 0 to 1."""
     return np.argsort(np.argsort(values, kind="stable"), kind="stable") / max(1, len(values) - 1)
+
+
+def dependences(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndarray:
+    """Returns how much the metric `(n,)` depends on each parameter `(n,)`, in a relation of any shape `(parameters,)`.
+
+    The share is √(1 − e^(−2I)) of the mutual information I (Linfoot, 1957), which is 0 for independent values, 1 where
+    one determines the other, and the magnitude of the correlation of normal values. I is that of equally frequent
+    bins, less its bias of Miller and Madow.
+
+    Points at which either is not finite are omitted. The result is NaN for constant values or fewer than three points.
+    """
+    shares = np.full(len(parameters), np.nan)
+    for index, values in enumerate(parameters):
+        usable = np.isfinite(values) & np.isfinite(metric)
+        a, b = values[usable], metric[usable]
+        if len(a) >= 3 and np.ptp(a) > 0 and np.ptp(b) > 0:
+            shares[index] = np.sqrt(1 - np.exp(-2 * _mutual_information(a, b)))
+    return shares
+
+
+def _mutual_information(a: np.ndarray, b: np.ndarray) -> float:
+    """Returns the mutual information of two variables [nat], at least 0."""
+    counts = np.zeros([_binned(each).max() + 1 for each in (a, b)])
+    np.add.at(counts, (_binned(a), _binned(b)), 1)
+    joint = counts / len(a)
+    both = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0, keepdims=True)
+    found = joint > 0
+    bias = (found.sum() - (joint.sum(axis=1) > 0).sum() - (joint.sum(axis=0) > 0).sum() + 1) / (2 * len(a))
+    return max(0.0, float((joint[found] * np.log(joint[found] / both[found])).sum()) - max(0.0, float(bias)))
+
+
+def _binned(values: np.ndarray) -> np.ndarray:
+    """Returns the bin of each value: bins are about equally frequent, and equal values share one."""
+    levels, inverse = np.unique(values, return_inverse=True)
+    most = max(2, min(BINS, round(len(values) ** 0.4)))
+    if len(levels) <= most:
+        return inverse
+    below = np.searchsorted(np.sort(values), values)  # the number of smaller values
+    _, bins = np.unique(below * most // len(values), return_inverse=True)
+    return bins
 
 
 def rank_correlations(parameters: Sequence[np.ndarray], metric: np.ndarray) -> np.ndarray:

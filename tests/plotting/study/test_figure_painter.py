@@ -39,7 +39,7 @@ VALUES = np.array([[1.0, 2, np.nan], [4, 5, np.nan]])
 FAILED = np.array([[False, False, True], [False, False, False]])
 CATEGORIES = Scale("mass", -0.5, 2.5, categories=("1", "2", "3"))
 HEAT = HeatPanel("z", CATEGORIES, Scale("friction", 0, 2), VALUES, FAILED, Scale("z", 1, 5))
-RANK = RankPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]))
+RANK = RankPanel("z", ["mass", "friction", "none"], np.array([-0.99, 0.5, np.nan]), np.array([0.9, 0.6, np.nan]))
 SCALES = [Scale("mass", 0, 2), Scale("model", -0.5, 1.5, categories=("a", "b")), Scale("z", 0.1, 10, log=True)]
 POINTS = np.array([[1.0, 1, np.nan], [0.5, 0, 1.0]])
 ABOVE = ParallelPanel(SCALES, POINTS, np.isnan(POINTS[:, 2]))
@@ -167,7 +167,7 @@ def test_bars_are_as_long_as_correlations_and_say_so_at_the_other_side() -> None
 
 
 def test_names_take_a_part_of_the_figure_at_most_and_stand_before_the_first_panel_alone() -> None:
-    long = RankPanel("z", ["m" * 200], np.array([0.5]))
+    long = RankPanel("z", ["m" * 200], np.array([0.5]), np.array([0.5]))
     first, second = figure(StudyDrawing("", [long, long], 2), (640, 300))[0].axes
     assert first.get_position().x0 < 0.36
     assert [label.get_text() for label in second.get_yticklabels()] == [""]

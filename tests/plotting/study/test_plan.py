@@ -1,6 +1,7 @@
 """The figures that suit studies, and their statistics."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from mjrun.formats.study_reader import StudyResults
 from mjrun.options.plot import FigureOptions
 from mjrun.plotting.study.figure_data import GraphPanel, HeatPanel, RankPanel, StudyDrawing
 from mjrun.plotting.study.plan import StudyFigurePlan
-from mjrun.plotting.study.statistics import rank_correlations
+from mjrun.plotting.study.statistics import dependences, rank_correlations
 
 Columns = Mapping[str, "np.ndarray | list[str]"]
 
@@ -163,6 +164,47 @@ def test_correlations_are_those_of_pandas_without_what_is_missing() -> None:
     frame = pd.DataFrame(np.column_stack([values, metric]))
     expected = frame.corr(method="spearman").to_numpy()[:3, 3]
     np.testing.assert_allclose(rank_correlations(list(values.T), metric), expected, rtol=1e-12)
+
+
+def test_dependence_on_normal_values_is_their_correlation_and_has_any_shape() -> None:
+    random = np.random.default_rng(2)
+    x, noise = random.normal(size=(2, 20_000))
+    for correlation in (0.0, 0.5, -0.9):
+        y = correlation * x + np.sqrt(1 - correlation**2) * noise
+        assert dependences([x], y)[0] == pytest.approx(abs(correlation), abs=0.06)
+    square = x**2
+    assert abs(rank_correlations([x], square)[0]) < 0.05
+    assert dependences([x], square)[0] > 0.85
+    assert dependences([np.sign(x)], np.abs(x))[0] < 0.05
+    level = np.tile([0.0, 1, 2], 9)
+    assert dependences([level], (level == 1).astype(float))[0] > 0.8
+    assert np.isnan(dependences([np.ones(5)], np.arange(5.0))[0])
+
+
+def test_marks_ranges_and_labels_belong_to_their_panels() -> None:
+    study = results({"mass": np.array([1.0, 2, 3])}, {"z": np.array([7.0, 8, 9]), "w": np.array([0.0, 1, 2])})
+    study = replace(study, units={"mass": "kg", "z": "m"})
+    options = {"mark": ("x:limit=2", "2:top=5"), "xlim": (0.0, 4.0), "ylim": ("1:0..20",), "ylabel": ("2:width",)}
+    first, second = drawn(study, **options).panels
+    assert isinstance(first, GraphPanel)
+    assert isinstance(second, GraphPanel)
+    assert [(mark.label, mark.vertical) for mark in first.marks] == [("limit", True)]
+    assert [mark.label for mark in second.marks] == ["limit", "top"]
+    assert (first.x.name, first.x.low, first.x.high) == ("mass [kg]", 0, 4)
+    assert (first.label, first.y.low, first.y.high) == ("z [m]", 0, 20)
+    assert (second.label, second.axis_label) == ("w", "width")
+    assert second.y.low <= 0 < 5 <= second.y.high
+    assert drawn(study, xlabel="load [kg]").panels[0].x.name == "load [kg]"  # type: ignore[union-attr]
+    assert [each.label for each in drawn(study, y=("z * 2", "z + 1", "z [mm]=z*1000")).panels] == [
+        *("z * 2", "z + 1 [m]", "z [mm]"),
+    ]
+
+
+@pytest.mark.parametrize("option", [{"mark": ("1",)}, {"xlim": (0.0, 1.0)}, {"ylim": ("0..1",)}])
+def test_maps_have_no_marks_of_curves(option: dict[str, object]) -> None:
+    grid = results({"a": np.array([0.0, 0, 1, 1]), "b": np.array([0.0, 1, 0, 1])}, {"z": np.arange(4.0)})
+    with pytest.raises(UsageError, match="does not apply to heat maps"):
+        drawn(grid, **option)
 
 
 def test_what_does_not_vary_has_none() -> None:
