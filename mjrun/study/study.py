@@ -269,6 +269,14 @@ def _summary(points: Design, values: Sequence[float]) -> MetricSummary:
     good = numbers[finite]
     places = np.array(QUANTILES) * (len(good) - 1)
     quantiles = np.interp(places, np.arange(len(good)), np.sort(good)).tolist()
-    extremes = int(finite[good.argmin()]), int(finite[good.argmax()])
-    where = (points.values(index) for index in extremes)
-    return MetricSummary(len(good), float(good.mean()), float(good.std()), quantiles, *extremes, *where)
+    lowest, highest = int(finite[good.argmin()]), int(finite[good.argmax()])
+    return MetricSummary(
+        count=len(good),
+        mean=float(good.mean()),
+        std=float(good.std()),
+        quantiles=quantiles,
+        lowest=lowest,
+        highest=highest,
+        lowest_values=points.values(lowest),
+        highest_values=points.values(highest),
+    )
