@@ -1154,9 +1154,9 @@ class Simulation(_Simulation):
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them.
-      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
-        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
-        simulator.
+      replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
+        such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
+        qpos/hip: motion capture, a log, the output of another simulator.
       replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
         first state, with the recorded controls and forces. One of states, controls. [default: 'states']
       replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
@@ -1191,6 +1191,9 @@ class Simulation(_Simulation):
       position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
         from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
         left out follow from inertias, weights and force limits.
+      assets: Folder with the meshes and textures that the model of a demonstration names by paths of
+        another machine, which are looked up by their ends: DIR/robots/panda/link0.stl, or
+        DIR/panda/link0.stl.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
@@ -1209,6 +1212,7 @@ class Simulation(_Simulation):
         ground: float | None = ...,
         set: Mapping[str, object] | Sequence[tuple[str, object]] = ...,
         position_control: str | None = ...,
+        assets: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
         controller: Callable[..., object] | None = ...,
         control_dt: float | str | Fraction | None = ...,
         trust: bool = ...,
@@ -1768,6 +1772,7 @@ def fit(
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
+    assets: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
@@ -1821,9 +1826,9 @@ def fit(
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them.
-      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
-        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
-        simulator.
+      replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
+        such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
+        qpos/hip: motion capture, a log, the output of another simulator.
       replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
         first state, with the recorded controls and forces. One of states, controls. [default: 'states']
       replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
@@ -1858,6 +1863,9 @@ def fit(
       position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
         from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
         left out follow from inertias, weights and force limits.
+      assets: Folder with the meshes and textures that the model of a demonstration names by paths of
+        another machine, which are looked up by their ends: DIR/robots/panda/link0.stl, or
+        DIR/panda/link0.stl.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
@@ -1936,6 +1944,7 @@ def frames(
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
+    assets: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
@@ -2007,9 +2016,9 @@ def frames(
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them.
-      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
-        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
-        simulator.
+      replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
+        such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
+        qpos/hip: motion capture, a log, the output of another simulator.
       replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
         first state, with the recorded controls and forces. One of states, controls. [default: 'states']
       replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
@@ -2044,6 +2053,9 @@ def frames(
       position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
         from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
         left out follow from inertias, weights and force limits.
+      assets: Folder with the meshes and textures that the model of a demonstration names by paths of
+        another machine, which are looked up by their ends: DIR/robots/panda/link0.stl, or
+        DIR/panda/link0.stl.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
@@ -2138,6 +2150,7 @@ def sweep(
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
+    assets: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
@@ -2199,9 +2212,9 @@ def sweep(
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them.
-      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
-        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
-        simulator.
+      replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
+        such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
+        qpos/hip: motion capture, a log, the output of another simulator.
       replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
         first state, with the recorded controls and forces. One of states, controls. [default: 'states']
       replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
@@ -2236,6 +2249,9 @@ def sweep(
       position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
         from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
         left out follow from inertias, weights and force limits.
+      assets: Folder with the meshes and textures that the model of a demonstration names by paths of
+        another machine, which are looked up by their ends: DIR/robots/panda/link0.stl, or
+        DIR/panda/link0.stl.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.
@@ -2319,6 +2335,7 @@ def trace(
     controller: Callable[..., object] | None = ...,
     control_dt: float | str | Fraction | None = ...,
     position_control: str | None = ...,
+    assets: str | PathLike[str] | Sequence[str | PathLike[str]] = ...,
     integrator: Literal["euler", "rk4", "implicit", "implicitfast", "discrete"] | None = ...,
     timestep: float | str | Fraction | None = ...,
     ground: float | None = ...,
@@ -2364,9 +2381,9 @@ def trace(
       push: Force in world coordinates [N] on the centre of mass of a body, or on a site, with its start
         and its duration [s]: torso=0/100/0@1+0.2, site:hand=5/0/0@0.5+0.1. Overlapping pushes add up;
         show pertforce draws them.
-      replay: Recording (.npz) whose states are replayed instead of simulated, or a table of joint
-        positions over time, with columns such as qpos/hip: motion capture, a log, the output of another
-        simulator.
+      replay: Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5
+        such as demo.hdf5:demo_3, or a table of joint positions over time, with columns such as
+        qpos/hip: motion capture, a log, the output of another simulator.
       replay_mode: Replay mode: states plays back the recorded states; controls simulates again from the
         first state, with the recorded controls and forces. One of states, controls. [default: 'states']
       replay_rate: Rows per second of a table without a column time [Hz]. [default: from the column
@@ -2401,6 +2418,9 @@ def trace(
       position_control: Replace motors on joints by servos, whose controls are joint positions [rad, m],
         from the initial ones on; a model without actuators gets a servo on each joint. Gains that are
         left out follow from inertias, weights and force limits.
+      assets: Folder with the meshes and textures that the model of a demonstration names by paths of
+        another machine, which are looked up by their ends: DIR/robots/panda/link0.stl, or
+        DIR/panda/link0.stl.
       integrator: Integrator, instead of the model's. One of euler, rk4, implicit, implicitfast,
         discrete.
       timestep: Timestep [s], instead of the model's.

@@ -1,4 +1,4 @@
-"""The suffixes of model files and of documents, and which model files can be used for what."""
+"""The suffixes of model files, of documents and of demonstrations, and which model files can be used for what."""
 
 from pathlib import Path
 
@@ -9,6 +9,8 @@ ARCHIVES = (".mjz", ".zip")  # MJCF with its assets
 COMPILED = (".mjb",)  # binary, without a source: nothing can be overridden, and MuJoCo does not check its content
 MODELS = (*XML, *ARCHIVES, *COMPILED)  # all that can be loaded; in lower case, as MuJoCo knows no other
 
+HDF5 = (".h5", ".hdf5")  # tables, and demonstrations, of which FILE:EPISODE names one
+
 # What is searched for in folders: a .zip is seldom a model there, and a compiled model has no text to be checked.
 CHECKED = (*XML, ".mjz")
 # Files that name others beside them.
@@ -18,3 +20,18 @@ REFERRING = (*MODELS, *YAML)
 def is_yaml(path: str | Path) -> bool:
     """Returns whether a path ends like a document, in lower or upper case."""
     return Path(path).suffix.lower() in YAML
+
+
+def split_episode(path: str | Path) -> tuple[str, str]:
+    """Splits `demo.hdf5:demo_3` into the file and the episode in it, which is empty for a file alone."""
+    first, *others = str(path).split(":")
+    for index in range(len(others)):
+        file = ":".join([first, *others[:index]])
+        if is_hdf5(file):
+            return file, ":".join(others[index:])
+    return str(path), ""
+
+
+def is_hdf5(path: str | Path) -> bool:
+    """Returns whether a path ends like an HDF5 file, in lower or upper case."""
+    return Path(path).suffix.lower() in HDF5

@@ -33,7 +33,7 @@ HOUSE = (
     ("worker",),
     ("model",),
     ("options", "child_process"),
-    ("python_code",),
+    ("python_code", "hdf5"),
     ("reporter", "confinement", "decompression_limits", "packages"),
     ("timeline", "errors", "palette", "interruption", "shared_status", "version", "suffixes"),
     ("platform", "dataclass"),
@@ -60,7 +60,7 @@ LIBRARIES = {
     "matplotlib": ("plotting",),
     "contourpy": ("formats.datasets.masks",),
     "coacd": ("check.rules.convex_parts",),
-    "h5py": ("formats.tables.hdf5", "formats.episodes.minari"),
+    "h5py": ("formats.tables.hdf5", "formats.episodes.minari", "hdf5"),
     "skimage": ("diff",),
     "orjson": ("formats.number_text", "formats.tables"),
     "pyarrow": (
@@ -98,7 +98,7 @@ LIBRARIES = {
         *("cli", "gym", "in_memory", "doctor", "check", "bench", "fitting", "study", "evaluation", "viewer"),
         *("experiment", "outputs", "simulation"),
         *("rendering", "plotting", "diff", "policy", "task", "physics", "probe", "camera", "formats"),
-        *("scene_graph", "model"),
+        *("scene_graph", "model", "hdf5"),
     ),
 }
 

@@ -9,7 +9,7 @@ import pytest
 
 import mjrun
 from mjrun.errors import ModelNotFoundError
-from mjrun.suffixes import ARCHIVES, CHECKED, COMPILED, MODELS, REFERRING, XML, YAML, is_yaml
+from mjrun.suffixes import ARCHIVES, CHECKED, COMPILED, MODELS, REFERRING, XML, YAML, is_hdf5, is_yaml, split_episode
 
 PACKAGE = Path(mjrun.__file__).parent
 MJCF = "<mujoco><worldbody><body name='a'><geom name='ball' size='.1'/></body></worldbody></mujoco>"
@@ -53,6 +53,22 @@ def test_models_are_text_archives_or_compiled() -> None:
 )
 def test_documents_end_in_yaml_of_either_case(path: str, expected: bool) -> None:
     assert is_yaml(path) is is_yaml(Path(path)) is expected
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("a.hdf5:demo_3", ("a.hdf5", "demo_3")),
+        ("b:c/A.H5:x:y", ("b:c/A.H5", "x:y")),
+        ("a.hdf5", ("a.hdf5", "")),
+        ("a.hdf5:", ("a.hdf5", "")),
+        ("a.xml:demo", ("a.xml:demo", "")),
+        ("scene:dominos", ("scene:dominos", "")),
+    ],
+)
+def test_an_episode_follows_the_name_of_an_hdf5_file(path: str, expected: tuple[str, str]) -> None:
+    assert split_episode(path) == split_episode(Path(path)) == expected
+    assert is_hdf5(expected[0]) is expected[0].lower().endswith((".hdf5", ".h5"))
 
 
 def test_no_other_module_lists_suffixes_of_models_or_documents() -> None:

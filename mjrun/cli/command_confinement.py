@@ -24,7 +24,7 @@ from mjrun.options.kinds import AnyKind, File, Optional, Several
 from mjrun.platform import system
 from mjrun.platform.cores import available_cores
 from mjrun.shared_status import ConfinementPromise
-from mjrun.suffixes import REFERRING
+from mjrun.suffixes import REFERRING, is_hdf5, split_episode
 
 MIB = 2**20
 DEFAULTS = {TIME: 3600.0, MEMORY: 8192.0, FILE: 16384.0}
@@ -168,8 +168,11 @@ def _texts(value: object) -> Iterable[str]:
 
 def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
     prefix, colon, _ = text.partition(":")
-    refers = prefix == SCENE or Path(text).suffix.lower() in REFERRING
-    model = argument if isinstance(argument, ModelArgument) and (refers or not argument.tables) else None
+    file, episode = split_episode(text)
+    named = argument if isinstance(argument, ModelArgument) else None
+    has_demonstration = bool(episode) or (is_hdf5(file) and named is not None and not named.tables)
+    refers = prefix == SCENE or Path(text).suffix.lower() in REFERRING or has_demonstration
+    model = named if named and (refers or not named.tables) else None
     if model and text == "-":
         paths.roots[_real(".")] = None
     elif model and colon and prefix == SCENE and not Path(text).exists():
@@ -181,16 +184,19 @@ def _add_argument(paths: _Paths, argument: click.Argument, text: str) -> None:
         if model.written:
             paths.written[_real(text)] = text
     else:
-        file = text if Path(text).exists() else text.partition("=")[2]
-        _add_file(paths, file)
+        _add_file(paths, text if Path(file).exists() else text.partition("=")[2])
         if model and refers:
-            paths.roots[_real(Path(text).parent)] = None
+            paths.roots[_real(Path(file).parent)] = None
+        if model and has_demonstration:
+            from mjrun.model.asset_places import installed_packages
+
+            paths.files |= {_real(folder): None for folders in installed_packages().values() for folder in folders}
 
 
 def _add_file(paths: _Paths, text: str) -> None:
     """Adds an existing file, with the files that formats write beside it, or the package that it describes."""
     try:
-        path = Path(text)
+        path = Path(split_episode(text)[0])
         if not text or not path.exists():
             return
     except (OSError, ValueError):  # too long for a path, or with a null character

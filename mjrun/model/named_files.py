@@ -28,6 +28,8 @@ _FOLDER_NAMES = rb"dir(?:(?<=assetdir)|(?<=meshdir)|(?<=texturedir))"
 _FILE = re.compile(_FILE_NAMES + _VALUE)
 _FOLDER = re.compile(_FOLDER_NAMES + _VALUE)
 _PATH = re.compile(rb"((?:" + _FILE_NAMES + rb"|" + _FOLDER_NAMES + rb")\s*=\s*([\"']))(.*?)(?=\2)", re.DOTALL)
+_FILE_PATH = re.compile(rb"(" + _FILE_NAMES + rb"\s*=\s*([\"']))(.*?)(?=\2)", re.DOTALL)
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 _PLUGIN = re.compile(rb"\bplugin\s*=\s*[\"'](?!mujoco\.)")  # one that does not come with MuJoCo
 _MODEL = re.compile(rb"<(?:include|model)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*")
 _ROOT = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s+|<\?.*?\?>|<!--.*?-->)*<(\w+)", re.DOTALL)
@@ -117,16 +119,33 @@ def places_of_files(path: Path, text: bytes | None, member: str = "") -> list[li
 
 def with_absolute_paths(text: bytes, place: Callable[[str], str | Path]) -> bytes:
     """Returns MJCF or URDF with every absolute path in it replaced by its `place`."""
+    return _with_paths(text, _PATH, lambda name: place(name) if PurePath(name).root else name)
 
+
+def with_file_names(text: bytes, place: Callable[[str], str | Path]) -> bytes:
+    """Returns MJCF or URDF with every file name in it, but not those of folders, replaced by its `place`."""
+    return _with_paths(text, _FILE_PATH, place)
+
+
+def _with_paths(text: bytes, pattern: re.Pattern[bytes], place: Callable[[str], str | Path]) -> bytes:
     from html import escape
 
     def moved(match: re.Match[bytes]) -> bytes:
         name = with_slashes(_unescaped(match[3].decode(errors="surrogateescape")))
-        if not PurePath(name).root:
-            return match[0]
-        return match[1] + escape(str(place(name))).encode(errors="surrogateescape")
+        new = str(place(name)) if name else name
+        return match[0] if new == name else match[1] + escape(new).encode(errors="surrogateescape")
 
-    return _PATH.sub(moved, text)
+    return pattern.sub(moved, text)
+
+
+def file_names(text: bytes) -> list[str]:
+    """Returns the names of the files in MJCF or URDF, without those in comments, in order."""
+    return [name for name, _ in _values(_FILE, _COMMENT.sub(b"", text))]
+
+
+def folder_names(text: bytes) -> list[str]:
+    """Returns the folders to which file names in MJCF may be relative."""
+    return [name for name, _ in _values(_FOLDER, _COMMENT.sub(b"", text))]
 
 
 def foreign_file(path: Path, text: bytes | None) -> str | None:

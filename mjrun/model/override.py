@@ -53,6 +53,7 @@ ADDITIONS: dict[str, Callable[[mujoco.MjSpec, str], None]] = {
     "stage": add_to_stage,
     "position_control": add_servos,
 }
+ASSETS = "assets"  # option with a folder, which only demonstrations have
 # The list of MjSpec with the elements of each kind.
 ELEMENTS = {
     kind: PLURALS.get(kind, f"{kind}s")
@@ -165,10 +166,10 @@ def _path_parts(path: str) -> tuple[str, str, int | None]:
 def overrides_of(options: ModelOptions) -> tuple[Override, ...]:
     """Returns the overrides that `options` define, in the order in which they are applied."""
     overrides: list[Override] = []
-    if (
-        isinstance(options, ServoOptions) and options.position_control is not None
-    ):  # first, so that other overrides do not change the gains
-        overrides.append(Override("", options.position_control, "position_control"))
+    if isinstance(options, ServoOptions):
+        overrides += [Override("", folder, ASSETS) for folder in options.assets]
+        if options.position_control is not None:  # first, so that other overrides do not change the gains
+            overrides.append(Override("", options.position_control, "position_control"))
     overrides += [Override(path, text) for path, text in options.set]
     if options.integrator is not None:
         overrides.append(Override("opt.integrator", options.integrator, "integrator"))
@@ -189,6 +190,8 @@ def apply(spec: mujoco.MjSpec, override: Override) -> None:
     if override.option in ADDITIONS:
         ADDITIONS[override.option](spec, override.value)
         return
+    if override.option == ASSETS:
+        raise UsageError(f"{option(ASSETS)} applies only to the models of demonstrations, as in demo.hdf5:demo_3")
     kind, slash, _ = override.target.partition("/")
     if slash and kind in ELEMENTS:
         elements, fields = elements_at(spec, override)

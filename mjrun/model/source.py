@@ -45,6 +45,11 @@ class Source(ABC):
         """The files that loading reads, the model file first, as far as known without compiling."""
         return ()
 
+    @property
+    def hidden_groups(self) -> Mapping[str, Sequence[int]]:
+        """The groups of geoms, except planes, and of sites that images omit by default."""
+        return {}
+
     def with_overrides(self, overrides: Sequence[Override]) -> Self:
         """Returns the same source with more overrides, after its own."""
         return replace(self, overrides=(*self.overrides, *overrides))

@@ -4,7 +4,7 @@ import math
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Choice, Flag, Optional, Text
+from mjrun.options.kinds import Choice, File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import ExactNumber, Real, to_float
 from mjrun.options.option import FrontEnd, Options, option, options
 from mjrun.options.schema_validation import InvalidValueError, Schema
@@ -89,6 +89,12 @@ class ServoOptions(ModelOptions):
         "on; a model without actuators gets a servo on each joint. Gains that are left out follow from inertias, "
         "weights and force limits.",
     )
+    assets: tuple[str, ...] = option(
+        converter=Several(File("DIR")),
+        default=(),
+        help="Folder with the meshes and textures that the model of a demonstration names by paths of another machine, "
+        "which are looked up by their ends: DIR/robots/panda/link0.stl, or DIR/panda/link0.stl.",
+    )
 
 
 @options
@@ -102,4 +108,10 @@ class InfoOptions(Options):
         default=False,
         places=FrontEnd.COMMAND,
         help="List every column that a trace of the model can have and exit.",
+    )
+    xml: bool = option(
+        converter=Flag(),
+        default=False,
+        places=FrontEnd.COMMAND,
+        help="Print the MJCF within a demonstration, with the paths of its meshes and textures here, and exit.",
     )

@@ -120,8 +120,9 @@ class SimulationOptions(PolicyOptions, ControllerOptions, ServoOptions):
     replay: str | None = option(
         converter=Optional(File()),
         default=None,
-        help="Recording (.npz) whose states are replayed instead of simulated, or a table of joint positions over "
-        "time, with columns such as qpos/hip: motion capture, a log, the output of another simulator.",
+        help="Recording (.npz) whose states are replayed instead of simulated, a demonstration in HDF5 such as "
+        "demo.hdf5:demo_3, or a table of joint positions over time, with columns such as qpos/hip: motion capture, a "
+        "log, the output of another simulator.",
     )
     replay_mode: str = option(
         converter=Choice(REPLAY_MODES),

@@ -63,8 +63,13 @@ def drawn_model(
             has_camera = False
         else:
             remark = stage_remark(parts) if "auto" in options.stage else ""
-    drawn = staged if options.geomgroup is not None else _with_geoms(staged, options.geoms)
-    return drawn, remark, has_camera
+    hidden = source.hidden_groups
+    if options.sitegroup is None and "site" in hidden:
+        staged = copy.copy(staged)
+        staged.site_group[np.isin(staged.site_group, hidden["site"])] = HIDDEN_GROUP
+    if options.geomgroup is None:
+        staged = _with_geoms(staged, options.geoms, hidden.get("geom", ()) if options.geoms is None else ())
+    return staged, remark, has_camera
 
 
 def stage_parts(
@@ -183,10 +188,11 @@ def _tile(extent: float) -> float:
     return max(step * power for step in (1, 2, 5) if step * power <= extent / TILES)
 
 
-def _with_geoms(model: mujoco.MjModel, geoms: str | None) -> mujoco.MjModel:
-    """Returns the model with only these geoms in groups that are visible by default."""
+def _with_geoms(model: mujoco.MjModel, geoms: str | None, omitted: Sequence[int]) -> mujoco.MjModel:
+    """Returns the model with only these geoms in groups that are visible by default, without the `omitted` groups."""
     by_default = np.isin(model.geom_group, VISIBLE_GROUPS)
-    visible = visible_geoms(model, geoms)
+    is_omitted = np.isin(model.geom_group, omitted) & ~np.isin(model.geom_type, GROUNDS)
+    visible = visible_geoms(model, geoms) & ~is_omitted
     if np.array_equal(visible, by_default):
         return model
     changed = copy.copy(model)

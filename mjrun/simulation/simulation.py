@@ -20,7 +20,7 @@ from mjrun.model.names import control_names, control_slices
 from mjrun.model.override import overrides_of
 from mjrun.model.servos import sentence
 from mjrun.model.source import Source
-from mjrun.model.sources import ModelLike, source_of
+from mjrun.model.sources import ModelLike, demonstration_in, source_of
 from mjrun.options.model import GAINS, parse_gains
 from mjrun.options.option import Exclusion, is_given, options
 from mjrun.options.policy import is_code
@@ -31,6 +31,7 @@ from mjrun.physics.push_forces import PushForces
 from mjrun.physics.recorded_states import RecordedInputs, ReplayStepper, require_model, require_timestep
 from mjrun.physics.stepper import PhysicsStepper, Stepper
 from mjrun.simulation.input_snapshot import InputSnapshot
+from mjrun.suffixes import split_episode
 from mjrun.task.task import Task
 from mjrun.timeline import EXACT, Timeline, rational
 
@@ -61,7 +62,15 @@ class Simulation(SimulationOptions):
     snapshot: InputSnapshot | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        demonstration = demonstration_in(self.model) if self.replay is None else None
+        if demonstration:
+            object.__setattr__(self, "replay", demonstration)
+        try:
+            super().__post_init__()
+        except UsageError as error:
+            if demonstration and option("replay") in error.args[0]:
+                error.add_note(f"{clean(demonstration)} is a demonstration, whose states are replayed")
+            raise
         if self.normalize is not None and self.policy is None:
             raise UsageError(f"{option('normalize')} requires {option('policy')}, whose observations it normalizes")
 
@@ -155,9 +164,13 @@ class Simulation(SimulationOptions):
     @property
     def tables(self) -> list[tuple[str, Path]]:
         """Kind and path of each input file except those of the model."""
-        replay = "table" if self.replay is not None and not is_recording(self._stored(self.replay)) else "recording"
-        tables = (("table of controls", self.ctrl_from), (replay, self.replay))
-        files = [(kind, Path(file)) for kind, file in tables if file is not None]
+        files = list[tuple[str, Path]]()
+        if self.ctrl_from is not None:
+            files.append(("table of controls", Path(self.ctrl_from)))
+        if self.replay is not None:
+            file, episode = split_episode(self.replay)
+            is_table = not episode and not is_recording(self._stored(self.replay))
+            files.append(("demonstration" if episode else "table" if is_table else "recording", Path(file)))
         if self.map:
             from mjrun.simulation.column_map import map_files
 
@@ -260,7 +273,9 @@ class Simulation(SimulationOptions):
         return [*known_bugs.bugs_of_model(model), *self.start.remarks(model), *useless, *replay, *episode]
 
     def replayed(self, model: mujoco.MjModel) -> "RecordingReader | KinematicMotion":
-        """Returns the recording, or the table as a motion of `model`. It is opened once, and checked completely.
+        """Returns the recording, or the motion of `model` in a table or a demonstration.
+
+        The file is opened once, and checked completely.
 
         Raises:
           UsageError: a recording is combined with another initial state; a table is not a motion of `model`.
@@ -285,7 +300,9 @@ class Simulation(SimulationOptions):
         return self._recording
 
     def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> "KinematicMotion":
-        """Reads the motion of `model` from a table, once; fields that it lacks keep their initial values.
+        """Reads the motion of `model` from a table or a demonstration, once.
+
+        Fields that it lacks keep their initial values.
 
         Args:
           texts: map, instead of that of the simulation.
@@ -296,6 +313,7 @@ class Simulation(SimulationOptions):
         """
         from mjrun.physics.kinematic_samples import Interpolation
         from mjrun.simulation.column_map import with_files
+        from mjrun.simulation.demonstrated_motion import names_demonstration, read_demonstration
         from mjrun.simulation.mapped_table import read_motion
 
         texts = with_files(self.map, self._stored) if texts is None else texts
@@ -304,7 +322,12 @@ class Simulation(SimulationOptions):
             hold, hold_controls = self.replay_interpolation == "hold", self.ctrl_interpolation == "hold"
             interpolation = Interpolation(hold, hold_controls, self.replay_unwrap)
             start = self.initial_data(model)
-            self._motions[key] = read_motion(path, model, start, texts, self.quat, self.replay_rate, interpolation)
+            if names_demonstration(path):
+                for name in filter(lambda name: texts if name == "map" else is_given(self, name), ("map", "quat")):
+                    raise UsageError(f"{option(name)} applies to tables, not to the states of a demonstration")
+                self._motions[key] = read_demonstration(path, model, start, self.replay_rate, interpolation)
+            else:
+                self._motions[key] = read_motion(path, model, start, texts, self.quat, self.replay_rate, interpolation)
         return self._motions[key]
 
     @cached_property
@@ -353,7 +376,10 @@ class Simulation(SimulationOptions):
         again = self.replay_mode == CONTROLS
         held = self._held_inputs(model, int(states.steps[-1])) if again else []
         if not isinstance(states, RecordingReader):
-            derived = "forces and energies are computed by this model from the positions in the table"
+            from mjrun.simulation.demonstrated_motion import names_demonstration
+
+            file = "demonstration" if names_demonstration(self._stored(self.replay)) else "table"
+            derived = f"forces and energies are computed by this model from the positions in the {file}"
             return [*states.remarks, *(held if again else [derived])]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
             return held

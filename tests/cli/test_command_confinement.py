@@ -13,6 +13,7 @@ from mjrun.cli.command_confinement import confinement_of
 from mjrun.cli.commands.diff import diff_golden
 from mjrun.cli.main import group, run
 from mjrun.confinement import landlock
+from tests.demonstration_files import recorded_states, write_demonstrations
 from tests.processes import PATIENCE
 
 ROOT = Path(__file__).parents[2]
@@ -54,6 +55,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "model/m.xml").write_text(MODEL)
     (tmp_path / "model/doc.yaml").write_text("model: m.xml\n")
     (tmp_path / "tables/ctrl.csv").write_text("time,ctrl/a\n0,0\n")
+    write_demonstrations(tmp_path / "model/d.hdf5", {"demo_1": recorded_states()})
+    (tmp_path / "tables/d.hdf5").touch()
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
     return tmp_path
@@ -82,6 +85,11 @@ def places(name: str, *arguments: str) -> dict[str, list[str]]:
         ("trace model/m.xml --ctrl-from tables/ctrl.csv", ["model"], ["model/m.xml", "tables/ctrl.csv"], []),
         ("info model/m.xml --root .", ["."], ["model/m.xml"], []),
         ("info -", ["."], [], []),
+        ("video model/d.hdf5:demo_1", ["model"], ["model/d.hdf5"], ["."]),
+        ("info model/d.hdf5", ["model"], ["model/d.hdf5"], []),
+        ("info model/d.hdf5:demo_1 --assets tables", ["model"], ["model/d.hdf5", "tables"], []),
+        ("video model/m.xml --replay tables/d.hdf5:demo_1", ["model"], ["model/m.xml", "tables/d.hdf5"], ["."]),
+        ("plot tables/d.hdf5 -o out/p.png", [], ["tables/d.hdf5"], ["out"]),
         ("run model/doc.yaml", ["model"], ["model/doc.yaml"], ["."]),
         ("run model/doc.yaml -o out", ["model"], ["model/doc.yaml"], ["out"]),
         ("run model/doc.yaml ctrl_from=tables/ctrl.csv", ["model"], ["model/doc.yaml", "tables/ctrl.csv"], ["."]),
@@ -121,6 +129,12 @@ def test_a_confined_process_measures_and_says_what_confined_it(place: Path) -> N
     assert json.loads(done.stdout)["untrusted"]["files"] == by
     assert f"mjrun: untrusted: files are confined by {by}" in done.stderr
     assert (place / "out/t.csv").exists()
+
+
+def test_a_confined_process_replays_a_demonstration(place: Path) -> None:
+    done = mjrun("trace", "model/d.hdf5:demo_1", "--rate", "20", "-o", "out/t.csv", "--untrusted")
+    assert done.returncode == 0, done.stderr
+    assert len((place / "out/t.csv").read_text().splitlines()) == 6
 
 
 def test_packages_in_pythonpath_are_imported_and_what_lies_beside_them_is_not_read(place: Path) -> None:

@@ -15,6 +15,7 @@ from mjrun.model.sources import source_of
 from mjrun.model.state import save, widened
 from mjrun.options.rendering import ViewOptions
 from mjrun.rendering.drawn_model import drawn_model, ground_remark, place_stage, stage_parts
+from tests.demonstration_files import PLAIN, recorded_states, write_demonstrations
 
 ARM = """
 <mujoco>
@@ -217,3 +218,37 @@ def test_a_video_shows_the_stage_and_the_simulation_does_not_notice(tmp_path: Pa
 
     assert iio.imread(tmp_path / "plain.png")[0, 0].max() == 0
     assert iio.imread(tmp_path / "arm.png")[0, 0].min() > 50
+
+
+def test_geoms_that_only_collide_and_sites_of_robosuite_are_omitted_unless_requested(tmp_path: Path) -> None:
+    path = write_demonstrations(tmp_path / "d.hdf5")
+    collisions = ["arm_collision", "cube"]
+    for options, hidden in [({}, collisions), ({"geoms": "both"}, []), ({"geomgroup": (0, 1)}, [])]:
+        _, made, _ = drawn(Path(f"{path}:demo_1"), **options)
+        assert [name for name in collisions if made.geom(name).group[0] == mujoco.mjNGROUP - 1] == hidden
+        assert made.site_group.tolist() == [mujoco.mjNGROUP - 1]
+    assert drawn(Path(f"{path}:demo_1"), sitegroup=(0,))[1].site_group.tolist() == [0]
+    write_demonstrations(path, attributes={})  # of another program
+    model, made, _ = drawn(Path(f"{path}:demo_1"))
+    assert np.array_equal(made.geom_group, model.geom_group)
+
+
+@pytest.mark.gl
+@pytest.mark.filterwarnings("ignore::mjrun.errors.MjrunWarning")
+def test_frames_of_a_demonstration_are_those_of_a_bare_loop_that_hides_the_group(tmp_path: Path) -> None:
+    states = recorded_states(3)
+    path = write_demonstrations(tmp_path / "d.hdf5", {"demo_1": states})
+    (tmp_path / "m.xml").write_text(PLAIN)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "m.xml"))
+    data, visible = mujoco.MjData(model), mujoco.MjvOption()
+    visible.geomgroup[0] = 0
+    visible.sitegroup[:] = 0
+
+    made = [*mjrun.frames(str(path), camera="agentview", size=(64, 64), fps=20)]
+    assert len(made) == 2  # a video ends before the instant of the last state
+    with mujoco.Renderer(model, 64, 64) as renderer:
+        for state, frame in zip(states, made, strict=False):
+            data.qpos[:] = state[1 : 1 + model.nq]
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, "agentview", visible)
+            assert np.array_equal(frame, renderer.render())

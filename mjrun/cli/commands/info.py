@@ -1,6 +1,7 @@
 """Describe a model: sizes, bodies, joints, actuators, sensors, assets."""
 
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -13,12 +14,13 @@ from mjrun.cli.simulation_command import import_mujoco, show_columns, source
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.model import InfoOptions, ServoOptions
+from mjrun.suffixes import is_hdf5
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from mjrun.model.info import InfoResult
-    from mjrun.model.source import CollectionSource
+    from mjrun.model.source import CollectionSource, Source
 
 ENVIRONMENT = "gym:"  # prefix of sources that are also tasks
 TASK_SECTIONS = ("task", "observations", "actions", "rewards", "terminations")  # of an environment
@@ -31,13 +33,18 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
     ServoOptions,
     ConfinementOptions,
     arguments=[MODEL, SECTION_ARGUMENT],
-    reports={"info": "mjrun.model.info:InfoResult", "info-task": "mjrun.task.description:TaskDescription"},
+    reports={
+        "info": "mjrun.model.info:InfoResult",
+        "info-task": "mjrun.task.description:TaskDescription",
+        "info-demonstrations": "mjrun.hdf5.contents:DemonstrationList",
+    },
 )
 def info(console: Console, command_line: CommandLine) -> None:
     """Describe MODEL: sizes, bodies, joints, actuators, sensors and more; or only the given SECTIONs, in full.
 
     For a task document, describes the observations and actions of the policy, number by number, and the course of
-    episodes. Sections of a task also work for an environment such as gym:Ant-v5.
+    episodes. Sections of a task also work for an environment such as gym:Ant-v5. For a file of demonstrations in HDF5,
+    lists them.
 
     \b
     mjrun info scene.xml
@@ -47,6 +54,8 @@ def info(console: Console, command_line: CommandLine) -> None:
     mjrun info gym:
     mjrun info task.yaml observations
     mjrun info gym:Ant-v5 observations
+    mjrun info demo.hdf5
+    mjrun info demo.hdf5:demo_3
 
     Sections: summary, bodies, joints, geoms, sites, actuators, sensors, cameras, lights, keyframes, tendons,
     equalities, pairs, excludes, flexes, plugins, options, visual, statistics, assets. Sections of a task: task,
@@ -54,8 +63,11 @@ def info(console: Console, command_line: CommandLine) -> None:
     """
     console.guard_stdout()
     import_mujoco()
-    sections = command_line.arguments("sections")
-    if command_line.make(InfoOptions).columns:
+    sections, options = command_line.arguments("sections"), command_line.make(InfoOptions)
+    if options.xml:
+        _print_xml(console, source(command_line))
+        return
+    if options.columns:
         if sections:
             raise UsageError(f"{option('columns')} lists the columns of a trace, and has no sections")
         show_columns(console, source(command_line))
@@ -69,6 +81,9 @@ def info(console: Console, command_line: CommandLine) -> None:
         return
     if not sections and (collection := listed_collection(model)):
         _show_collection(console, collection)
+        return
+    if not sections and is_hdf5(model):
+        _show_demonstrations(console, model)
         return
     result = Info(source(command_line), sections).run(console)
     report = Report("info", result, lambda: _page(result, bool(sections), model), document=InfoResult.document)
@@ -95,6 +110,24 @@ def _show_task(console: Console, command_line: CommandLine, sections: "Sequence[
             document=lambda _: document,
         )
     )
+
+
+def _print_xml(console: Console, model: "Source") -> None:
+    """Prints the MJCF within a demonstration."""
+    from mjrun.model.sources.demonstration import DemonstrationSource
+
+    if not isinstance(model, DemonstrationSource):
+        raise UsageError(f"{option('xml')} applies only to demonstrations, as in demo.hdf5:demo_3")
+    console.result(model.mjcf().rstrip("\n"))
+
+
+def _show_demonstrations(console: Console, file: str) -> None:
+    """Lists the demonstrations in a file."""
+    from mjrun.cli.demonstrations_page import demonstrations_page
+    from mjrun.model.demonstrations import list_demonstrations
+
+    listed = list_demonstrations(Path(file))
+    console.answer(Report("info-demonstrations", listed, lambda: demonstrations_page(listed)))
 
 
 def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:

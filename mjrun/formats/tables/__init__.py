@@ -22,6 +22,7 @@ from types import ModuleType
 from mjrun.dataclass import dataclass
 from mjrun.errors import UnknownNameError, UsageError, clean, option
 from mjrun.packages import require
+from mjrun.suffixes import HDF5
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ FORMATS = {
     for known in (
         TableFormat("csv", (".csv",), "CsvWriter", is_text=True, commented="CommentedCsvWriter"),
         TableFormat("feather", (".feather", ".arrow"), "FeatherWriter", library="pyarrow", extra="parquet"),
-        TableFormat("hdf5", (".h5", ".hdf5"), "Hdf5Writer", library="h5py", extra="hdf5"),
+        TableFormat("hdf5", HDF5, "Hdf5Writer", library="h5py", extra="hdf5"),
         TableFormat("jsonl", (".jsonl",), "JsonlWriter", is_text=True),
         TableFormat("mat", (".mat",), "MatWriter", library="scipy", extra="mat", reads_alone=True),
         TableFormat("npz", (".npz",), "NpzWriter"),

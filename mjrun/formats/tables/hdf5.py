@@ -6,8 +6,8 @@ Datasets have the attributes `unit` and `index`, their place in the table. The f
 is JSON; if it is too long for one attribute, `manifest_1` … hold the rest. A name that HDF5 does not accept as a path,
 or that is the group of another, is stored in the attribute `name`.
 
-HDF5's own library hangs on broken files when it reads variable-length strings from their heap. Attributes of variable
-length are therefore ignored, and columns of variable length are read by the parser here, unless they are compressed.
+Attributes of variable length are ignored. Columns of variable length are read by the parser of `mjrun.hdf5.strings`,
+unless they are compressed.
 
 In a file that mjrun did not write, every dataset is a column under its path, or several, `path/0`, `path/1`, if it has
 two dimensions. Links to other files are not followed.
@@ -16,9 +16,8 @@ Columns are written whole, so rows wait in an unnamed file beside the table unti
 """
 
 import math
-import struct
 from collections.abc import Iterator, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -26,18 +25,17 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
-from mjrun.decompression_limits import require_expandable
-from mjrun.errors import FileError, clean
+from mjrun.errors import clean
 from mjrun.formats import table_contents as tables
 from mjrun.formats.input_file import decoding, parse_manifest
 from mjrun.formats.npy_reader import NUMERIC, content_name
 from mjrun.formats.table_writer import ColumnWriter
+from mjrun.hdf5.datasets import require_own_content
+from mjrun.hdf5.strings import SIZES, StringHeap, content_at
 
 LONGEST = 2**14  # characters in an attribute, of at most 4 bytes each: HDF5 holds 64 KiB
 DEEPEST = 32  # groups within each other that are searched
 REFERENCE = np.dtype([("length", "<u4"), ("heap", "<u8"), ("index", "<u4")])  # of a text of variable length
-HEAP = struct.Struct("<4sB3xQ")  # begin of a heap: signature, version, size
-HEAP_OBJECT = struct.Struct("<HHIQ")  # begin of a text in it: index, uses, nothing, size
 
 
 class Hdf5Writer(ColumnWriter):
@@ -112,10 +110,7 @@ def read(path: Path, file: BinaryIO, wanted: tables.ColumnFilter, cells: tables.
         if dataset.dtype.kind not in NUMERIC and not (text and cells is tables.CellKinds.ANY):
             raise tables.not_numbers(path, name, "text" if text else content)
         tables.require_vector(path, name, dataset.shape or ())
-        if dataset.is_virtual or dataset.external:
-            raise FileError(path, f"column {tables.shown(name)} is in another file, which is not read")
-        # A chunk is whole in memory, even if one row of it is read; and so is a text of fixed length.
-        require_expandable(path, math.prod(dataset.chunks or (1,)) * dataset.dtype.itemsize)
+        require_own_content(path, f"column {tables.shown(name)}", dataset)
         return _TextReader(file, dataset) if text and text.length is None else _DatasetReader(dataset)
 
     return tables.array_contents(path, columns, cells, opened, units, manifest)
@@ -148,8 +143,7 @@ def _omits_user_block() -> bool:
 class _TextReader:
     """A dataset of variable-length strings, read from the file without HDF5's own library.
 
-    The file has a reference to each text: its length, the address of a heap, and its index there. See "Global Heap" in
-    the HDF5 File Format Specification.
+    The file has a reference to each text: its length, the address of a heap, and its index there.
 
     Raises:
       ValueError: the dataset is compressed or damaged.
@@ -159,22 +153,21 @@ class _TextReader:
 
     def __init__(self, file: BinaryIO, dataset: h5py.Dataset) -> None:
         archive = dataset.file
-        if archive.id.get_create_plist().get_sizes() != (8, 8) or math.prod(dataset.shape) != len(dataset):
+        if archive.id.get_create_plist().get_sizes() != SIZES or math.prod(dataset.shape) != len(dataset):
             raise ValueError("variable-length strings are stored in an unsupported way")
         if dataset.id.get_create_plist().get_nfilters():
             raise ValueError("compressed variable-length strings are not supported")
         self._file = file
-        self._base = archive.userblock_size
         self.rows = len(dataset)
         self._places: dict[int, int] = {}  # where references are in the file, by the first row of a chunk
         if dataset.chunks:
             chunks = (dataset.id.get_chunk_info(index) for index in range(dataset.id.get_num_chunks()))
-            missing = self._base if self._base and _omits_user_block() else 0
+            missing = archive.userblock_size if archive.userblock_size and _omits_user_block() else 0
             self._places = {chunk.chunk_offset[0]: chunk.byte_offset + missing for chunk in chunks}
         elif dataset.id.get_storage_size():
             self._places = {0: dataset.id.get_offset()}
         self._chunk = dataset.chunks[0] if dataset.chunks else max(1, self.rows)
-        self._heap = lru_cache(maxsize=2)(self._read_heap)
+        self._heap = StringHeap(file, archive.userblock_size)
 
     def read(self, start: int, count: int) -> np.ndarray:
         texts = np.full((count, 1), "", object)
@@ -184,45 +177,11 @@ class _TextReader:
             end = min(first + self._chunk, start + count)
             if (place := self._places.get(first)) is not None:  # otherwise nothing was written there
                 size = (end - row) * REFERENCE.itemsize
-                content = self._content(place + (row - first) * REFERENCE.itemsize, size)
+                content = content_at(self._file, place + (row - first) * REFERENCE.itemsize, size)
                 for index, reference in enumerate(np.frombuffer(content, REFERENCE), row - start):
-                    texts[index, 0] = self._text(*reference.item())
+                    texts[index, 0] = self._heap.text(*reference.item())
             row = end
         return texts
-
-    def _text(self, length: int, address: int, index: int) -> str:
-        if not length:
-            return ""
-        content = self._heap(address).get(index, b"")
-        if len(content) < length:
-            raise ValueError("a text is missing from its heap")
-        return content[:length].decode("utf-8", "replace")
-
-    def _read_heap(self, address: int) -> dict[int, bytes]:
-        """Returns the texts in the heap at an address, encoded, by their index."""
-        signature, version, size = HEAP.unpack(self._content(self._base + address, HEAP.size))
-        if signature != b"GCOL" or version != 1:
-            raise ValueError("a heap of strings is damaged")
-        self._file.seek(self._base + address)
-        heap = self._file.read(size)  # the file may end within what is free
-        texts: dict[int, bytes] = {}
-        at = HEAP.size
-        while at + HEAP_OBJECT.size <= len(heap):
-            index, _, _, length = HEAP_OBJECT.unpack_from(heap, at)
-            at += HEAP_OBJECT.size
-            if not index:  # what follows is free
-                break
-            if at + length > len(heap):
-                raise ValueError("a heap of strings is damaged")
-            texts[index] = heap[at : at + length]
-            at += length + -length % 8
-        return texts
-
-    def _content(self, at: int, count: int) -> bytes:
-        if at + count > self._file.seek(0, 2):
-            raise ValueError("it ends early")
-        self._file.seek(at)
-        return self._file.read(count)
 
 
 def _datasets(

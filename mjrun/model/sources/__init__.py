@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
 from importlib import import_module
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 
 import mujoco
@@ -15,9 +15,10 @@ from mjrun.errors import BadValueError, CompiledOverrideError
 from mjrun.model.override import Override
 from mjrun.model.source import CollectionSource, Source
 from mjrun.model.sources.bundled_scene import bundled_task
+from mjrun.model.sources.demonstration import DemonstrationSource
 from mjrun.model.sources.file import FileCollectionSource, FileSource
 from mjrun.model.sources.stdin import StdinSource
-from mjrun.suffixes import REFERRING, is_yaml
+from mjrun.suffixes import REFERRING, is_hdf5, is_yaml, split_episode
 
 ModelLike = mujoco.MjModel | Source | str | PathLike[str]
 
@@ -43,7 +44,9 @@ class CompiledSource(Source):
 
 
 def parse_source(text: str, overrides: Sequence[Override] = ()) -> Source:
-    """Returns the source that `text` names: `PREFIX:NAME` of a collection, `-` for standard input, else a file.
+    """Returns the source that `text` names.
+
+    It is `PREFIX:NAME` of a collection, `-` for standard input, `demo.hdf5:demo_3` for a demonstration, or else a file.
 
     Args:
       overrides: the overrides to load it with.
@@ -53,12 +56,26 @@ def parse_source(text: str, overrides: Sequence[Override] = ()) -> Source:
         return StdinSource(overrides=tuple(overrides))
     if colon and (collection := model_collections().get(prefix)):
         return collection(name, overrides=tuple(overrides))
-    return FileSource(Path(text), overrides=tuple(overrides))
+    return _in_file(text, overrides)
+
+
+def _in_file(path: str | PathLike[str], overrides: Sequence[Override] = ()) -> FileSource | DemonstrationSource:
+    """Returns the model in a file, or that of a demonstration in a file."""
+    file, episode = split_episode(fspath(path))
+    if is_hdf5(file):
+        return DemonstrationSource(Path(file), episode, overrides=tuple(overrides))
+    return FileSource(Path(path), overrides=tuple(overrides))
 
 
 def is_file(text: str) -> bool:
-    """Returns whether `text` names a file."""
-    return isinstance(parse_source(text), FileSource)
+    """Returns whether `text` names a file, or a demonstration in one."""
+    return isinstance(parse_source(text), FileSource | DemonstrationSource)
+
+
+def demonstration_in(model: ModelLike) -> str | None:
+    """Returns the demonstration whose model `model` is, as text; None for other models."""
+    source = source_of(model) if not isinstance(model, mujoco.MjModel) else None
+    return source.text if isinstance(source, DemonstrationSource) else None
 
 
 def names_task(text: str) -> bool:
@@ -69,8 +86,12 @@ def names_task(text: str) -> bool:
 
 
 def names_model(text: str) -> bool:
-    """Returns whether `text` names a model or a task, rather than a table: by its suffix, or in a collection."""
-    return text != "-" and (not is_file(text) or Path(text).suffix.lower() in REFERRING)
+    """Returns whether `text` names a model or a task, rather than a table.
+
+    It does so by its suffix, in a collection, or as a demonstration.
+    """
+    file, episode = split_episode(text)
+    return text != "-" and (bool(episode) or not is_file(text) or Path(file).suffix.lower() in REFERRING)
 
 
 def source_of(model: ModelLike) -> Source:
@@ -87,7 +108,7 @@ def source_of(model: ModelLike) -> Source:
         case str():
             return _parsed(model)
         case PathLike():
-            return FileSource(Path(model))
+            return _in_file(model)
     raise BadValueError("model", model, "the name or the path of a model, an MjModel, or a source")
 
 
@@ -121,7 +142,7 @@ def load(
 
     Args:
       model: a file (.xml, .urdf, .mjz, .zip or .mjb), `scene:NAME`, `gym:NAME`, `dm:DOMAIN`, `menagerie:ROBOT/MODEL`,
-        or `-` for standard input.
+        `FILE.hdf5:EPISODE` for a demonstration, or `-` for standard input.
       timestep: the timestep [s], in place of the model's.
       integrator: `euler`, `rk4`, `implicit`, `implicitfast` or `discrete`, in place of the model's.
       overrides: values by MuJoCo's own names, `{"opt.gravity": "0,0,10", "geom/floor.friction": ".1,.005,.0001"}`.

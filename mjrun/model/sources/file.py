@@ -124,19 +124,10 @@ class FileSource(Source):
         return model
 
     def _parse(self) -> mujoco.MjSpec:
-        path = self.path
         text, main = archive_paths.main_text(self.path)
-        require_regular_files(path, text, main)
-        if main:
-            require_finite_nesting(path, main, text)
-        try:
-            return self._parse_checked()
-        except FAULTS:
-            if foreign := foreign_file(path, text):
-                raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None
-            raise
+        return parse_checked(self.path, text, main, self._parse_file)
 
-    def _parse_checked(self) -> mujoco.MjSpec:
+    def _parse_file(self) -> mujoco.MjSpec:
         path = self.path
         if path.suffix not in ARCHIVES:
             return mujoco.MjSpec.from_file(str(path))
@@ -168,6 +159,28 @@ class FileCollectionSource(CollectionSource):
 
     def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         return FileSource(self.main_file, overrides=self.overrides).compile()
+
+
+def parse_checked(path: Path, text: bytes | None, main: str, parse: Callable[[], mujoco.MjSpec]) -> mujoco.MjSpec:
+    """Returns the specification that `parse` makes of a text, which is checked for hazards before.
+
+    Args:
+      path: the file that contains the text, or the archive.
+      text: the MJCF or URDF; None for a compiled model.
+      main: the path of the text, in the archive if it is in one; empty for a compiled model.
+
+    Raises:
+      BrokenModelError: the text would block or crash MuJoCo, or includes a foreign file.
+    """
+    require_regular_files(path, text, main)
+    if main:
+        require_finite_nesting(path, main, text)
+    try:
+        return parse()
+    except FAULTS:
+        if foreign := foreign_file(path, text):
+            raise BrokenModelError(path, f"it includes or attaches {clean(foreign)}, which is not MJCF") from None
+        raise
 
 
 def _models_in(folder: Path) -> tuple[list[str], str]:

@@ -17,6 +17,7 @@ from mjrun.cli.main import COMMANDS, load_command
 from mjrun.document.json_schema import DOCUMENTS
 from mjrun.errors import listing
 from mjrun.model.description.model_description import SECTIONS
+from tests.demonstration_files import write_demonstrations
 from tests.document.schema_oracle import fits, rules
 
 if TYPE_CHECKING:
@@ -40,7 +41,8 @@ def test_each_kind_is_the_schema_of_the_library_as_json(mjrun_here: Command, kin
 
 
 def test_every_command_that_reports_has_a_schema() -> None:
-    assert {kind.removesuffix("-report") for kind in REPORTS} - {"verify", "excite", "info-task"} == {*COMMANDS} - {
+    others = {"verify", "excite", "info-task", "info-demonstrations"}
+    assert {kind.removesuffix("-report") for kind in REPORTS} - others == {*COMMANDS} - {
         "examples",
         "schema",
         "skill",
@@ -121,6 +123,7 @@ PRINTED: dict[str, tuple[str, ...]] = {
     "fit": ("fit", "one.xml", "log.csv", *FREE),
     "info": ("info", "one.xml"),
     "info-task": ("info", "scene:pendulum_swing_up", "observations"),
+    "info-demonstrations": ("info", "d.hdf5"),
     "plot": ("plot", "a.csv", "-o", "a.svg"),
     "dataset": ("dataset", "one.xml", "--size", "16x12", "--vary", "qpos/hinge=0,1", "--jobs", "1", "-o", "d"),
     "sweep": ("sweep", "one.xml", "--steps", "3", "--vary", "qpos/hinge=0,1", "--metric", "m=max(time)", "-o", "s"),
@@ -137,6 +140,7 @@ def test_what_a_command_prints_as_json_fits_the_schema_of_its_kind(
 ) -> None:
     (mjrun.folder / "one.xml").write_text(MODEL)
     (mjrun.folder / "log.csv").write_text(LOG)
+    write_demonstrations(mjrun.folder / "d.hdf5")
     (mjrun.folder / "run.yaml").write_text(RUN)
     for command in PREPARATION.get(kind, []):
         assert mjrun_here(*command).returncode == 0

@@ -1,0 +1,145 @@
+"""The models in files of demonstrations as sources, written `demo.hdf5:demo_3`."""
+
+import posixpath
+import re
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import mujoco
+
+from mjrun.confinement.confinement import confinement
+from mjrun.dataclass import dataclass
+from mjrun.errors import BrokenModelError, MjrunError, clean, counted, option
+from mjrun.hdf5.contents import DemonstrationOrigin
+from mjrun.model.asset_places import PlacedModel, installed_packages, packages_in, placed
+from mjrun.model.compilation import compile_model
+from mjrun.model.demonstrations import errors_of_models, model_text, open_demonstrations
+from mjrun.model.override import ASSETS
+from mjrun.model.source import Source
+from mjrun.model.sources.file import parse_checked
+
+FOLDERS, NAMES = 4, 3  # folders with missing files in a message, and files of each
+REPOSITORIES = {"libero": "https://github.com/Lifelong-Robot-Learning/LIBERO"}  # with assets that no package has
+# Geoms that only collide, and sites, which robosuite shows during teleoperation.
+HIDDEN_IN_ROBOSUITE = {"geom": (0,), "site": tuple(range(mujoco.mjNGROUP))}
+TARGET = "assets"  # folder for packages with assets, in advice
+
+
+@dataclass(frozen=True)
+class DemonstrationSource(Source):
+    """The model of a demonstration.
+
+    Attributes:
+      path: the file of demonstrations.
+      episode: the name of the demonstration in it; empty for the only one.
+      label: the source as the user wrote it, if `path` is a copy.
+    """
+
+    path: Path
+    episode: str = ""
+    label: str = ""
+
+    @property
+    def text(self) -> str:
+        return self.label or (f"{self.path}:{self.episode}" if self.episode else str(self.path))
+
+    @property
+    def stem(self) -> str:
+        return re.sub(r"\W+", "_", f"{self.path.stem}_{self.episode}").strip("_")
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        with suppress(MjrunError):  # loading raises it
+            return (self.path, *self._model()[0].files)
+        return (self.path,)
+
+    @property
+    def hidden_groups(self) -> Mapping[str, Sequence[int]]:
+        with suppress(MjrunError), open_demonstrations(self.path) as file:
+            return HIDDEN_IN_ROBOSUITE if file.origin(file.named(self.episode)).is_robosuite else {}
+        return {}
+
+    def stored_at(self, place: Callable[[Path], Path]) -> Source:
+        return replace(self, path=place(self.path), label=self.text)
+
+    def mjcf(self) -> str:
+        """Returns the text of the model, in which files have their places on this machine, unless they are missing.
+
+        Raises:
+          ModelError: it cannot be read.
+        """
+        with errors_of_models():
+            return self._model()[0].text.decode("utf-8", "replace")
+
+    def compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        if confinement() is None:
+            return self._compile()
+        from mjrun.confinement.self_confinement import confined_load
+
+        return confined_load(self._compile)
+
+    def _compile(self) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
+        name = Path(self.text)
+        with errors_of_models():
+            model, origin = self._model()
+        if model.missing:
+            raise _missing_files(name, model, origin)
+        overrides = [each for each in self.overrides if each.option != ASSETS]
+        text, shown = model.text.decode("utf-8", "replace"), clean(shlex.quote(self.text))
+        return compile_model(
+            lambda: parse_checked(self.path, model.text, str(self.path), lambda: mujoco.MjSpec.from_string(text)),
+            overrides,
+            name,
+            f"`mjrun info {shown} --xml > fixed.xml` writes its MJCF, `mjrun check --fix fixed.xml` corrects what is "
+            f"certain, and {option('replay')} {shown} replays the states on the corrected model",
+        )
+
+    def _model(self) -> tuple[PlacedModel, DemonstrationOrigin]:
+        """Reads the text of the model, in which files have their places on this machine."""
+        with open_demonstrations(self.path) as file:
+            name = file.named(self.episode)
+            text, origin = model_text(file, name), file.origin(name)
+        given = [Path(each.value) for each in self.overrides if each.option == ASSETS]
+        return placed(text, self.path.parent, given), origin
+
+
+def _missing_files(name: Path, model: PlacedModel, origin: DemonstrationOrigin) -> BrokenModelError:
+    """Returns an error that lists the missing files by folder, and states how to provide them."""
+    paths = [PurePosixPath(posixpath.normpath(file)) for file in model.missing]
+    folders = {path.parent for path in paths}
+    common = posixpath.commonpath(folders) if len({folder.is_absolute() for folder in folders}) == 1 else ""
+    by_folder: dict[str, list[str]] = {}
+    for path in paths:
+        folder = posixpath.relpath(path.parent, common) if common else str(path.parent)
+        by_folder.setdefault(folder, []).append(path.name)
+
+    count = len(model.files) + len(paths)
+    lines = [f"{len(paths)} of the {counted(count, 'file')} that its model names are missing here: {common}"]
+    lines += [f"  {folder}: {_few(files)}" for folder, files in [*by_folder.items()][:FOLDERS]]
+    if len(by_folder) > FOLDERS:
+        lines.append(f"  and in {counted(len(by_folder) - FOLDERS, 'other folder')}")
+    example = clean(f"DIR/{paths[0].parent.name}/{paths[0].name}")
+    ends = f"{option(ASSETS)} DIR finds them by any end of their paths, as in {example}"
+    return BrokenModelError(name, "\n".join(lines), hint="\n".join([*_advice(model.missing, origin), ends]))
+
+
+def _few(names: Sequence[str]) -> str:
+    """Lists the first names, and the number of all if there are more."""
+    more = f", … ({len(names)} in all)" if len(names) > NAMES else ""
+    return ", ".join(names[:NAMES]) + more
+
+
+def _advice(missing: Sequence[str], origin: DemonstrationOrigin) -> list[str]:
+    """Returns the commands that provide the packages with missing files, as far as their paths name them."""
+    lines: list[str] = []
+    for package in dict.fromkeys(package for file in missing for package in packages_in(file)):
+        version = origin.robosuite if package == "robosuite" and re.fullmatch(r"[\d.]+", origin.robosuite) else ""
+        how = f"pip install --no-deps --target {TARGET} {package}{f'=={version}' if version else ''}"
+        if package in REPOSITORIES:
+            how = f"git clone {REPOSITORIES[package]} {TARGET}"
+        other = f"the {package} that is installed does not have them; " if package in installed_packages() else ""
+        lines.append(f"{other}to get those of {package}: {how}, then {option(ASSETS)} {TARGET}")
+    return lines

@@ -1,0 +1,147 @@
+"""The motion in a demonstration, and how far poses differ from those that were recorded with it."""
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from mjrun.errors import UsageError, clean
+from mjrun.model.demonstrations import is_demonstration_file, open_demonstrations
+from mjrun.model.names import names
+from mjrun.physics.kinematic_motion import KinematicMotion
+from mjrun.physics.kinematic_samples import FIELDS, Interpolation, KinematicSamples
+from mjrun.probe.fields import field_probe, offered
+from mjrun.suffixes import is_hdf5, split_episode
+from mjrun.timeline import seconds
+
+if TYPE_CHECKING:
+    from mjrun.hdf5.demonstrations import DemonstrationFile
+
+COMPARED = 50  # states whose poses are compared
+NOTABLE = 1e-3  # a difference of poses that is reported in any case [m]
+HAND = re.compile(r"robot(\d+)_(?:(left|right)_)?eef_pos")  # observations of a hand, of robosuite
+HANDS = {"ee_pos": ("0", "")}  # those of LIBERO
+POSITION = re.compile(r"(\w+)_pos")  # observations of an object
+
+
+def names_demonstration(path: Path) -> bool:
+    """Returns whether a path names a demonstration: one in a file, or a file that contains demonstrations."""
+    file, episode = split_episode(path)
+    return bool(episode) or (is_hdf5(file) and is_demonstration_file(Path(file)))
+
+
+def read_demonstration(
+    path: Path,
+    model: mujoco.MjModel,
+    start: mujoco.MjData,
+    rate: Fraction | None = None,
+    interpolation: Interpolation | None = None,
+) -> KinematicMotion:
+    """Reads the motion of `model` from a demonstration, which `path` names as in `demo.hdf5:demo_3`.
+
+    Args:
+      start: state of everything that the demonstration does not contain.
+      rate: states per second [Hz], instead of their times.
+      interpolation: interpolation between states.
+
+    Raises:
+      FileError: the demonstration is missing or cannot be read.
+      UsageError: its states are those of another model, or their times do not ascend.
+    """
+    source, episode = split_episode(path)
+    with open_demonstrations(Path(source)) as file:
+        name = file.named(episode)
+        states = file.states(name)
+        samples = _samples(model, states, f"{source}:{name}", rate)
+        motion = KinematicMotion(model, start, samples, interpolation)
+        motion.remarks.extend(_on_origin(file, name, model, states))
+    return motion
+
+
+def _samples(model: mujoco.MjModel, states: np.ndarray, source: str, rate: Fraction | None) -> KinematicSamples:
+    """Splits states into time, positions, velocities and activations."""
+    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na}
+    expected = 1 + model.nq + model.nv
+    if states.shape[1] not in (expected, expected + model.na):
+        activations = f" (+ na {model.na})" if model.na else ""
+        raise UsageError(
+            f"{clean(source)} is a demonstration of another model: its states have {states.shape[1]} numbers\n"
+            f"those of this model have {expected}{activations}: time, {model.nq} positions, {model.nv} velocities"
+        )
+    times = states[:, 0] if rate is None else np.array(seconds(np.arange(len(states)), 1 / rate), float)
+    known = offered(model)
+    columns = {field: [c.name for c in field_probe(model, field).columns] if field in known else [] for field in FIELDS}
+    values: dict[str, dict[int, np.ndarray]] = {}
+    begin = 1
+    for field, size in sizes.items():
+        if begin + size <= states.shape[1]:
+            values[field] = {index: states[:, begin + index] for index in range(size)}
+        begin += size
+    return KinematicSamples(source, times, columns, values)
+
+
+def _on_origin(file: "DemonstrationFile", name: str, model: mujoco.MjModel, states: np.ndarray) -> Iterator[str]:
+    """Yields a remark if another MuJoCo made the demonstration, or may have, or if poses differ."""
+    origin, ours = file.origin(name), mujoco.mj_versionString()
+    differences = dict(_differences(file, name, model, states))
+    worst = max(differences, key=lambda key: differences[key], default="")
+    if origin.mujoco == ours and differences.get(worst, 0) < NOTABLE:
+        return
+    made = f"was recorded with MuJoCo {clean(origin.mujoco)}"
+    if not origin.mujoco:
+        program = f" (robosuite {clean(origin.robosuite)})" if origin.robosuite else ""
+        made = f"does not state its version of MuJoCo{program}"
+    agreement = "it has no observations to compare them with"
+    if worst:
+        agreement = f"they differ from its observations by up to {differences[worst]:.2g} m, in {clean(worst)}"
+    yield f"{clean(f'{file.path}:{name}')} {made}, and poses are computed by MuJoCo {ours}: {agreement}"
+
+
+def _differences(
+    file: "DemonstrationFile", name: str, model: mujoco.MjModel, states: np.ndarray
+) -> Iterator[tuple[str, float]]:
+    """Yields the largest distance [m] of each observed position from that of the model in the same state.
+
+    Observations are those before an action or, in LIBERO, those after it: the smaller distance counts.
+    """
+    places = {key: _place(model, key) for key, shape in file.observations(name).items() if shape == (len(states), 3)}
+    rows = np.unique(np.linspace(0, len(states) - 1, COMPARED).astype(int))
+    here, later = (_positions(model, states[np.minimum(rows + shift, len(states) - 1)]) for shift in (0, 1))
+    for key, place in places.items():
+        if place is None:
+            continue
+        observed = file.array(name, "obs", key)[rows]
+        distances = [np.linalg.norm(observed - poses[place[0]][:, place[1]], axis=1) for poses in (here, later)]
+        distances[1] = distances[1][rows + 1 < len(states)]
+        largest = [float(each.max()) for each in distances if each.size and np.isfinite(each).all()]
+        if largest:
+            yield key, min(largest)
+
+
+def _place(model: mujoco.MjModel, key: str) -> tuple[str, int] | None:
+    """Returns the kind and the id of the object whose position an observation is; None if it is not known."""
+    hand = HAND.fullmatch(key)
+    number, arm = (hand[1], hand[2]) if hand else HANDS.get(key, ("", None))
+    candidates = [("site", f"gripper{number}_{arm or 'right'}_grip_site"), ("site", f"gripper{number}_grip_site")]
+    if not number:
+        position = POSITION.fullmatch(key)
+        candidates = [("body", f"{position[1]}{end}") for end in ("", "_main")] if position else []
+    for kind, name in candidates:
+        if name in (known := names(model, kind)):
+            return kind, known.index(name)
+    return None
+
+
+def _positions(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns the positions [m] of all sites and bodies in each state, `(n, objects, 3)` by kind."""
+    data = mujoco.MjData(model)
+    positions = {"site": np.empty((len(states), model.nsite, 3)), "body": np.empty((len(states), model.nbody, 3))}
+    for row, state in enumerate(states):
+        data.qpos[:] = state[1 : 1 + model.nq]
+        mujoco.mj_kinematics(model, data)
+        positions["site"][row], positions["body"][row] = data.site_xpos, data.xpos
+    return positions
