@@ -145,6 +145,8 @@ EAGER = {
     "mjrun.gym",
     "mjrun.formats.arrow_columns",
     *(f"mjrun.formats.tables.{name}" for name in ("feather", "hdf5", "parquet")),
+    *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
+    *(f"mjrun.hdf5.{name}" for name in ("datasets", "demonstrations", "strings")),
     *(f"mjrun.plotting.{name}" for name in DRAWING),
     *(f"mjrun.plotting.study.{name}" for name in STUDIES),
 }

@@ -1,4 +1,4 @@
-"""What `mjrun info` reports about a file of demonstrations."""
+"""Facts about files of demonstrations, and about the episodes in them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,7 +7,7 @@ from mjrun.dataclass import dataclass
 
 @dataclass(frozen=True)
 class DemonstrationOrigin:
-    """What a file states about the making of its demonstrations; empty or None where it states nothing.
+    """The origin of demonstrations, according to their file; empty or None where it states nothing.
 
     Attributes:
       task: the name of the environment.

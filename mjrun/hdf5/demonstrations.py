@@ -85,7 +85,7 @@ class DemonstrationFile:
         raise FileError(self.path, f"has no demonstration {quoted(name)}{hint}\n{shown}{more}")
 
     def origin(self, name: str = "") -> DemonstrationOrigin:
-        """Returns what the file states about an episode, or about all."""
+        """Returns the origin of an episode, or of all, according to the file."""
         with self._decoding():
             attributes = text_attributes(self._file, self._data)
             own = text_attributes(self._file, self._groups[name]) if name else {}

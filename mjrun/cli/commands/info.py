@@ -36,7 +36,7 @@ SECTION_ARGUMENT = click.Argument(["sections"], metavar="[SECTION]...", nargs=-1
     reports={
         "info": "mjrun.model.info:InfoResult",
         "info-task": "mjrun.task.description:TaskDescription",
-        "info-demonstrations": "mjrun.hdf5.contents:DemonstrationList",
+        "info-demos": "mjrun.hdf5.contents:DemonstrationList",
     },
 )
 def info(console: Console, command_line: CommandLine) -> None:
@@ -127,7 +127,7 @@ def _show_demonstrations(console: Console, file: str) -> None:
     from mjrun.model.demonstrations import list_demonstrations
 
     listed = list_demonstrations(Path(file))
-    console.answer(Report("info-demonstrations", listed, lambda: demonstrations_page(listed)))
+    console.answer(Report("info-demos", listed, lambda: demonstrations_page(listed)))
 
 
 def _show_collection(console: Console, collection: "type[CollectionSource]") -> None:

@@ -25,8 +25,8 @@ def schema(console: Console, command_line: CommandLine) -> None:
 
     Kinds of documents: camera, run, study, task, fit-document, eval-document. The kind of a command's report is the
     name of the command, such as video or bench. In addition, run-report is the report of mjrun run, excite that of
-    mjrun fit --excite, verify that of mjrun trace --verify, info-task that of mjrun info with a task,
-    info-demonstrations that of mjrun info with a file of demonstrations, and error that of any command that fails.
+    mjrun fit --excite, and verify that of mjrun trace --verify. mjrun info reports a task as info-task, and
+    demonstrations in a file as info-demos; error is the report of any command that fails.
 
     The kind options prints the reference of all options of all commands as Markdown.
 
