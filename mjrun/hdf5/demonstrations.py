@@ -47,9 +47,11 @@ class DemonstrationFile:
             self._file: BinaryIO = path.open("rb")
         except OSError as error:
             raise FileError(path, f"cannot be read: {error.strerror or error}") from None
+        self._archive: h5py.File | None = None
         try:
             with self._decoding():
-                self._data, self._groups = _episodes(self._file)
+                self._archive = h5py.File(self._file, "r")
+                self._data, self._groups = _episodes(self._archive)
             self.names = sorted(self._groups, key=_natural)
             if not self.names:
                 raise FileError(path, "has no demonstrations, which are groups data/EPISODE with a dataset states")
@@ -65,6 +67,8 @@ class DemonstrationFile:
 
     def close(self) -> None:
         """Closes the file."""
+        if self._archive:
+            self._archive.close()
         self._file.close()
 
     def named(self, name: str) -> str:
@@ -171,9 +175,8 @@ class DemonstrationFile:
             raise FileError(where or self.path, f"cannot be read as HDF5: {clean(reason)}") from error
 
 
-def _episodes(file: BinaryIO) -> tuple[h5py.Group, dict[str, h5py.Group]]:
+def _episodes(archive: h5py.File) -> tuple[h5py.Group, dict[str, h5py.Group]]:
     """Returns the group of all episodes, and that of each by name."""
-    archive = h5py.File(file, "r")
     data = _own(archive, "data")
     if not isinstance(data, h5py.Group):
         return archive, {}

@@ -1,6 +1,7 @@
 """Strings in HDF5 files, compared with what h5py reads."""
 
 import contextlib
+import struct
 from io import BytesIO
 from typing import Any
 
@@ -66,8 +67,8 @@ def test_damaged_headers_and_heaps_are_read_or_refused_and_never_hang(seed: int)
     start = heap if seed % 2 else header - 40
     for at in random.integers(start, start + 120, 3):
         damaged[at] = random.integers(256)
-    with contextlib.suppress(Exception), h5py.File(BytesIO(bytes(damaged)), "r") as file:
-        assert isinstance(text_attributes(BytesIO(bytes(damaged)), file["data/demo"]), dict)
+    with h5py.File(BytesIO(content), "r") as file, contextlib.suppress(ValueError, IndexError, struct.error):
+        assert isinstance(text_attributes(BytesIO(damaged), file["data/demo"]), dict)
 
 
 @pytest.mark.parametrize(("place", "count"), [(3, 2), (0, 5), (0, -1)])
