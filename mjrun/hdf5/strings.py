@@ -7,7 +7,7 @@ and "The Attribute Message" in the HDF5 File Format Specification.
 import struct
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import h5py
 
@@ -81,11 +81,12 @@ def content_at(file: BinaryIO, place: int, count: int) -> bytes:
     return file.read(count)
 
 
-def text_attributes(file: BinaryIO, item: h5py.Group | h5py.Dataset) -> dict[str, str]:
+def text_attributes(file: BinaryIO, item: Any) -> dict[str, str]:
     """Returns the attributes of an object that are one text, of fixed or variable length, by name.
 
     Args:
       file: the open file that contains the object.
+      item: a group or a dataset of h5py.
 
     Raises:
       ValueError: they are stored in an unsupported way, or damaged.

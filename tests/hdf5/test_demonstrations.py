@@ -93,7 +93,7 @@ def broken(path: Path, states: Any, **settings: Any) -> Path:
     write_demonstrations(path, {"demo": recorded_states()})
     with h5py.File(path, "a") as file:
         del file["data/demo/states"]
-        file["data/demo"].create_dataset("states", data=states, **settings)
+        file.create_dataset("data/demo/states", data=states, **settings)
     return path
 
 
@@ -121,7 +121,7 @@ def test_states_that_would_fill_the_memory_are_refused(tmp_path: Path) -> None:
     path = write_demonstrations(tmp_path / "d.hdf5", {"demo": recorded_states()})
     with h5py.File(path, "a") as file:
         del file["data/demo/states"]
-        file["data/demo"].create_dataset("states", (10**9, 16), float, chunks=(1000, 16), compression="gzip")
+        file.create_dataset("data/demo/states", (10**9, 16), float, chunks=(1000, 16), compression="gzip")
     with DemonstrationFile(path) as file:
         assert file.episode("demo") == Episode("demo", 10**9, 0.0)
         with pytest.raises(FileError, match="would expand to 128 GB in memory"):
