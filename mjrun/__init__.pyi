@@ -646,7 +646,7 @@ class Export(_Export):
     """An export of a simulation: its options are keywords.
 
     Options:
-      output: .glb (binary glTF with scene and motion).
+      output: .glb (binary glTF with scene and motion), .mcap (log for Foxglove, Rerun and PlotJuggler).
       format: File format. [default: the output's suffix]
       fps: Frames per second of the export [Hz], such as 60 or 30000/1001. [default: 30]
       speed: Simulated seconds per second of playback; 0.25 is slow motion. [default: 1]
@@ -658,6 +658,8 @@ class Export(_Export):
       rate: Rows of measured values per simulated second [Hz], at most one per step. [default: one row
         per frame]
       jobs: Number of processes that render images, in formats that hold them. [default: 'auto']
+      images: Encoding of the images of cameras, in MCAP: a video in H.264, or separate images. One of
+        h264, jpeg, png. [default: h264]
       camera: Camera to add to those of the model: one of auto, free, orbit, track, look with settings
         after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
         orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
@@ -736,6 +738,7 @@ class Export(_Export):
         probe: str | Sequence[str] = ...,
         rate: float | str | Fraction | None = ...,
         jobs: int | Literal["auto"] = ...,
+        images: Literal["h264", "jpeg", "png"] | None = ...,
     ) -> None: ...
 
 class Fit(_Fit):

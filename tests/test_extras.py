@@ -24,6 +24,7 @@ FIT = ["fit", str(SCENES / "pendulum.xml"), "t.csv", *FREE, "--starts", "1", "-o
 EXCITE = ["fit", str(SCENES / "pendulum.xml"), *FREE, "--excite", "chirp.csv"]
 SWING = str(SCENES / "swing.xml")
 TRACE = ["trace", str(SCENES / "pendulum.xml"), "--steps", "3"]
+EXPORT = ["export", str(SCENES / "pendulum.xml"), "--steps", "3"]
 ONNX = ["--policy", str(SCENES / "policies/car_drive.onnx")]
 DRIVE = str(SCENES / "car_drive.yaml")
 PLOTTED = "{model: scene:pendulum, steps: 3, plots: [{probe: energy, output: p.png}]}"
@@ -48,6 +49,8 @@ NEEDING = [
     ("scipy", EVAL, "mjrun eval needs scipy", "eval"),
     ("h5py", [*TRACE, "-o", "new.h5"], "writing .h5 needs h5py", "hdf5"),
     ("h5py", ["diff", "t.h5", "t.csv"], "reading .h5 needs h5py", "hdf5"),
+    ("mcap", [*EXPORT, "-o", "new.mcap"], "writing .mcap needs mcap", "mcap"),
+    ("foxglove_schemas_protobuf", [*EXPORT, "-o", "new.mcap"], "writing .mcap needs foxglove-schemas-protobuf", "mcap"),
     ("matplotlib", ["plot", "t.csv", "-o", "new.png"], "a plot needs matplotlib", "plot"),
     ("matplotlib", ["plot", "t.csv", "--html", "new.html"], "a plot needs matplotlib", "plot"),
     ("matplotlib", ["plot", "study", "-o", "new.png"], "a plot needs matplotlib", "plot"),
@@ -144,6 +147,9 @@ STUDIES = ("figure_painter",)
 EAGER = {
     "mjrun.gym",
     "mjrun.formats.arrow_columns",
+    *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
+    *(f"mjrun.formats.mcap.{name}" for name in ("foxglove", "numeric", "writer")),
+    "mjrun.outputs.mcap_export",
     *(f"mjrun.formats.tables.{name}" for name in ("feather", "hdf5", "parquet")),
     *(f"mjrun.formats.episodes.{name}" for name in ("lerobot", "minari")),
     *(f"mjrun.hdf5.{name}" for name in ("datasets", "demonstrations", "strings")),

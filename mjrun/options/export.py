@@ -3,11 +3,14 @@
 from fractions import Fraction
 from typing import ClassVar
 
-from mjrun.options.kinds import Camera, File, Flag, Optional, Several, Text
+from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
 from mjrun.options.option import option, options, required
 from mjrun.options.output import EXPORTS, OutputOptions
 from mjrun.options.rendering import RIGS, SceneOptions
+
+H264 = "h264"
+IMAGES = (H264, "jpeg", "png")
 
 
 @options
@@ -54,6 +57,12 @@ class ExportOptions(SceneOptions, OutputOptions):
     )
     jobs: int | str = option(
         converter=Processes(), default=AUTO, help="Number of processes that render images, in formats that hold them."
+    )
+    images: str | None = option(
+        converter=Optional(Choice(IMAGES)),
+        default=None,
+        usual=H264,
+        help="Encoding of the images of cameras, in MCAP: a video in H.264, or separate images.",
     )
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),

@@ -1,8 +1,8 @@
 """Export output: the scene of a simulation, with its motion, in a format of other programs."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.camera.script import CameraScript
 from mjrun.dataclass import dataclass
-from mjrun.errors import concerning
+from mjrun.errors import UsageError, concerning, listing, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.model.state import restore, widened
@@ -23,7 +23,7 @@ from mjrun.options.export import ExportOptions
 from mjrun.options.option import options, options_of
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs import output
-from mjrun.outputs.exports import ExportFormat, export_format
+from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_output import (
     FramePlan,
     RecordedFrames,
@@ -36,8 +36,9 @@ from mjrun.outputs.frame_output import (
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
 from mjrun.outputs.memory_frames import FramesInMemory, VideoInMemory
 from mjrun.outputs.output_files import named_files
-from mjrun.outputs.trace_rows import ProbeSampler, RowBuffer, rate_warning
+from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.observe import AnyTap, Tap
+from mjrun.physics.recorded_states import RowFile
 from mjrun.physics.stepper import instant_of
 from mjrun.probe.select import select, split
 from mjrun.rendering.visual import visual_of
@@ -77,12 +78,24 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         return self.camera or self.file_format.cameras
 
     def check(self) -> None:
-        """Checks the format.
+        """Checks the format, and the options that only some formats support.
 
         Raises:
-          UsageError: the format is unknown.
+          UsageError: the format is unknown, or does not support an option.
         """
-        _ = self.file_format
+        given = {
+            "plot": bool(self.plot),
+            "probe": bool(self.probe),
+            "rate": self.rate is not None,
+            "images": self.images is not None,
+        }
+        for name, is_given in given.items():
+            if is_given and name not in self.file_format.options:
+                able = [each.name for each in export_formats().values() if name in each.options]
+                hint = f"\nit applies to {listing(able)}" if able else ""
+                raise UsageError(f"{option(name)} does not apply to {self.file_format.name}{hint}", path=(name,))
+        if self.images is not None and not self.camera:
+            raise UsageError(f"{option('images')} requires {option('camera')}", path=("images",))
 
     def schedule(
         self, context: output.Context, scripts: Sequence[CameraScript], event_steps: output.EventSteps
@@ -147,15 +160,27 @@ class PlannedImages:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredValues:
-    """Measured values.
+    """Measured values, which are on the disk if they are many.
 
     Attributes:
       columns: the columns, `time` [s] first.
-      rows: their values, `(n, columns)`.
+      steps: the step of each row.
     """
 
     columns: Sequence[Column]
-    rows: np.ndarray
+    steps: Sequence[int]
+    stored: RowFile
+
+    @property
+    def rows(self) -> np.ndarray:
+        """All values, `(n, columns)`."""
+        return self.stored.read(0, len(self.stored))
+
+    def blocks(self) -> Iterator[tuple[Sequence[int], np.ndarray]]:
+        """Yields the rows a few at a time: their steps `(n,)`, and their values `(n, columns)`."""
+        for start in range(0, len(self.stored), ROWS):
+            values = self.stored.read(start, ROWS)
+            yield self.steps[start : start + len(values)], values
 
 
 @dataclass(frozen=True)
@@ -248,7 +273,7 @@ class ExportedScene:
         for state in self.frames.states:
             yield instant_of(self.context.model, state)
 
-    def images(self) -> Iterator[Sequence[np.ndarray]]:
+    def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
         assert isinstance(self.frames, FramesInMemory)
         return self.frames.parts()
@@ -299,7 +324,8 @@ class ExportOutput(output.Output[ExportResult]):
         self._frames = (
             FramesInMemory(images.job, images.plan, stack, rendering) if images else RecordedFrames(plan, stack)
         )
-        self._table, self._steps, self._rows = table, rows, list[np.ndarray]()
+        self._table, self._steps = table, rows
+        self._rows = stack.enter_context(closing(RowFile(len(table.columns) if table else 0)))
         destination = StandardOutput() if job.output == "-" else StagedFile(Path(job.output))
         self._writer = stack.enter_context(OutputWriter(destination))
         self._file: BinaryIO = self._writer.open_file()
@@ -308,9 +334,9 @@ class ExportOutput(output.Output[ExportResult]):
     def taps(self, event_steps: output.EventSteps) -> Sequence[AnyTap]:
         taps = [*self._frames.taps(event_steps)]
         if self._table:
-            steps = self._frames.schedule.steps if self._steps is None else self._steps
-            self._buffer = RowBuffer(self._table, steps, lambda block: self._rows.append(block.values))
-            taps.append(Tap(steps, self._table.read, self._buffer.add))
+            self._steps = self._frames.schedule.steps if self._steps is None else self._steps
+            self._buffer = RowBuffer(self._table, self._steps, lambda block: self._rows.extend(block.values))
+            taps.append(Tap(self._steps, self._table.read, self._buffer.add))
         return taps
 
     def finish(self) -> Sequence[OutputWriter]:
@@ -327,11 +353,10 @@ class ExportOutput(output.Output[ExportResult]):
         return [self._writer]
 
     def _measured(self) -> MeasuredValues | None:
-        if self._table is None:
+        if self._table is None or self._steps is None:
             return None
         self._buffer.flush()
-        empty = np.empty((0, len(self._table.columns)))
-        return MeasuredValues(self._table.columns, np.concatenate([empty, *self._rows]))
+        return MeasuredValues(self._table.columns, self._steps, self._rows)
 
     def result(self, files: Sequence[Path], summary: output.PassSummary) -> ExportResult:
         job, timeline, count = self._job, self._context.timeline, len(self._frames.states)

@@ -51,7 +51,7 @@ class FramesInMemory(DrawnFrames[output.OutputResult]):
         """Draws the frames after the simulation."""
         return (parts[0] for parts in self.parts())
 
-    def parts(self) -> Iterator[list[np.ndarray]]:
+    def parts(self) -> Generator[list[np.ndarray]]:
         """Draws the frames after the simulation, and yields the image of each file."""
         for parts in self.drawn(self.compositor()):
             yield [part.copy() for part in parts]

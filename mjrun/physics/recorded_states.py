@@ -41,32 +41,38 @@ class RecordedStates(Protocol):
         ...
 
 
-class StateBuffer:
-    """A list of integration states `(nstate,)` of one model, in the order they were appended."""
+class RowFile:
+    """A list of rows of `size` numbers, in the order they were added; a long one is on the disk."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = model
-        self._bytes = 8 * state.size(model)
+    def __init__(self, size: int) -> None:
+        self.size = size
         self._file = tempfile.SpooledTemporaryFile(max_size=SPILL)  # noqa: SIM115  (closed by close)
         self._count = 0
 
     def append(self, row: np.ndarray) -> None:
-        """Adds one state at the end.
+        """Adds one row at the end.
 
         Raises:
           FileError: the disk is full.
         """
-        content = np.ascontiguousarray(row, np.float64).tobytes()
-        if len(content) != self._bytes:
-            raise ValueError(f"a state of this model has {self._bytes // 8} numbers, not {row.size}")
+        self.extend(row[None])
+
+    def extend(self, rows: np.ndarray) -> None:
+        """Adds `rows` `(n, size)` at the end.
+
+        Raises:
+          FileError: the disk is full.
+        """
+        if rows.shape[1:] != (self.size,):
+            raise ValueError(f"a row has {self.size} numbers, not {rows.shape[1:]}")
         try:
-            self._file.seek(self._count * self._bytes)
-            self._file.write(content)
+            self._file.seek(8 * self.size * self._count)
+            self._file.write(np.ascontiguousarray(rows, np.float64).tobytes())
         except OSError as error:
             where = tempfile.tempdir or "no folder"  # tempfile sets it when it opens the file on disk
             hint = "set TMPDIR to another folder"
             raise FileError(where, f"cannot store the recording: {error.strerror or error}", hint) from None
-        self._count += 1
+        self._count += len(rows)
 
     def __len__(self) -> int:
         return self._count
@@ -74,13 +80,25 @@ class StateBuffer:
     def __getitem__(self, index: int) -> np.ndarray:
         if not 0 <= index < self._count:
             raise IndexError(index)
-        self._file.seek(index * self._bytes)
-        return np.frombuffer(self._file.read(self._bytes), np.float64)
+        return self.read(index, 1)[0]
 
-    @property
-    def size(self) -> int:
-        """The length of a state."""
-        return self._bytes // 8
+    def read(self, start: int, count: int) -> np.ndarray:
+        """Returns the rows from `start`, `(count, size)`, fewer at the end."""
+        count = min(count, self._count - start)
+        self._file.seek(8 * self.size * start)
+        return np.frombuffer(self._file.read(8 * self.size * count), np.float64).reshape(count, self.size)
+
+    def close(self) -> None:
+        """Frees the memory or the file."""
+        self._file.close()
+
+
+class StateBuffer(RowFile):
+    """A list of integration states `(nstate,)` of one model."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        super().__init__(state.size(model))
+        self.model = model
 
     @property
     def steps(self) -> np.ndarray:
@@ -90,10 +108,6 @@ class StateBuffer:
     def state(self, index: int) -> np.ndarray:
         """Returns state number `index` as a new array."""
         return self[index].copy()
-
-    def close(self) -> None:
-        """Frees the memory or the file."""
-        self._file.close()
 
 
 class RecordedInputs:

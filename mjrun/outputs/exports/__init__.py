@@ -34,7 +34,7 @@ class ExportFormat:
       probes: the columns by default.
       hidden: whether it also holds objects that are hidden at first, for viewers that can show them.
       product: `package.module:Class` of the output that makes a folder with episodes.
-      library, extra: library that it needs, and the extra of mjrun that installs it.
+      libraries, extra: libraries that it needs, and the extra of mjrun that installs them.
     """
 
     name: str
@@ -47,13 +47,19 @@ class ExportFormat:
     probes: Sequence[str] = ()
     hidden: bool = False
     product: str = ""
-    library: str = ""
+    libraries: Sequence[str] = ()
     extra: str = ""
 
+    @property
+    def options(self) -> set[str]:
+        """The options that it supports of those that only some formats support."""
+        measured = {self.columns, "rate"} if self.columns else set[str]()
+        return measured | ({"images"} if self.draws else set[str]())
+
     def require_library(self) -> None:
-        """Raises MissingExtraError or WrongVersionError if its library is unusable."""
-        if self.library:
-            require(f"writing {self.suffixes[0] if self.suffixes else self.name}", self.extra, self.library)
+        """Raises MissingExtraError or WrongVersionError if a library is unusable."""
+        if self.libraries:
+            require(f"writing {self.suffixes[0] if self.suffixes else self.name}", self.extra, *self.libraries)
 
 
 @functools.cache
@@ -69,7 +75,7 @@ def export_format(output: str, name: str | None = None) -> ExportFormat:
     Raises:
       UnknownNameError: no format has this name.
       UsageError: no format has this suffix, or the name and the suffix disagree.
-      MissingExtraError: the library of the format is not installed.
+      MissingExtraError: a library of the format is not installed.
     """
     formats = export_formats()
     if name is not None and name not in formats:

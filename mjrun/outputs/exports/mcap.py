@@ -1,0 +1,31 @@
+"""MCAP: a log with Foxglove's messages, for Foxglove, Rerun and PlotJuggler."""
+
+from typing import TYPE_CHECKING, BinaryIO
+
+from mjrun.formats.mcap import EXTRA, LIBRARIES
+from mjrun.options.trace import PROBES
+from mjrun.outputs.exports import ExportFormat
+
+if TYPE_CHECKING:
+    from mjrun.outputs.export import ExportedScene
+
+
+def write(scene: "ExportedScene", file: BinaryIO) -> None:
+    """Writes the simulation as messages."""
+    from mjrun.outputs.mcap_export import write_mcap
+
+    write_mcap(scene, file)
+
+
+FORMAT = ExportFormat(
+    name="mcap",
+    suffixes=(".mcap",),
+    description="log for Foxglove, Rerun and PlotJuggler",
+    write=write,
+    cameras=(),
+    draws=True,
+    columns="probe",
+    probes=PROBES,
+    libraries=LIBRARIES,
+    extra=EXTRA,
+)
