@@ -39,7 +39,7 @@ from mjrun.outputs.output_files import named_files
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import RowFile
-from mjrun.physics.stepper import instant_of
+from mjrun.physics.stepper import instants_of
 from mjrun.probe.select import select, split
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion
@@ -270,8 +270,7 @@ class ExportedScene:
 
     def instants(self) -> Iterator[mujoco.MjData]:
         """Yields each frame with all derived fields, contacts and forces computed; to be read before the next."""
-        for state in self.frames.states:
-            yield instant_of(self.context.model, state)
+        return instants_of(self.context.model, iter(self.frames.states))
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""

@@ -1,6 +1,7 @@
 """Steppers: physics moved to an exact step, with the first bad step found when a simulation fails."""
 
 import copy
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
@@ -97,10 +98,20 @@ def instant_of(model: mujoco.MjModel, start: np.ndarray) -> mujoco.MjData:
     Raises:
       FailedStepError: MuJoCo raised an error.
     """
+    return next(instants_of(model, [start]))
+
+
+def instants_of(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> Iterator[mujoco.MjData]:
+    """Yields each of these integration states with all derived fields computed, in one MjData for all.
+
+    Raises:
+      FailedStepError: MuJoCo raised an error.
+    """
     data, instant = mujoco.MjData(model), mujoco.MjData(model)
-    state.restore(model, data, start)
-    derive(model, data, instant, 0)
-    return instant
+    for each in states:
+        state.restore(model, data, each)
+        derive(model, data, instant, 0)
+        yield instant
 
 
 class PhysicsStepper:
