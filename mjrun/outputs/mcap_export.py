@@ -23,13 +23,14 @@ from mjrun.errors import clean
 from mjrun.formats.glb import write_glb
 from mjrun.formats.image_encoding import ImageData, jpeg, png
 from mjrun.formats.mcap import foxglove
-from mjrun.formats.mcap.numeric import NumericMessages, distinct, groups
+from mjrun.formats.mcap.numeric import NumericMessages, TableMessages, distinct, groups
 from mjrun.formats.mcap.writer import McapWriter
 from mjrun.formats.video_stream import H264Stream
 from mjrun.model.names import BALL, FREE, names, object_names
 from mjrun.model.rendered_image import CameraCalibration
 from mjrun.options.export import H264
 from mjrun.outputs.export import Export, ExportedScene
+from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.recorded_contacts import RecordedContacts, copy_contacts
 from mjrun.scene_graph.graph import Node, SceneGraph
 from mjrun.timeline import nanoseconds
@@ -37,6 +38,7 @@ from mjrun.timeline import nanoseconds
 WORLD = "world"
 ENCODERS = {"jpeg": jpeg, "png": png}
 SHORTEST = 1e-6  # length of an arrow [m]
+CONTACT = 2  # columns of a contact table before those of the contact: the time and the index
 
 # The time of a message [ns], its channel and its content.
 TimedMessage = tuple[int, int, bytes]
@@ -181,6 +183,8 @@ class InstantChannels:
         self._states = foxglove.JointMessages([clean(name) for name in object_names(model, "joint", joints)])
         self._joints = log.add_channel("/joint_states", foxglove.JOINTS) if joints else None
         self._contacts = log.add_channel("/contacts", foxglove.SCENE)
+        self._rows = TableMessages("contacts", contact_columns(model)[CONTACT:])
+        self._table = log.add_channel("/contacts/table", self._rows.schema, self._rows.metadata)
         # As MuJoCo draws them.
         self._length = model.vis.map.force / model.stat.meanmass
         width = model.vis.scale.forcewidth * model.stat.meansize
@@ -199,11 +203,12 @@ class InstantChannels:
         if self._joints is not None:
             rates = (field[self._dofs] for field in (data.qvel, data.qacc, data.qfrc_actuator))
             yield time, self._joints, self._states.encode(time, data.qpos[self._qpos], *rates)
-        yield time, self._contacts, self._arrows(time, data)
-
-    def _arrows(self, time: int, data: mujoco.MjData) -> bytes:
-        """Returns the force that acts on the second object of each contact."""
         contacts = RecordedContacts(self._model, [copy_contacts(data)])
+        yield time, self._contacts, self._arrows(time, contacts)
+        yield time, self._table, self._rows.encode(contact_rows(contacts, np.zeros(1))[:, CONTACT:])
+
+    def _arrows(self, time: int, contacts: RecordedContacts) -> bytes:
+        """Returns the force that acts on the second object of each contact."""
         forces = (contacts.wrenches[:, None, :3] @ contacts.frames)[:, 0]
         vectors = self._length * forces
         visible = np.linalg.norm(vectors, axis=1) > SHORTEST

@@ -51,6 +51,13 @@ def _messages(path: Path, topics: tuple[str, ...]) -> Iterator[Received]:
             yield Received(channel.topic, message.log_time, message.sequence, content, schema.name, channel.metadata)
 
 
+def stored_times(path: Path) -> list[int]:
+    """Reads the times of all messages in the order in which they are stored [ns]."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        return [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
+
+
 def summary(path: Path) -> Any:
     """Reads the summary at the end of a file."""
     with path.open("rb") as file:

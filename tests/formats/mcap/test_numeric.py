@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mjrun.formats.mcap.numeric import MOST, NumericMessages, distinct, field_names, groups
+from mjrun.formats.mcap.numeric import MOST, NumericMessages, TableMessages, distinct, field_names, groups
 from mjrun.formats.mcap.writer import McapWriter
 from mjrun.model.table_column import Column
 from tests.formats.mcap import files
@@ -48,7 +48,7 @@ def test_rows_of_any_layout_are_encoded_alike() -> None:
 @settings(max_examples=30)
 def test_any_names_give_valid_and_distinct_fields(names: list[str]) -> None:
     columns = [Column(f"qpos/{name}") for name in names]
-    fields = field_names("qpos", columns)
+    fields = field_names("qpos", names)
     assert len({field.replace("_", "").lower() for field in fields}) == len(names)
     messages = NumericMessages("qpos", columns)  # protobuf refuses names that it does not know
     assert list(decoded(messages, messages.encode(np.zeros((1, len(names))))[0])) == fields
@@ -56,10 +56,18 @@ def test_any_names_give_valid_and_distinct_fields(names: list[str]) -> None:
 
 def test_names_that_differ_in_case_only_stay_apart() -> None:
     names = ("knee", "Knee", "kn_ee", "1", "é", "reward")
-    columns = [Column(f"qpos/{name}") for name in names]
-    assert field_names("qpos", columns) == ["knee", "Knee_2", "kn_ee_3", "qpos_1", "qpos", "reward"]
-    assert field_names("reward", [Column("reward")]) == ["reward"]
+    assert field_names("qpos", names) == ["knee", "Knee_2", "kn_ee_3", "qpos_1", "qpos", "reward"]
+    assert field_names("reward", ["reward"]) == ["reward"]
     assert list(distinct(["a", "a", "a_2"], "_")) == ["a", "a_2", "a_2_2"]
+
+
+def test_a_table_has_rows_of_numbers_and_texts() -> None:
+    columns = [Column("geom1", labels=("fl\x1boor", "ball")), Column("pos/x", "m"), Column("body", labels=("a",))]
+    messages = TableMessages("contacts", columns)
+    rows = files.decoded(messages.schema, messages.encode(np.array([[1, 0.25, -1], [0, -2.5, 0]]))).rows
+    assert [(row.geom1, row.pos_x, row.body) for row in rows] == [("ball", 0.25, ""), ("fl\\x1boor", -2.5, "a")]
+    assert not files.decoded(messages.schema, messages.encode(np.empty((0, 3)))).rows
+    assert messages.metadata["unit/pos_x"] == "m"
 
 
 def test_columns_are_grouped_by_the_first_part_of_their_names() -> None:

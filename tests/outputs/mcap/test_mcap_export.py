@@ -16,6 +16,8 @@ import pytest
 import mjrun
 from mjrun.errors import SimulationError, UsageError
 from mjrun.model.table_column import Column
+from mjrun.outputs.exports.mcap import FORMAT
+from mjrun.outputs.mcap_export import topic_names
 from mjrun.outputs.trace import Trace
 from mjrun.timeline import nanoseconds
 from tests.formats.mcap import files
@@ -96,6 +98,12 @@ def test_transforms_and_joints_are_those_of_a_bare_loop_at_exact_times(export: P
         assert states == np.stack([field[:2] for field in fields], axis=1).tolist()
 
 
+def test_messages_are_stored_in_the_order_of_their_times(export: Path) -> None:
+    times = files.stored_times(export)
+    assert times == sorted(times)
+    assert (times[0], times[-1]) == (0, 5 * 10**8)
+
+
 def test_contacts_are_the_arrows_that_mujoco_draws(export: Path) -> None:
     model = mujoco.MjModel.from_xml_string(TIP)
     option, scene = mujoco.MjvOption(), mujoco.MjvScene(model, 100)
@@ -115,6 +123,20 @@ def test_contacts_are_the_arrows_that_mujoco_draws(export: Path) -> None:
             assert tip == pytest.approx(geom.mat[:, 2], abs=1e-5)
             assert arrow.shaft_length + arrow.head_length == pytest.approx(geom.size[2], rel=1e-5)
             assert arrow.shaft_diameter == pytest.approx(2 * geom.size[0], rel=1e-5)
+            compared += 1
+    assert compared > 5
+
+
+def test_the_table_of_contacts_has_their_geoms_and_forces(export: Path) -> None:
+    compared = 0
+    for message, (_, data) in zip(files.messages(export, "/contacts/table"), instants(), strict=True):
+        for index, (row, contact) in enumerate(zip(message.content.rows, data.contact, strict=True)):
+            force = np.empty(6)
+            mujoco.mj_contactForce(data.model, data, index, force)
+            named = [data.model.geom(geom).name or f"geom:{geom}" for geom in contact.geom]
+            assert [row.geom1, row.geom2] == named
+            assert [row.force_normal, row.force_tangent1, row.force_tangent2] == force[:3].tolist()
+            assert [row.dist, row.pos_x, row.pos_y, row.pos_z] == [contact.dist, *contact.pos]
             compared += 1
     assert compared > 5
 
@@ -265,6 +287,11 @@ def test_hostile_names_become_distinct_frames_fields_and_topics(tmp_path: Path) 
     assert all(field.isidentifier() and field.isascii() for field in fields)
 
 
+def test_cameras_have_distinct_topics_of_plain_letters() -> None:
+    names = ["orbit:azimuth=1", "orbit:azimuth=2", "é/../x y", "\x1b", "0"]
+    assert topic_names(names) == ["orbit", "orbit_2", "x_y", "camera", "0"]
+
+
 def test_a_model_that_holds_nothing_makes_a_valid_file(tmp_path: Path) -> None:
     path = exported(tmp_path, "<mujoco/>")
     assert files.summary(path).statistics.message_count > 0
@@ -282,6 +309,7 @@ def test_an_unstable_simulation_leaves_no_file_unless_part_of_it_is_kept(tmp_pat
 
 
 def test_an_option_that_the_format_does_not_support_is_refused(tmp_path: Path, swing: Path) -> None:
+    assert FORMAT.options == {"probe", "rate", "images"}
     with pytest.raises(UsageError, match=r"probe does not apply to glb\nit applies to mcap"):
         mjrun.Export(mjrun.Simulation(swing), str(tmp_path / "a.glb"), probe=["energy"]).run()
     with pytest.raises(UsageError, match=r"images requires camera"):
