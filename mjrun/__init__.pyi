@@ -646,13 +646,18 @@ class Export(_Export):
     """An export of a simulation: its options are keywords.
 
     Options:
-      output: .glb (binary glTF with scene and motion), .mcap (log for Foxglove, Rerun and PlotJuggler).
+      output: .glb (binary glTF with scene and motion), .html (a page that replays the simulation in 3D,
+        without network), .mcap (log for Foxglove, Rerun and PlotJuggler).
       format: File format. [default: the output's suffix]
       fps: Frames per second of the export [Hz], such as 60 or 30000/1001. [default: 30]
       speed: Simulated seconds per second of playback; 0.25 is slow motion. [default: 1]
       keep_partial: If the simulation becomes unstable, keep the frames from before.
       plot: Curves of measured values beside the scene, in formats that show curves: energy,
         qpos[left_*]. Each use adds a plot.
+      mark_event: Mark the instants at which a condition becomes true, in formats with a time line:
+        landed=contact(foot, floor) > 0.
+      assert_: Exit with code 1 unless this condition holds at every step, and mark where it fails, in
+        formats with a time line: max(abs(energy/drift)) < 1e-3.
       probe: Values to export with the scene, in formats that hold measured values: qpos, energy,
         xpos[hand], … as in a trace. [default: those of a trace, in formats that hold measured values]
       rate: Rows of measured values per simulated second [Hz], at most one per step. [default: one row
@@ -735,6 +740,8 @@ class Export(_Export):
         speed: float | str | Fraction = ...,
         keep_partial: bool = ...,
         plot: str | Sequence[str] = ...,
+        mark_event: str | Sequence[str] = ...,
+        assert_: str | Sequence[str] = ...,
         probe: str | Sequence[str] = ...,
         rate: float | str | Fraction | None = ...,
         jobs: int | Literal["auto"] = ...,

@@ -6,6 +6,7 @@ npm installs the versions that scripts/replay/package-lock.json pins; the same s
 line of the viewer holds the hash of its source, by which a test recognizes an outdated bundle.
 """
 
+import gzip
 import hashlib
 import json
 import shutil
@@ -52,6 +53,9 @@ def bundle() -> None:
     ):
         command = [MODULES / ".bin" / "esbuild", source, *common, *options, f"--outfile={TARGET / output}"]
         subprocess.run(command, cwd=SOURCE, check=True)
+    viewer = TARGET / "viewer.js"
+    viewer.with_name("viewer.js.gz").write_bytes(gzip.compress(viewer.read_bytes(), 9, mtime=0))
+    viewer.unlink()
     shutil.copy(MODULES / "three" / "LICENSE", TARGET / "LICENSE-three")
 
 

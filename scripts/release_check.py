@@ -22,7 +22,7 @@ NEEDED = (
     "mjrun/SKILL.md",
     "mjrun/scenes/dominos.xml",
     "mjrun/rendering/fonts/OFL.txt",
-    "mjrun/plotting/replay/viewer.js",
+    "mjrun/plotting/replay/viewer.js.gz",
     "mjrun/plotting/replay/LICENSE-three",
 )
 UNWANTED = ("tests/", ".github/", "out/", "benchmarks/")

@@ -1,5 +1,6 @@
 """Theorems about the wheel: it holds the scenes, and works without a checkout. Nothing is downloaded."""
 
+import gzip
 import json
 import os
 import subprocess
@@ -83,7 +84,8 @@ def test_the_font_of_captions_is_in_the_wheel_with_its_licence(installed: Path) 
 def test_the_viewer_of_replays_is_in_the_wheel_with_the_licence_of_three(installed: Path) -> None:
     (licences,) = installed.glob("mjrun-*.dist-info/licenses")
     licence = (licences / "mjrun/plotting/replay/LICENSE-three").read_text("utf-8")
-    assert licence.strip() in (installed / "mjrun/plotting/replay/viewer.js").read_text("utf-8")
+    viewer = gzip.decompress((installed / "mjrun/plotting/replay/viewer.js.gz").read_bytes()).decode()
+    assert licence.strip() in viewer
 
 
 def test_a_source_distribution_makes_the_same_wheel(tmp_path: Path, installed: Path) -> None:

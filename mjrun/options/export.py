@@ -42,6 +42,18 @@ class ExportOptions(SceneOptions, OutputOptions):
         help="Curves of measured values beside the scene, in formats that show curves: energy, qpos[left_*]. Each use "
         "adds a plot.",
     )
+    mark_event: tuple[str, ...] = option(
+        converter=Several(Text("[LABEL=]CONDITION")),
+        default=(),
+        help="Mark the instants at which a condition becomes true, in formats with a time line: "
+        "landed=contact(foot, floor) > 0.",
+    )
+    assert_: tuple[str, ...] = option(
+        converter=Several(Text("EXPR")),
+        default=(),
+        help="Exit with code 1 unless this condition holds at every step, and mark where it fails, in formats with a "
+        "time line: max(abs(energy/drift)) < 1e-3.",
+    )
     probe: tuple[str, ...] = option(
         converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=(),

@@ -6,7 +6,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import mujoco
 import numpy as np
@@ -24,6 +24,7 @@ from mjrun.options.option import options, options_of
 from mjrun.options.rendering import SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
+from mjrun.outputs.frame_contacts import ContactRecorder, FrameContacts
 from mjrun.outputs.frame_output import (
     FramePlan,
     RecordedFrames,
@@ -41,10 +42,14 @@ from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import RowFile
 from mjrun.physics.stepper import instants_of
 from mjrun.probe.select import select, split
+from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion
 from mjrun.scene_graph.motion import compute_poses, scene_motion
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion_of, scene_graph, vector
+
+if TYPE_CHECKING:
+    from mjrun.outputs.timeline_marks import Mark, MarkDetector
 
 
 @options
@@ -85,6 +90,7 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         """
         given = {
             "plot": bool(self.plot),
+            "mark_event": bool(self.mark_event),
             "probe": bool(self.probe),
             "rate": self.rate is not None,
             "images": self.images is not None,
@@ -114,8 +120,9 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         count = None if scene.schedule is None else len(scene.schedule.steps)
         about = f"{self.file_format.name}, {float(self.fps):g} fps"
         preview = output.Preview("export", self.output, count, "frames", (), about)
-        opened = partial(ExportOutput, self, scene, images, table, steps)
-        flags = table.model.opt.enableflags if table else 0
+        detector = self._detector(context)
+        opened = partial(ExportOutput, self, scene, images, table, steps, detector)
+        flags = (table.model.opt.enableflags if table else 0) | (detector.enable_flags if detector else 0)
         return output.Plan(preview, context.timeline.steps, opened, flags, scene.conditions)
 
     @property
@@ -135,6 +142,14 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
             self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
         )
         return PlannedImages(job, plan_frames(job, context))
+
+    def _detector(self, context: output.Context) -> "MarkDetector | None":
+        """Parses the events and the assertions; without any, their parsers are not imported."""
+        if not (self.mark_event or self.assert_):
+            return None
+        from mjrun.outputs.timeline_marks import MarkDetector
+
+        return MarkDetector(context.model, context.timeline, self.mark_event, self.assert_, context.episode)
 
     def _table(self, context: output.Context) -> tuple[ProbeSampler | None, Sequence[int] | None]:
         """Plans the measured values; their rows are at the frames unless a rate is set."""
@@ -194,6 +209,7 @@ class ExportResult(output.OutputResult):
       simulated, steps: simulated time [s] and steps taken.
       size: size of the file [bytes].
       simulation_wall, wall: wall time of stepping, and in total [s].
+      assertions: each assertion with its value and verdict.
       warnings: MuJoCo's warnings.
     """
 
@@ -206,6 +222,7 @@ class ExportResult(output.OutputResult):
     size: int
     simulation_wall: float
     wall: float
+    assertions: Sequence[Verdict]
     warnings: Sequence[str]
 
 
@@ -217,7 +234,9 @@ class ExportedScene:
       context: the simulation, its model and its timeline.
       facts: the facts of the manifest.
       frames: the states of all frames, their times, and the poses of the cameras.
-      values: the measured values; None if there are none.
+      values: the measured values; None without any.
+      marks: events, and assertions with their outcomes.
+      contacts: the contacts of each frame; None if the format does not hold them.
     """
 
     def __init__(
@@ -226,9 +245,12 @@ class ExportedScene:
         plan: ScenePlan,
         frames: RecordedFrames,
         values: MeasuredValues | None,
+        marks: "Sequence[Mark]",
+        contacts: FrameContacts | None,
         facts: Mapping[str, object],
     ) -> None:
-        self.job, self.context, self.frames, self.values, self.facts = job, plan.context, frames, values, facts
+        self.job, self.context, self.frames, self.facts = job, plan.context, frames, facts
+        self.values, self.marks, self.contacts = values, marks, contacts
         self._plan = plan
 
     @property
@@ -315,6 +337,7 @@ class ExportOutput(output.Output[ExportResult]):
         images: PlannedImages | None,
         table: ProbeSampler | None,
         rows: Sequence[int] | None,
+        detector: "MarkDetector | None",
         stack: ExitStack,
         rendering: output.SharedRendering,
     ) -> None:
@@ -325,6 +348,11 @@ class ExportOutput(output.Output[ExportResult]):
         )
         self._table, self._steps = table, rows
         self._rows = stack.enter_context(closing(RowFile(len(table.columns) if table else 0)))
+        self._detector = detector
+        self._contacts: ContactRecorder | None = None
+        if job.file_format.contacts:
+            self._contacts = stack.enter_context(closing(ContactRecorder(self._context.model)))
+        self._verdicts: Sequence[Verdict] = ()
         destination = StandardOutput() if job.output == "-" else StagedFile(Path(job.output))
         self._writer = stack.enter_context(OutputWriter(destination))
         self._file: BinaryIO = self._writer.open_file()
@@ -336,11 +364,18 @@ class ExportOutput(output.Output[ExportResult]):
             self._steps = self._frames.schedule.steps if self._steps is None else self._steps
             self._buffer = RowBuffer(self._table, self._steps, lambda block: self._rows.extend(block.values))
             taps.append(Tap(self._steps, self._table.read, self._buffer.add))
+        if self._contacts:
+            taps.append(self._contacts.tap(self._frames.schedule.steps))
+        if self._detector:
+            taps.append(self._detector.tap(self._context.timeline.steps))
         return taps
 
     def finish(self) -> Sequence[OutputWriter]:
         self._frames.keep_recorded()
-        scene = ExportedScene(self._job, self._plan, self._frames, self._measured(), self.facts)
+        marks, self._verdicts = self._detector.finish() if self._detector else ((), ())
+        self.failed_assertions = [verdict.message for verdict in self._verdicts if not verdict.passed]
+        contacts = self._contacts.contacts(len(self._frames.states)) if self._contacts else None
+        scene = ExportedScene(self._job, self._plan, self._frames, self._measured(), marks, contacts, self.facts)
         write = self._job.file_format.write
         assert write
         with self._writer.writing():
@@ -370,6 +405,7 @@ class ExportOutput(output.Output[ExportResult]):
             size=self._size,
             simulation_wall=summary.simulation_wall,
             wall=summary.wall,
+            assertions=self._verdicts,
             warnings=summary.warnings,
         )
 

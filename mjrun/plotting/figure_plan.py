@@ -12,7 +12,7 @@ from mjrun.plotting.envelope import Envelope, Points, Window
 from mjrun.plotting.figure_data import MARGIN, Drawing, DrawnCurve, DrawnPanel
 from mjrun.plotting.panel import Panel, chosen_panels, panels_by_unit, time_column, with_units
 from mjrun.plotting.panel_grid import FigureContents, PanelGrid, panel_grid
-from mjrun.probe.row_expression import Condition, RisingEdgeDetector, parse_condition
+from mjrun.probe.row_expression import Condition, RisingEdgeDetector, named_condition, parse_condition
 from mjrun.probe.vocabularies import TableVocabulary
 
 PANELS = 48  # maximum number of panels that the user did not choose
@@ -177,7 +177,7 @@ class FigurePlan:
         events: list[EventLines] = []
         for index, text in enumerate(self.options.mark_event):
             with concerning("mark_event", index):
-                label, condition = _named_condition(text)
+                label, condition = named_condition(text)
                 vocabulary = TableVocabulary(list(self._units))
                 events.append(EventLines(label, parse_condition(condition, vocabulary, option("mark_event"))))
         return events
@@ -289,12 +289,3 @@ class TableCollector:
 def _are(count: int, noun: str, which: str) -> str:
     """Returns the beginning of a sentence about some of many: `1 row without x is`."""
     return f"{counted(count, noun)} {which} {'is' if count == 1 else 'are'}"
-
-
-def _named_condition(text: str) -> tuple[str, str]:
-    """Splits `landed=contact/ncon > 0` into label and condition; by default the condition is its own label."""
-    label, equals, condition = text.partition("=")
-    name = label.strip()
-    if equals and condition[:1] != "=" and name and name[-1] not in "<>!" and not set(name) & set("()'`"):
-        return name, condition.strip()
-    return text.strip(), text.strip()

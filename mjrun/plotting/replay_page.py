@@ -59,9 +59,13 @@ class ReplayContacts:
 
 @dataclass(frozen=True)
 class ReplayMark:
-    """A mark on the time line: an `event`, or an assertion that did `pass` or `fail`."""
+    """A mark on the time line: an `event`, or an assertion that did `pass` or `fail`.
 
-    time: float
+    Attributes:
+      time: simulated time [s]; None for an assertion that is decided at no single instant.
+    """
+
+    time: float | None
     kind: str
     text: str
 
@@ -74,6 +78,7 @@ class Replay:
       title, subtitle: text of its header.
       maker: the program, with its version.
       times: simulated times of the frames [s].
+      direction: azimuth and elevation of the free view, as of MuJoCo's free camera [rad]; None for a usual one.
       panels: curves.
       curve_times: simulated times of the values of all curves [s]; None for those of the frames.
       marks: events and assertions.
@@ -85,6 +90,7 @@ class Replay:
     subtitle: str
     maker: str
     times: np.ndarray
+    direction: tuple[float, float] | None = None
     panels: Sequence[ReplayPanel] = ()
     curve_times: np.ndarray | None = None
     marks: Sequence[ReplayMark] = ()
@@ -94,9 +100,10 @@ class Replay:
 
 def replay_page(replay: Replay, glb: bytes) -> bytes:
     """Returns the page of a replay, whose frames are those of the animation of `glb`."""
-    viewer, boot, style = ((VIEWER / name).read_text("utf-8") for name in ("viewer.js", "boot.js", "viewer.css"))
+    viewer = (VIEWER / "viewer.js.gz").read_bytes()
+    boot, style = ((VIEWER / name).read_bytes() for name in ("boot.js", "viewer.css"))
     policy = (
-        f"default-src 'none'; script-src {_hash(boot)} {_hash(viewer)}; style-src {_hash(style)}; "
+        f"default-src 'none'; script-src {_hash(boot)} {_hash(gzip.decompress(viewer))}; style-src {_hash(style)}; "
         "base-uri 'none'; form-action 'none'"
     )
     head = element(
@@ -107,27 +114,26 @@ def replay_page(replay: Replay, glb: bytes) -> bytes:
         element("meta", name="color-scheme", content="light dark"),
         element("meta", name="generator", content=replay.maker),
         element("title", replay.title),
-        element("style", Markup(style)),
+        element("style", Markup(style.decode())),
     )
     body = element(
         "body",
         element("p", "Loading …", id="status"),
         element("noscript", element("p", "This replay needs JavaScript.")),
-        _embedded("viewer", viewer.encode()),
-        _embedded("scene", glb),
-        _embedded("data", _data(replay)),
-        element("script", Markup(boot)),
+        _embedded("viewer", viewer),
+        _embedded("scene", gzip.compress(glb, _LEVEL, mtime=0)),
+        _embedded("data", gzip.compress(_data(replay), _LEVEL, mtime=0)),
+        element("script", Markup(boot.decode())),
     )
     return f"<!doctype html>\n{element('html', head, body, lang='en')}\n".encode()
 
 
-def _hash(text: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+def _hash(script: bytes) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script).digest()).decode()}'"
 
 
-def _embedded(name: str, content: bytes) -> Markup:
-    text = base64.b64encode(gzip.compress(content, _LEVEL, mtime=0)).decode()
-    return element("script", Markup(text), id=name, type="application/gzip")
+def _embedded(name: str, compressed: bytes) -> Markup:
+    return element("script", Markup(base64.b64encode(compressed).decode()), id=name, type="application/gzip")
 
 
 def _data(replay: Replay) -> bytes:
@@ -145,6 +151,7 @@ def _data(replay: Replay) -> bytes:
         "title": clean(replay.title),
         "subtitle": clean(replay.subtitle),
         "times": placed(replay.times, "f8"),
+        "direction": replay.direction,
         "curveTimes": placed(replay.times if replay.curve_times is None else replay.curve_times, "f8"),
         "panels": [
             {

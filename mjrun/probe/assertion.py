@@ -95,6 +95,7 @@ class RowCheck:
         self.truth = truth
         self.failures = 0
         self.place = ""
+        self.time: float | None = None
         self.compared: dict[tree.NumericExpression, float] = {}
         self.alternatives = [Alternatives(operation) for operation in _alternatives(truth)]
 
@@ -105,6 +106,7 @@ class RowCheck:
         if failures and not self.failures:
             index = int(np.argmin(holds))
             self.place = chunk.place(index)
+            _, self.time = chunk.row(index)
             self.compared = {side: float(evaluate_rows(side, chunk, known)[index]) for side in tree.sides(self.truth)}
         self.failures += failures
         for alternatives in self.alternatives:
@@ -182,6 +184,14 @@ class AssertionChecker:
         return Verdict(text, passed, f"{clean(text)}: {'; '.join(sentences)}", self._rows.seen, self._decided)
 
     @property
+    def first_failure(self) -> float | None:
+        """The time of the first row on which a decisive part fails; None if it passes or only aggregates decide.
+
+        It is known after `verdict`, for a table with a column `time`.
+        """
+        return min(self._failures(self._truth), default=None)
+
+    @property
     def _decided(self) -> list[PartRows]:
         """The number of rows that each alternative decides, and that each aggregate with a condition uses."""
         parts = [part for check in self._row_checks.values() for each in check.alternatives for part in each.parts]
@@ -201,6 +211,21 @@ class AssertionChecker:
             case tree.BooleanOperation(every=every, parts=parts):
                 return (all if every else any)(map(self._passes, parts))
         return bool(evaluate_truth(truth, {}, self._values))
+
+    def _failures(self, truth: tree.BooleanExpression) -> Iterator[float]:
+        """Yields the time of the first failure of each decisive part of a truth that fails."""
+        match truth:
+            case _ if self._passes(truth):
+                return
+            case tree.AllRows():
+                time = self._row_checks[truth].time
+                if time is not None:
+                    yield time
+            case tree.BooleanOperation(parts=parts):
+                for part in parts:
+                    yield from self._failures(part)
+            case _:
+                return
 
     def _sentences(self, truth: tree.BooleanExpression, outcome: bool) -> Iterator[str]:
         """Yields a sentence for each decisive part, whose outcome is that of the whole."""

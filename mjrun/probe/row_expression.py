@@ -106,6 +106,15 @@ def parse_condition(text: str, vocabulary: Vocabulary, label: str) -> Condition:
     return Condition(text, Parser(text, label, vocabulary).condition())
 
 
+def named_condition(text: str) -> tuple[str, str]:
+    """Splits `landed=contact/ncon > 0` into label and condition; by default the condition is its own label."""
+    label, equals, condition = text.partition("=")
+    name = label.strip()
+    if equals and condition[:1] != "=" and name and name[-1] not in "<>!" and not set(name) & set("()'`"):
+        return name, condition.strip()
+    return text.strip(), text.strip()
+
+
 def parse_row_expression(text: str, columns: Sequence[str] | Vocabulary, label: str) -> RowExpression:
     """Parses a number per row of a table of `columns`, or of those that a vocabulary names.
 

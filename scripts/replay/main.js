@@ -17,6 +17,7 @@ import { View } from "./view.js";
 const place = new Vector3();
 const ELEVATION = 0.33; // of the first view [rad]
 const AZIMUTH = 0.9;
+const MARKS = { pass: "holds", fail: "fails" };
 const DOUBLE_TAP = 350; // [ms]
 const MANY = 6; // more cameras than that are a list
 const NARROW = window.matchMedia("(max-width: 720px)");
@@ -58,8 +59,8 @@ class Replay {
     this.labels = new Labels(this.labelCanvas);
     this.space = this.scene.measure();
     this.view.size = this.space.size;
-    this.azimuth = data.view?.azimuth ?? AZIMUTH;
-    this.elevation = data.view?.elevation ?? ELEVATION;
+    // MuJoCo's camera looks along its azimuth, counted from x to y; here the image is seen from the azimuth, from x to −y.
+    [this.azimuth, this.elevation] = data.direction ? [Math.PI - data.direction[0], -data.direction[1]] : [AZIMUTH, ELEVATION];
     this.stage.add(this.scene.root, this.space.size, this.azimuth);
     if (this.scene.isMetallic) this.stage.addReflections();
     if (data.contacts) {
@@ -153,13 +154,13 @@ class Replay {
       const marks = this.data.marks.map((mark) =>
         h(
           "button",
-          { type: "button", class: `jump ${mark.kind}`, onclick: () => this.jump(mark.time) },
+          { type: "button", class: `jump ${mark.kind}`, disabled: mark.time === null, onclick: () => this.jump(mark.time) },
           h("i", { class: `mark ${mark.kind}` }),
           h("span", {}, mark.text),
-          h("small", {}, `${this.format(mark.time)} s`),
+          h("small", {}, mark.time === null ? MARKS[mark.kind] : `${this.format(mark.time)} s`),
         ),
       );
-      sections.push(section("Events", h("div", { class: "events" }, ...marks)));
+      sections.push(section("Events and assertions", h("div", { class: "events" }, ...marks)));
     }
     if (this.data.facts.length) {
       const facts = this.data.facts.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]);
@@ -175,7 +176,7 @@ class Replay {
     this.speedSelect = h("select", { "aria-label": "Speed", title: "Speed ([ and ])", onchange: () => this.setSpeed(Number(this.speedSelect.value)) });
     SPEEDS.forEach((speed) => this.speedSelect.append(h("option", { value: speed, selected: speed === 1 }, `${speed}×`)));
     this.clock = h("output", { "aria-hidden": "true" });
-    this.timeline = new Timeline(player, data.marks, this.format, {
+    this.timeline = new Timeline(player, data.marks.filter(({ time }) => time !== null), this.format, {
       seek: (time) => player.seek(time),
       grab: (isHeld) => this.hold(isHeld),
     });

@@ -222,7 +222,7 @@ function isHidden(node) {
 }
 
 function isCollision(node) {
-  return node.userData.layer === "collision" && !isPlane(node);
+  return ["collision", "both"].includes(node.userData.layer) && !isPlane(node);
 }
 
 function batch(geometry, material, nodes) {

@@ -11,6 +11,7 @@ export class Timeline {
     this.grab = grab;
     this.thumb = h("div", { class: "thumb" });
     this.fill = h("div", { class: "fill" });
+    marks = [...marks].sort((a, b) => (a.kind === "fail") - (b.kind === "fail")); // failures over all others
     const placed = marks.map((mark) => h("i", { class: `mark ${mark.kind}`, title: `${format(mark.time)} s  ${mark.text}` }));
     placed.forEach((element, i) => (element.style.left = `${100 * this.share(marks[i].time)}%`));
     this.track = h(

@@ -30,12 +30,13 @@ from mjrun.options.simulation import SimulationOptions
     reports={"export": "mjrun.outputs.export:ExportResult"},
 )
 def export(console: Console, command_line: CommandLine) -> None:
-    """Export a simulation of MODEL to a format of other programs, such as glTF.
+    """Export a simulation of MODEL to a format of other programs, such as glTF or HTML.
 
     \b
     mjrun export scene.xml
     mjrun export scene.xml -o scene.glb --fps 60 --camera orbit:azimuth=0..90
     mjrun export scene.xml -o pose.glb --key home --steps 1
+    mjrun export scene.xml -o replay.html --plot energy --mark-event 'contact(ball, floor) > 0'
     """
     payload_on_stdout(command_line)
     console.guard_stdout()

@@ -32,6 +32,8 @@ class ExportFormat:
       draws: whether it holds images from the cameras that are requested.
       columns: the option whose columns it holds: `plot`, `probe` or neither.
       probes: the columns by default.
+      contacts: whether it holds the contacts of each frame.
+      timeline: whether it shows a time line with marks.
       hidden: whether it also holds objects that are hidden at first, for viewers that can show them.
       product: `package.module:Class` of the output that makes a folder with episodes.
       libraries, extra: libraries that it needs, and the extra of mjrun that installs them.
@@ -45,6 +47,8 @@ class ExportFormat:
     draws: bool = False
     columns: str = ""
     probes: Sequence[str] = ()
+    contacts: bool = False
+    timeline: bool = False
     hidden: bool = False
     product: str = ""
     libraries: Sequence[str] = ()
@@ -54,7 +58,8 @@ class ExportFormat:
     def options(self) -> set[str]:
         """The options that it supports of those that only some formats support."""
         measured = {self.columns, "rate"} if self.columns else set[str]()
-        return measured | ({"images"} if self.draws else set[str]())
+        others = {"images": self.draws, "mark_event": self.timeline}
+        return measured | {name for name, is_supported in others.items() if is_supported}
 
     def require_library(self) -> None:
         """Raises MissingExtraError or WrongVersionError if a library is unusable."""

@@ -1,0 +1,103 @@
+"""HTML: a page that replays the simulation in 3D, with curves and marks over a time line, without network access."""
+
+from typing import TYPE_CHECKING, BinaryIO
+
+from mjrun.outputs.exports import ExportFormat
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from mjrun.outputs.export import ExportedScene
+    from mjrun.plotting.replay_page import ReplayPanel
+
+
+def write(scene: "ExportedScene", file: BinaryIO) -> None:
+    """Writes the page."""
+    import io
+    from pathlib import Path
+
+    import numpy as np
+
+    from mjrun.formats.glb import write_glb
+    from mjrun.plotting.replay_page import Replay, ReplayContacts, ReplayMark, replay_page
+
+    contacts = scene.contacts
+    glb = io.BytesIO()
+    write_glb(glb, scene.graph, scene.motion, {}, scene.generator)
+    replay = Replay(
+        title=Path(scene.context.simulation.source.text).stem,
+        subtitle=_subtitle(scene),
+        maker=scene.generator,
+        times=np.array(scene.frames.times),
+        direction=_direction(scene),
+        panels=list(_panels(scene)),
+        curve_times=scene.values.rows[:, 0] if scene.values else None,
+        marks=[ReplayMark(mark.time, mark.kind, mark.text) for mark in scene.marks],
+        contacts=ReplayContacts(contacts.counts, contacts.values) if contacts and len(contacts.values) else None,
+        facts=_facts(scene),
+    )
+    file.write(replay_page(replay, glb.getvalue()))
+
+
+def _subtitle(scene: "ExportedScene") -> str:
+    if len(scene.frames.times) == 1:
+        return ""
+    rate = float(scene.job.fps / scene.job.speed)
+    return f"{float(scene.context.timeline.duration):g} s, {rate:g} frames per second"
+
+
+def _direction(scene: "ExportedScene") -> tuple[float, float] | None:
+    """Returns azimuth and elevation of the model's free camera [rad], unless they are MuJoCo's defaults."""
+    import math
+
+    import mujoco
+
+    chosen = scene.context.model.vis.global_
+    usual = mujoco.MjSpec().visual.global_
+    if (chosen.azimuth, chosen.elevation) == (usual.azimuth, usual.elevation):
+        return None
+    return math.radians(chosen.azimuth), math.radians(chosen.elevation)
+
+
+def _panels(scene: "ExportedScene") -> "Iterator[ReplayPanel]":
+    """Yields a panel for each use of the option plot, with the columns that it selects."""
+    from mjrun.plotting.replay_page import ReplayCurve, ReplayPanel
+    from mjrun.probe.select import select, split
+
+    values = scene.values
+    if values is None:
+        return
+    places = {column.name: index for index, column in enumerate(values.columns)}
+    for text in scene.job.plot:
+        probes = select(scene.context.model, split(text), scene.context.episode)
+        columns = [column for probe in probes for column in probe.columns]
+        units = {column.unit for column in columns}
+        curves = [ReplayCurve(column.name, column.unit, values.rows[:, places[column.name]]) for column in columns]
+        yield ReplayPanel(text, units.pop() if len(units) == 1 else "", curves)
+
+
+def _facts(scene: "ExportedScene") -> "Sequence[tuple[str, str]]":
+    facts, model = scene.facts, scene.facts["model"]
+    assert isinstance(model, dict)
+    pairs = {
+        "Command": facts.get("command"),
+        "Model": model.get("path"),
+        "SHA-256 of the compiled model": model.get("sha256"),
+        "Versions": f"{scene.generator}, numpy {facts['numpy']}, Python {facts['python']}",
+        "Machine": facts.get("machine"),
+        "Seed": facts.get("seed"),
+        "Timestep": f"{facts['timestep']:g} s",
+    }
+    return [(name, str(value)) for name, value in pairs.items() if value not in (None, "")]
+
+
+FORMAT = ExportFormat(
+    "html",
+    (".html", ".htm"),
+    "a page that replays the simulation in 3D, without network",
+    write,
+    cameras=(),
+    columns="plot",
+    contacts=True,
+    timeline=True,
+)
