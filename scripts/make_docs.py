@@ -41,7 +41,7 @@ PAGES = {
     "security.md": "SECURITY.md",
 }
 GENERATED = ("index.md", "gallery.md", "notebook.md")
-OUTPUTS = ("videos", "images", "traces", "plots")  # the sections of a run document that make files
+OUTPUTS = ("videos", "images", "traces", "plots", "exports")  # the sections of a run document that make files
 SIGNALS = {130: ["Interrupted, as by Ctrl-C."], 141: ["The reader of a pipe ended."], 143: ["Terminated."]}
 MOST_MEANINGS = 4  # of a group of columns
 MOST_NUMBERS = 8  # of a scene in the gallery
@@ -149,7 +149,7 @@ def with_rule_links(text: str, page: str) -> str:
 
 
 def copy_files(source: Path) -> None:
-    """Copies the files that pages show or offer: images, scenes and the videos that `make gallery` has made."""
+    """Copies what pages show or offer: images, scenes, and the videos and replays that `make gallery` has made."""
     shutil.copytree(ROOT / "scenes", source / "files/scenes", ignore=shutil.ignore_patterns("__pycache__", "*.md"))
     for name in ("LICENSE", "constraints.txt"):
         shutil.copy(ROOT / name, source / "files" / name)
@@ -157,9 +157,10 @@ def copy_files(source: Path) -> None:
     media.mkdir(parents=True, exist_ok=True)
     for path in sorted((ROOT / "scenes").glob("*.xml")):
         shutil.copy(ROOT / f"scenes/pictures/{path.stem}.jpg", media)
-        video = ROOT / f"out/{path.stem}/{path.stem}.mp4"
-        if video.is_file():
-            shutil.copy(video, media)
+        for suffix in (".mp4", ".html"):
+            made = ROOT / f"out/{path.stem}/{path.stem}{suffix}"
+            if made.is_file():
+                shutil.copy(made, media)
     (source / "files/docs").mkdir()
     shutil.copy(DOCS / "architecture.svg", source / "files/docs")
     shutil.copy(NOTEBOOK, source / "files/docs")
@@ -213,7 +214,7 @@ def gallery() -> str:
 
 
 def _card(title: str, text: str, command: str, name: str, alternative: str) -> Iterator[str]:
-    """Yields the card of a scene: its video or image, what happens, its command, numbers and document."""
+    """Yields the card of a scene: its video or image, what happens, its command, replay, numbers and document."""
     yield f":::::{{grid-item-card}} {title}\n"
     if (ROOT / f"out/{name}/{name}.mp4").is_file():
         files = f'src="_static/gallery/{name}.mp4" poster="_static/gallery/{name}.jpg" preload="metadata"'
@@ -221,6 +222,8 @@ def _card(title: str, text: str, command: str, name: str, alternative: str) -> I
     else:
         yield f"![{alternative}](files/scenes/pictures/{name}.jpg)\n"
     yield f"{text}\n\n```sh\n{command}\n```\n"
+    if (ROOT / f"out/{name}/{name}.html").is_file():
+        yield f'<a href="_static/gallery/{name}.html">Replay in 3D</a>\n'
 
     document = (ROOT / f"scenes/{name}.yaml").read_text("utf-8").rstrip()
     yield f"::::{{dropdown}} Numbers\n{numbers(yaml.safe_load(document))}\n::::\n"

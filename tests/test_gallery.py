@@ -69,11 +69,13 @@ def test_a_camera_script_is_read(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.stem)
-def test_a_lesson_makes_its_video_image_trace_and_plot(mjrun_here: Command, path: Path, tmp_path: Path) -> None:
+def test_a_lesson_makes_its_video_image_trace_plot_and_replay(mjrun_here: Command, path: Path, tmp_path: Path) -> None:
     done = mjrun_here("run", path, *SMALL, "-o", tmp_path / "out", "-q", "--quality", "draft")
     assert (done.returncode, done.stderr) == (0, b"")
     name = path.stem
-    made = {"plot.png", f"{name}.mp4", f"{name}.jpg", f"{name}.csv"} | ({"hits.csv"} if name == "dominos" else set())
+    made = {"plot.png", f"{name}.mp4", f"{name}.jpg", f"{name}.csv", f"{name}.html"} | (
+        {"hits.csv"} if name == "dominos" else set()
+    )
     assert {file.name for file in (tmp_path / "out").iterdir()} == made
 
 

@@ -111,10 +111,10 @@ class _Contents:
         self.manifests.append(FileManifest(result.path, with_fingerprints(facts, files)))
         for path in _paths(result, files):
             self.files.append(page_file(path, self.path, self.limit))
-        if isinstance(result, TraceResult):
+        if isinstance(result, TraceResult | ExportResult):
             self.verdicts += [(result.path, verdict) for verdict in result.assertions]
-            if result.rows and result.path != STDIN:
-                self._add_table(result.path)
+        if isinstance(result, TraceResult) and result.rows and result.path != STDIN:
+            self._add_table(result.path)
 
     def page(self, title: str) -> Page:
         return Page(title, MAKER, self.figures, self.verdicts, self.files, self.tables, self.manifests)

@@ -32,6 +32,7 @@ IMAGES = {
     ".webp": "image/webp",
     ".svg": "image/svg+xml",
 }
+PAGES = (".html", ".htm")
 VIDEOS = {".mp4": "video/mp4", ".m4v": "video/mp4", ".webm": "video/webm", ".mov": "video/mp4"}
 
 
@@ -367,7 +368,8 @@ def _links(files: Sequence[PageFile]) -> Iterator[Markup]:
     items: list[Markup] = []
     for file in files:
         size = "folder" if file.size is None else _bytes(file.size)
-        items.append(element("li", element("a", file.path, href=file.address), f" · {size}"))
+        about = "replay in 3D, " if Path(file.path).suffix.lower() in PAGES else ""
+        items.append(element("li", element("a", file.path, href=file.address), f" · {about}{size}"))
     if items:
         yield element("ul", *items)
 

@@ -68,9 +68,9 @@ export class Contacts {
       const length = this.strongest ? 0.45 * this.size * Math.min(1, force / this.strongest) : 0;
       const head = Math.min(0.4 * length, 3.2 * width);
       turn.setFromUnitVectors(UP, force ? along.divideScalar(force) : UP);
-      this.shafts.setMatrixAt(i, matrix.compose(place, turn, scale.set(0.3 * width, length - head, 0.3 * width)));
+      this.shafts.setMatrixAt(i, matrix.compose(place, turn, scale.set(0.4 * width, length - head, 0.4 * width)));
       place.addScaledVector(along.copy(UP).applyQuaternion(turn), length - head);
-      this.heads.setMatrixAt(i, matrix.compose(place, turn, scale.set(0.9 * width, head, 0.9 * width)));
+      this.heads.setMatrixAt(i, matrix.compose(place, turn, scale.set(1.1 * width, head, 1.1 * width)));
     }
     for (const mesh of [this.discs, this.shafts, this.heads]) {
       mesh.count = count;

@@ -47,7 +47,6 @@ export class Plots {
     const { low, high, ticks } = panel.range;
     const toY = (value) => HEIGHT - PAD - ((value - low) / (high - low)) * (HEIGHT - 2 * PAD);
     context.font = "11px system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif";
-    context.textBaseline = "bottom";
     context.lineWidth = 1;
     for (const tick of ticks) {
       const y = Math.round(toY(tick)) + 0.5;
@@ -78,7 +77,9 @@ export class Plots {
     context.setLineDash([]);
     for (const tick of ticks) {
       const text = tickText(tick);
-      const y = toY(tick) - 1;
+      const isLow = toY(tick) > 14;
+      const y = toY(tick) + (isLow ? -1 : 2);
+      context.textBaseline = isLow ? "bottom" : "top";
       context.lineWidth = 3;
       context.strokeStyle = style.raised;
       context.strokeText(text, 1, y);

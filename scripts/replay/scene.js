@@ -175,7 +175,7 @@ export class ReplayScene {
     return null;
   }
 
-  // Measures the space in which things move, as spheres around geoms at some frames, and whether they travel far.
+  // Measures the space in which things move, as spheres around geoms at some frames, and of what rests among them.
   measure() {
     const moves = (node) => node && (this.moving.has(node) || moves(node.parent));
     const drawn = this.nodes.filter((node) => node.primitives.length && !isHidden(node) && !isPlane(node));
@@ -189,12 +189,9 @@ export class ReplayScene {
       this.motion.apply(frame, 0);
       this.root.updateMatrixWorld();
       const origin = carrier ? new Vector3().setFromMatrixPosition(carrier.matrixWorld) : new Vector3();
-      const spheres = subjects.flatMap((node) =>
-        node.primitives.map(({ geometry }) => geometry.boundingSphere.clone().applyMatrix4(node.matrixWorld)),
-      );
-      instants.push({ origin, spheres });
+      instants.push({ origin, spheres: spheresOf(subjects) });
     }
-    return new Space(instants, carrier);
+    return new Space(instants, spheresOf(drawn.filter((node) => !subjects.includes(node))), carrier);
   }
 
   // Returns the moving body that carries at least half of all that move: what a camera follows; null if there is none.
@@ -211,6 +208,12 @@ export class ReplayScene {
     }
     return [...carried.keys()].find((root) => 2 * carried.get(root) >= count) ?? null;
   }
+}
+
+function spheresOf(nodes) {
+  return nodes.flatMap((node) =>
+    node.primitives.map(({ geometry }) => geometry.boundingSphere.clone().applyMatrix4(node.matrixWorld)),
+  );
 }
 
 function isPlane(node) {

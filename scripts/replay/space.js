@@ -9,8 +9,9 @@ const right = new Vector3();
 const up = new Vector3();
 
 export class Space {
-  // `instants` holds spheres around all geoms at some frames, and the origin of the body `carrier`, which may be null.
-  constructor(instants, carrier) {
+  // `instants` holds spheres around moving geoms at some frames, and the origin of the body `carrier`, which may be null;
+  // `resting` holds spheres around all others.
+  constructor(instants, resting, carrier) {
     const all = instants.flatMap(({ spheres }) => spheres);
     const around = instants.flatMap(({ origin, spheres }) =>
       spheres.map(({ center, radius }) => new Sphere(center.clone().sub(origin), radius)),
@@ -19,9 +20,10 @@ export class Space {
     this.size = Math.max(...sizes) || 1;
     this.isTravelling = carrier !== null && extent(all) > TRAVELS * this.size;
     this.carrier = carrier;
-    this.spheres = this.isTravelling ? around : all;
     this.reach = extent(all) || 1;
     this.center = new Vector3(...bounds(all).map(([low, high]) => (low + high) / 2));
+    const isAmong = ({ center, radius }) => radius < this.reach && center.distanceTo(this.center) < this.reach;
+    this.spheres = this.isTravelling ? around : [...all, ...resting.filter(isAmong).flatMap((each) => instants.map(() => each))];
   }
 
   // Writes the place around which things move now.

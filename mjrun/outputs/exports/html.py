@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, BinaryIO
 from mjrun.outputs.exports import ExportFormat
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from mjrun.outputs.export import ExportedScene
     from mjrun.plotting.replay_page import ReplayPanel
@@ -73,12 +73,16 @@ def _panels(scene: "ExportedScene") -> "Iterator[ReplayPanel]":
         columns = [column for probe in probes for column in probe.columns]
         units = {column.unit for column in columns}
         curves = [ReplayCurve(column.name, column.unit, values.rows[:, places[column.name]]) for column in columns]
-        yield ReplayPanel(text, units.pop() if len(units) == 1 else "", curves)
+        groups = dict.fromkeys(column.name.partition("/")[0] for column in columns)
+        yield ReplayPanel(", ".join(groups), units.pop() if len(units) == 1 else "", curves)
 
 
 def _facts(scene: "ExportedScene") -> "Sequence[tuple[str, str]]":
-    facts, model = scene.facts, scene.facts["model"]
-    assert isinstance(model, dict)
+    """Returns the main facts of the manifest, as a reader needs them."""
+    from typing import cast
+
+    facts = scene.facts
+    model = cast("Mapping[str, object]", facts["model"])
     pairs = {
         "Command": facts.get("command"),
         "Model": model.get("path"),
@@ -86,7 +90,7 @@ def _facts(scene: "ExportedScene") -> "Sequence[tuple[str, str]]":
         "Versions": f"{scene.generator}, numpy {facts['numpy']}, Python {facts['python']}",
         "Machine": facts.get("machine"),
         "Seed": facts.get("seed"),
-        "Timestep": f"{facts['timestep']:g} s",
+        "Timestep": f"{facts['timestep']} s",
     }
     return [(name, str(value)) for name, value in pairs.items() if value not in (None, "")]
 

@@ -122,7 +122,7 @@ def test_curves_have_the_values_of_mujoco_at_the_frames(swing: Path, tmp_path: P
         if step % 25 == 0:
             heights.append(float(data.body("ball").xpos[2]))
         mujoco.mj_step(model, data)
-    assert [panel["title"] for panel in found["panels"]] == ["energy", "xpos[ball]"]
+    assert [panel["title"] for panel in found["panels"]] == ["energy", "xpos"]
     height = next(curve for curve in found["panels"][1]["curves"] if curve["name"] == "xpos/ball/z")
     np.testing.assert_allclose(array(height["values"]), heights, atol=1e-6)
     assert array(found["times"]) == pytest.approx([0.05 * frame for frame in range(10)])
