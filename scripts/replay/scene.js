@@ -15,7 +15,7 @@ import { Motion } from "./motion.js";
 import { Space } from "./space.js";
 
 const INSTANTS = 48; // at which the space of the motion is measured
-const SPHERES = 40000; // for which it is, in total
+const SPHERES = 12000; // for which it is, in total
 
 export class ReplayScene {
   // `frames` is the number of frames of the clip.
@@ -238,7 +238,6 @@ function place({ mesh, nodes }) {
   const { array } = mesh.instanceMatrix;
   for (let i = 0; i < nodes.length; i++) nodes[i].matrixWorld.toArray(array, i * 16);
   mesh.instanceMatrix.needsUpdate = true;
-  mesh.boundingSphere = null;
 }
 
 function addScaled(array, other, factor) {

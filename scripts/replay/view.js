@@ -5,7 +5,7 @@ import { direction } from "./space.js";
 
 const FIELD = (38 * Math.PI) / 180; // of the free camera, vertical [rad]
 const MARGIN = 1.06;
-const NARROWEST = 4 / 3; // images narrower than that show the width of this one
+const NARROWEST = 4 / 3; // narrower images of a camera of the model show the width of this one
 const STEEPEST = 1.55; // elevation [rad]
 const SETTLED = 1e-4;
 const position = new Vector3();
@@ -73,13 +73,17 @@ export class View {
     if (this.followed) this.goal.target.copy(this.followedPosition);
   }
 
-  // Takes the free camera to where the camera of the model is, to turn around a point at the depth of `subject`.
+  // Takes the free camera to where the camera of the model is, to turn around a point at the depth of `subject`, which
+  // keeps its size in the image.
   takeOver(subject) {
-    this.model.getWorldPosition(position);
-    offset.set(0, 0, 1).applyQuaternion(this.model.getWorldQuaternion(turn));
-    const { goal } = this;
-    goal.distance = Math.max(position.clone().sub(subject).dot(offset), 0.05 * this.size);
-    goal.target.copy(position).addScaledVector(offset, -goal.distance);
+    const { goal, model } = this;
+    model.getWorldPosition(position);
+    offset.set(0, 0, 1).applyQuaternion(model.getWorldQuaternion(turn));
+    const depth = Math.max(position.clone().sub(subject).dot(offset), 0.05 * this.size);
+    const { type, perspective, orthographic } = model.lens;
+    const half = type === "orthographic" ? orthographic.ymag : depth * Math.tan(perspective.yfov / 2);
+    goal.distance = (half * Math.max(1, NARROWEST / this.aspect)) / Math.tan(FIELD / 2);
+    goal.target.copy(position).addScaledVector(offset, -depth);
     goal.elevation = Math.max(-STEEPEST, Math.min(STEEPEST, Math.asin(offset.y)));
     goal.azimuth = Math.atan2(offset.z, offset.x);
     this.model = null;
@@ -124,7 +128,7 @@ export class View {
     camera.lookAt(target);
     const { clientWidth: width, clientHeight: height } = this.element;
     camera.setViewOffset(width, height, this.inset / 2, 0, width, height);
-    this.project(FIELD, Math.max(0.01 * distance, 1e-4 * this.size), 40 * (distance + this.size));
+    this.project(Math.tan(FIELD / 2), Math.max(0.01 * distance, 1e-4 * this.size), 40 * (distance + this.size));
   }
 
   updateModel() {
@@ -134,7 +138,8 @@ export class View {
     this.model.matrixWorld.decompose(camera.position, camera.quaternion, offset);
     if (!isFlat) {
       camera.clearViewOffset();
-      this.project(lens.perspective.yfov, lens.perspective.znear, lens.perspective.zfar ?? 1000 * this.size);
+      const half = Math.tan(lens.perspective.yfov / 2) * Math.max(1, NARROWEST / this.aspect);
+      this.project(half, lens.perspective.znear, lens.perspective.zfar ?? 1000 * this.size);
       return;
     }
     const { ymag, znear, zfar } = lens.orthographic;
@@ -144,8 +149,8 @@ export class View {
     camera.updateProjectionMatrix();
   }
 
-  project(field, near, far) {
-    const half = Math.tan(field / 2) * Math.max(1, NARROWEST / this.aspect);
+  // Sets the perspective; `half` is half the height of the image at distance 1.
+  project(half, near, far) {
     Object.assign(this.camera, { fov: (360 / Math.PI) * Math.atan(half), aspect: this.aspect, near, far });
     this.camera.updateProjectionMatrix();
     this.camera.updateMatrixWorld();
