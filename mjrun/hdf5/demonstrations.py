@@ -132,6 +132,12 @@ class DemonstrationFile:
             require_expandable(self.path, 8 * math.prod(dataset.shape or ()))
             return np.asarray(dataset[()]).astype(float)
 
+    def datasets(self, name: str) -> list[str]:
+        """Returns the names of the datasets of an episode, without those in groups."""
+        with self._decoding(f"{self.path}:{name}"):
+            group = self._groups[name]
+            return [str(key) for key in group if _dataset(group, str(key)) is not None]
+
     def observations(self, name: str) -> Mapping[str, tuple[int, ...]]:
         """Returns the shapes of the observations of an episode, by name."""
         with self._decoding(f"{self.path}:{name}"):
@@ -146,8 +152,7 @@ class DemonstrationFile:
             times = [float(dataset[row, 0]) for row in (0, len(dataset) - 1)] if dataset.size else [0.0, 0.0]
             images = [key for key, each in _observations(group).items() if each.dtype == np.uint8 and each.ndim == 4]
             instruction = _instruction(text_attributes(self._file, group))
-            has_rewards = _dataset(group, "rewards") is not None
-        reward = float(self.array(name, "rewards").sum()) if has_rewards else None
+        reward = float(self.array(name, "rewards").sum()) if "rewards" in self.datasets(name) else None
         return Episode(name, len(dataset), _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images))
 
     @property

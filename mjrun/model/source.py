@@ -60,7 +60,7 @@ class Source(ABC):
 
     @property
     def code(self) -> str:
-        """The code and versions that determine, with the files, what a policy is played on; empty without code."""
+        """Text that identifies the source together with its files, such as code and versions; empty without any."""
         return ""
 
     def load(self) -> mujoco.MjModel:

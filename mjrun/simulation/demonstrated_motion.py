@@ -34,7 +34,7 @@ def names_demonstration(path: Path) -> bool:
     return bool(episode) or (is_hdf5(file) and is_demonstration_file(Path(file)))
 
 
-def read_demonstration(
+def read_demonstrated_motion(
     path: Path,
     model: mujoco.MjModel,
     start: mujoco.MjData,

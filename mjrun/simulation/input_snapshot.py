@@ -2,12 +2,13 @@
 
 import hashlib
 import os
+import shutil
 import weakref
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import field, replace
 from pathlib import Path
-from typing import Self
+from typing import BinaryIO, Self
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import FileError, MjrunError
@@ -17,6 +18,7 @@ from mjrun.model.named_files import with_absolute_paths
 from mjrun.platform.mirrored_paths import mirrored, with_original_paths
 from mjrun.suffixes import XML
 
+PIECE = 2**20  # bytes copied at a time
 ORIGINALS = ".originals"  # folder of the models whose copies have other paths in them, by digest
 
 
@@ -64,13 +66,13 @@ class InputSnapshot:
             absolute = _absolute(path, self.cwd)
             if absolute in digests or self._holds(absolute) or absolute.startswith("/dev/") or not is_file(path):
                 continue
+            folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
             try:
-                content = Path(path).read_bytes()
+                file = Path(path).open("rb")  # noqa: SIM115 – errors of copying are others
             except OSError as error:
                 raise FileError(path, f"cannot be read: {error.strerror or error}") from None
-            folder = os.path.dirname(os.path.join(self.cwd, path))  # noqa: PTH118, PTH120 – pathlib resolves nothing
-            digests[absolute] = hashlib.sha256(content).hexdigest()
-            self._write(absolute, content, digests[absolute], folder)
+            with file:
+                digests[absolute] = self._add(absolute, file, folder)
             folders.add(folder)
         return replace(self, digests=digests, folders=frozenset(folders))
 
@@ -136,6 +138,24 @@ class InputSnapshot:
 
     def _copy(self, absolute: str) -> Path:
         return mirrored(self.root, Path(absolute))
+
+    def _add(self, absolute: str, file: BinaryIO, folder: str) -> str:
+        """Copies a file, and returns its hash; only models are read whole."""
+        copy = self._copy(absolute)
+        if copy.suffix in XML:
+            content = file.read()
+            digest = hashlib.sha256(content).hexdigest()
+            self._write(absolute, content, digest, folder)
+            return digest
+        self._make_folder(folder)
+        try:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            with copy.open("w+b") as target:
+                shutil.copyfileobj(file, target, PIECE)
+                target.seek(0)
+                return hashlib.file_digest(target, "sha256").hexdigest()
+        except OSError as error:
+            raise FileError(copy, f"cannot be written: {error.strerror or error}") from None
 
     def _write(self, absolute: str, content: bytes, digest: str, folder: str) -> None:
         copy = self._copy(absolute)

@@ -37,6 +37,7 @@ from mjrun.timeline import EXACT, Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.physics.kinematic_motion import KinematicMotion
+    from mjrun.simulation.demonstration import Demonstration
     from mjrun.simulation.episode import Episode
 
 DURATION = Fraction(5)  # [s] without an option for it
@@ -299,6 +300,21 @@ class Simulation(SimulationOptions):
                 raise UsageError(Exclusion(("replay", name), "a recording holds all of the state").message(), (name,))
         return self._recording
 
+    @cached_property
+    def demonstration(self) -> "Demonstration | None":
+        """States and actions of the demonstration that is replayed; None if it replays none.
+
+        Raises:
+          FileError: the demonstration cannot be read.
+        """
+        if self.replay is None:
+            return None
+        from mjrun.simulation.demonstrated_motion import names_demonstration
+        from mjrun.simulation.demonstration import read_demonstration
+
+        path = self._stored(self.replay)
+        return read_demonstration(path, self.replay_rate) if names_demonstration(path) else None
+
     def motion(self, path: Path, model: mujoco.MjModel, texts: Sequence[str] | None = None) -> "KinematicMotion":
         """Reads the motion of `model` from a table or a demonstration, once.
 
@@ -313,7 +329,7 @@ class Simulation(SimulationOptions):
         """
         from mjrun.physics.kinematic_samples import Interpolation
         from mjrun.simulation.column_map import with_files
-        from mjrun.simulation.demonstrated_motion import names_demonstration, read_demonstration
+        from mjrun.simulation.demonstrated_motion import names_demonstration, read_demonstrated_motion
         from mjrun.simulation.mapped_table import read_motion
 
         texts = with_files(self.map, self._stored) if texts is None else texts
@@ -325,7 +341,7 @@ class Simulation(SimulationOptions):
             if names_demonstration(path):
                 for name in filter(lambda name: texts if name == "map" else is_given(self, name), ("map", "quat")):
                     raise UsageError(f"{option(name)} applies to tables, not to the states of a demonstration")
-                self._motions[key] = read_demonstration(path, model, start, self.replay_rate, interpolation)
+                self._motions[key] = read_demonstrated_motion(path, model, start, self.replay_rate, interpolation)
             else:
                 self._motions[key] = read_motion(path, model, start, texts, self.quat, self.replay_rate, interpolation)
         return self._motions[key]

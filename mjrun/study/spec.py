@@ -15,7 +15,7 @@ from mjrun.errors import BadValueError, UnknownNameError, UsageError, clean, con
 from mjrun.experiment.design import simulation_kinds
 from mjrun.model.override import Override, apply
 from mjrun.model.source import Source
-from mjrun.model.sources import source_of
+from mjrun.model.sources import demonstration_in, source_of
 from mjrun.options.dataset import CAMERA
 from mjrun.options.schema_validation import InvalidValueError
 from mjrun.python_code import Sealed
@@ -130,6 +130,8 @@ def simulation_at(
     """
     changes: dict[str, object] = {}
     overrides: list[tuple[str, str]] = []
+    if MODEL in names and base.replay is not None and base.replay == demonstration_in(base.model):
+        changes["replay"] = None  # another demonstration has other states
     for name, text in zip(names, values, strict=True):
         if _is_path(name):
             overrides.append((name, text))

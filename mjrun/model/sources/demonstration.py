@@ -57,6 +57,10 @@ class DemonstrationSource(Source):
         return (self.path,)
 
     @property
+    def code(self) -> str:
+        return self.episode
+
+    @property
     def hidden_groups(self) -> Mapping[str, Sequence[int]]:
         with suppress(MjrunError), open_demonstrations(self.path) as file:
             return HIDDEN_IN_ROBOSUITE if file.origin(file.named(self.episode)).is_robosuite else {}
