@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 
 import pytest
 
@@ -188,9 +188,10 @@ def test_imports_run_one_way_and_every_library_has_one_home() -> None:
     assert violations(PACKAGE) == []
 
 
-def room_of(frame: FrameType) -> str | None:
-    """Returns the room of the code that a frame runs; None outside of mjrun."""
-    path = Path(frame.f_code.co_filename)
+@cache
+def room_of(code: CodeType) -> str | None:
+    """Returns the room of a function; None outside of mjrun."""
+    path = Path(code.co_filename)
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py") if path.is_relative_to(PACKAGE) else None
 
 
@@ -203,13 +204,13 @@ def upward_calls(action: Callable[[], object]) -> set[tuple[str, str]]:
     pairs: set[tuple[str, str]] = set()
 
     def note(frame: FrameType, event: str, _: object) -> None:
-        if event != "call" or frame.f_code.co_flags & inspect.CO_GENERATOR:
+        if event != "call" or not room_of(frame.f_code) or frame.f_code.co_flags & inspect.CO_GENERATOR:
             return
         chain = [frame]
         while above := chain[-1].f_back:
             chain.append(above)
-        ours = [(room, each.f_code.co_name) for each in chain if (room := room_of(each))]
-        if room_of(frame) and len(ours) > 1 and all(name != "<module>" for _, name in ours):
+        ours = [(room, each.f_code.co_name) for each in chain if (room := room_of(each.f_code))]
+        if len(ours) > 1 and all(name != "<module>" for _, name in ours):
             (called, _), (caller, _), *_ = ours
             if LEVEL[called] < LEVEL[caller] and caller != "dataclass":
                 pairs.add((caller, called))
