@@ -89,9 +89,9 @@ class RecordingBatch:
 
     def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], size: int, threads: int = 0) -> None:
         self._models, self._record = models, record
-        self._derived = None
+        self._derived: DerivedFields | None = None
         if any(model.opt.integrator == RK4 for model in models):
-            self._derived = DerivedFields(models, record, size, threads)
+            self._derived = DerivedFields(_batch([*models] * size, threads), record, len(models))
             models = with_flags(models, leave_out=ENERGY)
         self._batch = _batch(models, threads)
         self._states = {name: self._batch.bind(name) for name in record if name in STATE_FIELDS}
@@ -137,6 +137,19 @@ class RecordingBatch:
             fields = {name: moved.get(name, out[name])[:, rows] for name in self._record}
         fields = {name: _spread(values, ids, n) for name, values in fields.items()}
         return StepRecords(fields, np.where(completed[:, None], batch.state, states), completed)
+
+    def last(self, states: np.ndarray, ids: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns the fields `(k, 1, …)` of the instants at the states `(k, nstate)` of the simulations `ids` `(k,)`.
+
+        Raises:
+          mujoco.batch.SimulationError: MuJoCo raised an error on some of them; `error` has its message.
+        """
+        derived = self._derived or DerivedFields(self._batch, self._record, len(self._models))
+        return derived.of(states[:, None], ids)
+
+    def error(self, simulation: int) -> str:
+        """Returns the error message of MuJoCo on the last state of `simulation`."""
+        return self._derived.error(simulation) if self._derived else self._batch.error(simulation)
 
     def extend(
         self, fields: Fields, at: int, start: np.ndarray, count: int, controls: np.ndarray | None
@@ -185,13 +198,13 @@ class DerivedFields:
     """Fields of recorded states of n simulations, computed by `mj_forward` in C.
 
     Args:
-      rows: maximum number of states of a simulation per call.
+      batch: n simulations for each state of a simulation that is given per call.
+      count: n.
     """
 
-    def __init__(self, models: Sequence[mujoco.MjModel], record: Sequence[str], rows: int, threads: int = 0) -> None:
-        self._count = len(models)
-        self._batch = _batch([*models] * rows, threads)
-        self._fields = {name: self._batch.bind(name) for name in record}
+    def __init__(self, batch: Batch, record: Sequence[str], count: int) -> None:
+        self._batch, self._count = batch, count
+        self._fields = {name: batch.bind(name) for name in record}
 
     def error(self, simulation: int) -> str:
         """Returns the error message of MuJoCo on the first state of `simulation`."""
@@ -237,11 +250,11 @@ class _Run:
 
     def block(self, first: int, count: int, every: int, size: int) -> RolloutBlock:
         """Returns the rows of the `count` steps from `first`, at most `size` of them."""
-        self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads)
+        batch = self._recording(size)
         rows = slice(-first % every, count, every)
         steps = np.arange(first, first + count)[rows]
         controls = None if self._controls is None else self._controls[:, first : first + count]
-        recorded = self._batch.run(self._states, count, controls, rows, self._ids())
+        recorded = batch.run(self._states, count, controls, rows, self._ids())
         self._states = recorded.states
         counts = np.where(recorded.completed, len(steps), 0)
         for index in np.flatnonzero(self._stable & ~recorded.completed).tolist():
@@ -259,20 +272,24 @@ class _Run:
 
     def last(self, step: int) -> RolloutBlock:
         """Returns the row at the end, at `step`."""
-        ids = self._ids()
-        derived = DerivedFields(self._awake, self._record, 1, self._threads)
+        ids, batch = self._ids(), self._recording(1)
         try:
-            fields = derived.of(self._states[ids][:, None], ids)
+            fields = batch.last(self._states[ids], ids)
         except BatchError as error:
             for index in error.ids.tolist():
                 time = float(self._states[index, 0])  # the time is first in a state
-                self._fail(index, FailedStepError(step, time, derived.error(index)))
+                self._fail(index, FailedStepError(step, time, batch.error(index)))
             return self.last(step)
         fields = {name: _spread(values, ids, len(self.models)) for name, values in fields.items()}
         for index, stepper in self._sleepers.items():
             if self._stable[index]:
                 _put(fields, index, 0, stepper.instant())
         return self._block(np.array([step]), fields, self._stable.astype(int))
+
+    def _recording(self, size: int) -> RecordingBatch:
+        """Returns the batch, which takes at most `size` steps per call if it does not exist yet."""
+        self._batch = self._batch or RecordingBatch(self._awake, self._record, size, self._threads)
+        return self._batch
 
     def _ids(self) -> np.ndarray:
         """Returns the simulations that continue in C."""
