@@ -33,6 +33,7 @@ from mjrun.outputs.export import Export, ExportedScene
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.recorded_contacts import RecordedContacts, copy_contacts
 from mjrun.scene_graph.graph import Node, SceneGraph
+from mjrun.scene_graph.walk import matrix_quaternion
 from mjrun.timeline import nanoseconds
 
 WORLD = "world"
@@ -118,9 +119,9 @@ def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dic
 
 def instants(scene: ExportedScene, channels: "InstantChannels") -> Generator[TimedMessage]:
     """Yields the poses, joints and contacts of each frame."""
-    for index, (time, data) in enumerate(zip(frame_times(scene), scene.instants(), strict=True)):
-        cameras = [lens(pose, scene.job.size) for pose in scene.frames.poses[index]] if cameras_of(scene) else []
-        yield from channels.messages(time, data, cameras)
+    poses = scene.frames.poses if cameras_of(scene) else itertools.repeat(())
+    for time, data, cameras in zip(frame_times(scene), scene.instants(), poses, strict=False):
+        yield from channels.messages(time, data, [lens(pose, scene.job.size) for pose in cameras])
 
 
 def rows(scene: ExportedScene, log: McapWriter) -> Generator[TimedMessage]:
@@ -185,8 +186,9 @@ class InstantChannels:
         self._contacts = log.add_channel("/contacts", foxglove.SCENE)
         self._rows = TableMessages("contacts", contact_columns(model)[CONTACT:])
         self._table = log.add_channel("/contacts/table", self._rows.schema, self._rows.metadata)
-        # As MuJoCo draws them.
-        self._length = model.vis.map.force / model.stat.meanmass
+        # As MuJoCo draws them, except that a force without a scale has no arrow.
+        mass = model.stat.meanmass
+        self._length = model.vis.map.force / mass if mass > 0 else 0.0
         width = model.vis.scale.forcewidth * model.stat.meansize
         self._style = foxglove.ArrowStyle(2 * width, model.vis.rgba.contactforce.tolist())
 
@@ -198,7 +200,7 @@ class InstantChannels:
           data: the model at that time, with all derived fields computed.
         """
         positions = [data.xpos[1:], *(camera.pose[None, :3, 3] for camera in cameras)]
-        turns = [data.xquat[1:], *(foxglove.quaternion(camera.pose[:3, :3])[None] for camera in cameras)]
+        turns = [data.xquat[1:], *(matrix_quaternion(camera.pose[:3, :3])[None] for camera in cameras)]
         yield time, self._poses, self._transforms.encode(time, np.concatenate(positions), np.concatenate(turns))
         if self._joints is not None:
             rates = (field[self._dofs] for field in (data.qvel, data.qacc, data.qfrc_actuator))

@@ -6,7 +6,6 @@ y down, z forward. https://docs.foxglove.dev/docs/sdk/schemas
 
 from collections.abc import Mapping, Sequence
 
-import mujoco
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration as CalibrationMessage  # pyright: ignore[reportMissingImports]
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage  # pyright: ignore[reportMissingImports]
@@ -156,13 +155,6 @@ def image(time: int, frame: str, content: bytes, format: str) -> bytes:  # noqa:
     message = CompressedImage(frame_id=frame, data=content, format=format)
     _set_time(message.timestamp, time)
     return message.SerializeToString()
-
-
-def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Returns the quaternion `(4,)` of a rotation `(3, 3)`."""
-    turn = np.empty(4)
-    mujoco.mju_mat2Quat(turn, np.ascontiguousarray(rotation, np.float64).ravel())
-    return turn
 
 
 def _from_x_axis(directions: np.ndarray) -> np.ndarray:

@@ -54,7 +54,7 @@ class McapWriter:
     def __init__(self, file: BinaryIO, facts: Mapping[str, str]) -> None:
         counting: Any = _CountingFile(file)
         self._writer = Writer(counting, enable_data_crcs=True)
-        self._schemas: dict[str, int] = {}
+        self._schemas: dict[Schema, int] = {}
         self._sequences: dict[int, int] = {}
         self._writer.start(library=f"mjrun {__version__}")
         self._writer.add_metadata("mjrun", dict(facts))
@@ -65,11 +65,10 @@ class McapWriter:
 
     def add_channel(self, topic: str, schema: Schema, metadata: Mapping[str, str] | None = None) -> int:
         """Adds a channel for messages of one type, and returns its number."""
-        if schema.name not in self._schemas:
-            number = self._writer.register_schema(schema.name, SchemaEncoding.Protobuf, schema.files)
-            self._schemas[schema.name] = number
-        schema_number = self._schemas[schema.name]
-        channel = self._writer.register_channel(topic, MessageEncoding.Protobuf, schema_number, dict(metadata or {}))
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(schema.name, SchemaEncoding.Protobuf, schema.files)
+        facts = dict(metadata or {})
+        channel = self._writer.register_channel(topic, MessageEncoding.Protobuf, self._schemas[schema], facts)
         self._sequences[channel] = 0
         return channel
 

@@ -103,13 +103,6 @@ def test_frames_of_videos_and_images_name_their_camera_and_format() -> None:
     assert time_of(picture.timestamp) == LATE
 
 
-def test_a_rotation_becomes_its_quaternion() -> None:
-    turn = np.array([0.5, 0.5, -0.5, 0.5])
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, turn)
-    assert foxglove.quaternion(matrix.reshape(3, 3)) == pytest.approx(turn)
-
-
 @pytest.mark.parametrize("schema", [foxglove.SCENE, foxglove.TRANSFORMS, foxglove.JOINTS, foxglove.VIDEO])
 def test_a_schema_is_complete_and_each_file_is_in_it_once(schema: Schema) -> None:
     described = FileDescriptorSet.FromString(schema.files).file
