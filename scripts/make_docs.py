@@ -210,7 +210,8 @@ def gallery() -> str:
         else:
             subjects += [f"## {title}", "", with_site_links(body.strip(), ROOT / "scenes", "gallery.md"), ""]
     grid = ["::::::{grid} 1 1 2 2", ":gutter: 3", "", *cards, "::::::", ""]
-    return "\n".join([introduction.replace("# Scenes", "# Gallery", 1).rstrip(), "", *grid, *subjects])
+    introduction = with_site_links(introduction.replace("# Scenes", "# Gallery", 1), ROOT / "scenes", "gallery.md")
+    return "\n".join([introduction.rstrip(), "", *grid, *subjects])
 
 
 def _card(title: str, text: str, command: str, name: str, alternative: str) -> Iterator[str]:
