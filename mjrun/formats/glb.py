@@ -14,8 +14,19 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from mjrun.errors import UsageError
-from mjrun.formats.image_encoding import ImageData, png
-from mjrun.scene_graph.graph import CameraLens, Light, Material, Mesh, Node, SceneGraph, SceneMotion, Texture
+from mjrun.formats.image_encoding import UINT16_MAX, ImageData, png
+from mjrun.scene_graph.graph import (
+    CameraLens,
+    Deformation,
+    Light,
+    Material,
+    Mesh,
+    Node,
+    SceneGraph,
+    SceneMotion,
+    Skin,
+    Texture,
+)
 
 MAGIC, VERSION, JSON, BIN = b"glTF", 2, 0x4E4F534A, 0x004E4942
 FLOAT, UINT16, UINT32 = 5126, 5123, 5125
@@ -24,7 +35,8 @@ LIGHTS = "KHR_lights_punctual"
 Z_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]  # turns z up into y up
 UNITS = {"length": "m", "mass": "kg", "time": "s", "angle": "rad"}
 LARGEST = 2**32 - 1  # bytes of a file
-WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
+WIDTHS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+LINES = 1  # mode of a primitive
 
 
 def write_glb(
@@ -80,15 +92,19 @@ class _Document:
         self._contents = list[Callable[[], bytes]]()
         self._indices: dict[tuple[str, object], int] = {}
         self._primitives: dict[Mesh, dict[str, Any]] = {}
+        self._inputs: dict[bytes, int] = {}
         children: dict[int, list[int]] = {}
         for index, node in enumerate(graph.nodes):
             children.setdefault(node.parent, []).append(index)
-        self.json["nodes"] = [self._node(node, children.get(index, ())) for index, node in enumerate(graph.nodes)]
-        self.json |= {"scene": 0, "scenes": [{"nodes": [0]}]}
-        if motion is not None:
+        shapes = {each.node: each for each in motion.deformations} if motion else {}
+        self.json["nodes"] = [
+            self._node(node, children.get(index, ()), shapes.get(index)) for index, node in enumerate(graph.nodes)
+        ]
+        self.json |= {"scene": 0, "scenes": [{"nodes": [0], **({"extras": {**graph.facts}} if graph.facts else {})}]}
+        if motion is not None and len(motion.times):
             self._animate(motion)
-        if LIGHTS in self.json.get("extensions", {}):
-            self.json["extensionsUsed"] = [LIGHTS]
+        if "extensions" in self.json:
+            self.json["extensionsUsed"] = sorted(self.json["extensions"])
         if self.size:
             self.json["buffers"] = [{"byteLength": self.size}]
 
@@ -98,7 +114,7 @@ class _Document:
             part = content()
             yield part + bytes(-len(part) % 4)
 
-    def _node(self, node: Node, children: Sequence[int]) -> dict[str, Any]:
+    def _node(self, node: Node, children: Sequence[int], shapes: Deformation | None) -> dict[str, Any]:
         w, x, y, z = node.quaternion
         written: dict[str, Any] = {"name": node.name}
         if children:
@@ -110,7 +126,9 @@ class _Document:
             written |= _unless({"rotation": [x, y, z, w]}, [0.0, 0.0, 0.0, 1.0])
             written |= _unless({"scale": [*node.scale]}, [1.0, 1.0, 1.0])
         if node.mesh is not None:
-            written["mesh"] = self._mesh(node.mesh, node.material)
+            written["mesh"] = self._mesh(node.mesh, node.material, node.skin, shapes)
+        if node.skin is not None:
+            written["skin"] = self._skin(node.skin, node.name)
         if node.lens is not None:
             written["camera"] = self._add("cameras", _camera(node.lens, node.name))
         if node.light is not None:
@@ -125,26 +143,53 @@ class _Document:
         written["extras"] = {**extras, **node.facts}
         return written
 
-    def _mesh(self, mesh: Mesh, material: Material | None) -> int:
+    def _mesh(self, mesh: Mesh, material: Material | None, skin: Skin | None, shapes: Deformation | None) -> int:
         """Returns the index of a mesh with a material; meshes with several materials share their vertices."""
 
         def whole() -> dict[str, Any]:
             if mesh not in self._primitives:
                 self._primitives[mesh] = self._primitive(mesh)
-            number = {} if material is None else {"material": self._material(material)}
-            return {"name": mesh.name, "primitives": [{**self._primitives[mesh], **number}]}
+            primitive = {**self._primitives[mesh]}
+            if material is not None:
+                primitive["material"] = self._material(material)
+            if skin is not None:
+                primitive["attributes"] = {**primitive["attributes"], **self._binding(skin)}
+            if shapes is not None and len(shapes.frames) > 1:
+                primitive["targets"] = [self._target(shapes, number) for number in range(1, len(shapes.frames))]
+            return {"name": mesh.name, "primitives": [primitive]}
 
-        return self._index("meshes", (mesh, material), whole)
+        return self._index("meshes", (mesh, material, skin, shapes), whole)
 
     def _primitive(self, mesh: Mesh) -> dict[str, Any]:
-        vertices = {
-            "POSITION": self._array(mesh.positions, VERTICES, limits=True),
-            "NORMAL": self._array(mesh.normals, VERTICES),
-        }
+        vertices = {"POSITION": self._array(mesh.positions, VERTICES, limits=True)}
+        if mesh.normals is not None:
+            vertices["NORMAL"] = self._array(mesh.normals, VERTICES)
         if mesh.uv is not None:
             vertices["TEXCOORD_0"] = self._array(mesh.uv, VERTICES)
-        index_type = np.uint16 if len(mesh.positions) < 2**16 else np.uint32
-        return {"attributes": vertices, "indices": self._array(mesh.faces.ravel().astype(index_type), INDICES)}
+        index_type = np.uint16 if len(mesh.positions) < UINT16_MAX else np.uint32
+        made = {"attributes": vertices, "indices": self._array(mesh.faces.ravel().astype(index_type), INDICES)}
+        return made if mesh.faces.shape[1] == 3 else {**made, "mode": LINES}
+
+    def _binding(self, skin: Skin) -> dict[str, int]:
+        """Returns the attributes that bind vertices to the joints of a skin, four joints each."""
+        attributes: dict[str, int] = {}
+        for number in range(skin.joints.shape[1] // 4):
+            part = slice(4 * number, 4 * number + 4)
+            joints = self._array(np.ascontiguousarray(skin.joints[:, part], np.uint16), VERTICES)
+            weights = self._array(np.ascontiguousarray(skin.weights[:, part], np.float32), VERTICES)
+            attributes |= {f"JOINTS_{number}": joints, f"WEIGHTS_{number}": weights}
+        return attributes
+
+    def _skin(self, skin: Skin, name: str) -> int:
+        columns = skin.binds.transpose(0, 2, 1).reshape(-1, 16)  # in column-major order
+        binds = self._array(np.ascontiguousarray(columns, np.float32))
+        return self._add("skins", {"name": name, "joints": [*skin.nodes], "inverseBindMatrices": binds})
+
+    def _target(self, shapes: Deformation, number: int) -> dict[str, int]:
+        """Returns the difference of a shape from the first one."""
+        positions = shapes.positions[number] - shapes.positions[0]
+        normals = shapes.normals[number] - shapes.normals[0]
+        return {"POSITION": self._array(positions, VERTICES, limits=True), "NORMAL": self._array(normals, VERTICES)}
 
     def _material(self, material: Material) -> int:
         def whole() -> dict[str, Any]:
@@ -162,6 +207,8 @@ class _Document:
                 opaque = opaque and material.texture.pixels.shape[2] == 3
             if not opaque:
                 made["alphaMode"] = "BLEND"
+            if material.two_sided:
+                made["doubleSided"] = True
             if material.emission > 0:
                 made["emissiveFactor"] = [min(material.emission * part, 1.0) for part in (red, green, blue)]
                 if material.texture is not None:
@@ -181,28 +228,52 @@ class _Document:
         return self._index("textures", texture, whole)
 
     def _animate(self, motion: SceneMotion) -> None:
-        """Adds an animation of everything that moves; all its samplers share the times of the frames."""
-        if not len(motion.times):
-            return
+        """Adds an animation of everything that moves; its samplers share the times of the frames."""
         times = np.asarray(motion.times, np.float32)
         if np.any(np.diff(times) <= 0):
-            raise UsageError(
-                f"the frames up to {motion.times[-1]:g} s are too close together for the times of binary glTF"
-            )
-        samplers, channels = list[dict[str, Any]](), list[dict[str, Any]]()
-        start: int | None = None
+            last = float(motion.times[-1])
+            raise UsageError(f"the frames up to {last:g} s are too close together for the times of binary glTF")
+        animation = _Animation()
+        every = np.arange(len(times))
         for column, node in enumerate(motion.nodes):
             parts = {"translation": motion.positions[:, column], "rotation": motion.quaternions[:, column]}
-            for path, values in parts.items():
-                if not np.any(values != values[0]):
-                    continue
-                start = self._array(times, limits=True) if start is None else start
-                content = partial(_float32, values) if path == "translation" else partial(_rotations, values)
-                output = self._accessor(self._later(content, 4 * values.size), len(values), values.shape[1], FLOAT)
-                channels.append({"sampler": len(samplers), "target": {"node": node, "path": path}})
-                samplers.append({"input": start, "output": output, "interpolation": "LINEAR"})
-        if channels:
-            self.json["animations"] = [{"name": "simulation", "samplers": samplers, "channels": channels}]
+            self._add_channels(animation, node, parts, times, every)
+        for track in motion.tracks:
+            parts = {"translation": track.positions, "rotation": track.quaternions, "scale": track.scales}
+            self._add_channels(animation, track.node, parts, times, track.frames, "LINEAR" if track.smooth else "STEP")
+        for shapes in motion.deformations:
+            if len(shapes.frames) > 1:
+                weights = np.eye(len(shapes.frames), dtype=np.float32)[:, 1:]
+                output = self._array(np.ascontiguousarray(weights).ravel())
+                animation.add(shapes.node, "weights", self._input(times, shapes.frames), output, "LINEAR")
+        if animation.channels:
+            self.json["animations"] = [
+                {"name": "simulation", "samplers": animation.samplers, "channels": animation.channels}
+            ]
+
+    def _add_channels(
+        self,
+        animation: "_Animation",
+        node: int,
+        parts: Mapping[str, np.ndarray],
+        times: np.ndarray,
+        frames: np.ndarray,
+        interpolation: str = "LINEAR",
+    ) -> None:
+        """Adds the properties of a node that change."""
+        for path, values in parts.items():
+            if len(values) > 1 and np.any(values != values[0]):
+                content = partial(_rotations if path == "rotation" else _float32, values)
+                view = self._later(content, 4 * values.size)
+                output = self._accessor(view, len(values), values.shape[1], FLOAT)
+                animation.add(node, path, self._input(times, frames), output, interpolation)
+
+    def _input(self, times: np.ndarray, frames: np.ndarray) -> int:
+        """Returns the index of the accessor with the times of some frames."""
+        key = frames.tobytes()
+        if key not in self._inputs:
+            self._inputs[key] = self._array(times[frames], limits=True)
+        return self._inputs[key]
 
     def _array(self, values: np.ndarray, target: int | None = None, limits: bool = False) -> int:
         """Adds an array; returns the index of its accessor."""
@@ -240,6 +311,18 @@ class _Document:
         if (name, key) not in self._indices:
             self._indices[name, key] = self._add(name, make())
         return self._indices[name, key]
+
+
+class _Animation:
+    """The samplers and channels of an animation."""
+
+    def __init__(self) -> None:
+        self.samplers, self.channels = list[dict[str, Any]](), list[dict[str, Any]]()
+
+    def add(self, node: int, path: str, times: int, values: int, interpolation: str) -> None:
+        """Adds the motion of a property of a node, given the accessors of its times and values."""
+        self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
+        self.samplers.append({"input": times, "output": values, "interpolation": interpolation})
 
 
 def xyzw(quaternions: np.ndarray) -> np.ndarray:

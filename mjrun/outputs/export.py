@@ -1,7 +1,7 @@
 """Export output: the scene of a simulation, with its motion, in a format of other programs."""
 
 import math
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cached_property, partial
@@ -14,7 +14,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.camera.script import CameraScript
 from mjrun.dataclass import dataclass
-from mjrun.errors import UsageError, concerning, listing, option
+from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
 from mjrun.model.state import restore, widened
@@ -45,8 +45,10 @@ from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion
-from mjrun.scene_graph.motion import compute_poses, scene_motion
-from mjrun.scene_graph.walk import matrix_quaternion, quaternion_of, scene_graph, vector
+from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
+from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
+
+DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
 
 if TYPE_CHECKING:
     from mjrun.outputs.timeline_marks import Mark, MarkDetector
@@ -268,27 +270,15 @@ class ExportedScene:
         """The model that is shown, which may have a stage."""
         return self.frames.drawn_model
 
-    @cached_property
+    @property
     def graph(self) -> SceneGraph:
         """All visible objects, with the added cameras as the last nodes."""
-        return replace(self._model_graph, nodes=[*self._model_graph.nodes, *self._shots])
+        return self._recorded[0]
 
-    @cached_property
+    @property
     def motion(self) -> SceneMotion:
-        """The poses of all nodes that move."""
-        motion = scene_motion(self._model_graph, self.model, iter(self.frames.states), self.times)
-        first, shots = len(self._model_graph.nodes), len(self._shots)
-        if not shots:
-            return motion
-        poses = self.frames.poses
-        positions = np.array([[pose.position for pose in each] for each in poses])
-        quaternions = np.array([[matrix_quaternion(pose.rotation) for pose in each] for each in poses])
-        return SceneMotion(
-            motion.times,
-            [*motion.nodes, *range(first, first + shots)],
-            np.concatenate([motion.positions, positions], axis=1),
-            np.concatenate([motion.quaternions, quaternions], axis=1),
-        )
+        """The motion of all nodes."""
+        return self._recorded[1]
 
     def instants(self) -> Iterator[mujoco.MjData]:
         """Yields each frame with all derived fields, contacts and forces computed; to be read before the next."""
@@ -300,31 +290,48 @@ class ExportedScene:
         return self.frames.parts()
 
     @cached_property
-    def _model_graph(self) -> SceneGraph:
-        model, data = self.model, mujoco.MjData(self.model)
-        restore(model, data, widened(model, self.frames.states[0]))
-        compute_poses(model, data)
-        return scene_graph(model, data, visual_of(self.job).options())
+    def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
+        model, decorations = self.model, self.frames.decorations
+        request = SceneRequest(
+            options=visual_of(self.job).options(),
+            decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
+            room=sum(each.geoms for each in decorations),
+            hidden=self.job.file_format.hidden,
+            detail=DETAIL[self.job.quality],
+        )
+        states = (widened(model, state) for state in iter(self.frames.states))
+        instants = instants_of(model, states) if request.needs_forces(model) else _positions(model, states)
+        graph, motion = record_scene(model, instants, self.times, request)
+        for text in graph.remarks:
+            self.context.reporter.warn(text)
+        return self._with_shots(graph, motion)
 
-    @cached_property
-    def _shots(self) -> list[Node]:
-        """The nodes of the added cameras."""
-        width, height = self.job.size
-        nodes = list[Node]()
-        for index, (motion, pose) in enumerate(zip(self._plan.motions, self.frames.poses[0], strict=True)):
-            nodes.append(
-                Node(
-                    name=motion.script.name,
-                    kind="shot",
-                    id=index,
-                    parent=0,
-                    position=vector(pose.position),
-                    quaternion=quaternion_of(matrix_quaternion(pose.rotation)),
-                    moves=True,
-                    lens=_lens(pose, width / height),
-                )
+    def _with_shots(self, graph: SceneGraph, motion: SceneMotion) -> tuple[SceneGraph, SceneMotion]:
+        """Adds the cameras that are not the model's."""
+        if not self._plan.motions:
+            return graph, motion
+        (width, height), poses, first = self.job.size, self.frames.poses, len(graph.nodes)
+        positions = np.array([[pose.position for pose in each] for each in poses])
+        quaternions = np.array([[matrix_quaternion(pose.rotation) for pose in each] for each in poses])
+        shots = [
+            Node(
+                name=clean(camera.script.name),
+                kind="shot",
+                id=index,
+                parent=0,
+                position=vector(positions[0, index]),
+                quaternion=quaternion(quaternions[0, index]),
+                moves=True,
+                lens=_lens(poses[0][index], width / height),
             )
-        return nodes
+            for index, camera in enumerate(self._plan.motions)
+        ]
+        return replace(graph, nodes=[*graph.nodes, *shots]), replace(
+            motion,
+            nodes=[*motion.nodes, *range(first, first + len(shots))],
+            positions=np.concatenate([motion.positions, positions], axis=1),
+            quaternions=np.concatenate([motion.quaternions, quaternions], axis=1),
+        )
 
 
 class ExportOutput(output.Output[ExportResult]):
@@ -408,6 +415,15 @@ class ExportOutput(output.Output[ExportResult]):
             assertions=self._verdicts,
             warnings=summary.warnings,
         )
+
+
+def _positions(model: mujoco.MjModel, states: Iterable[np.ndarray]) -> Iterator[mujoco.MjData]:
+    """Yields each state with positions computed, in one MjData for all."""
+    data = mujoco.MjData(model)
+    for state in states:
+        restore(model, data, state)
+        compute_poses(model, data)
+        yield data
 
 
 def _lens(pose: Pose, aspect: float) -> CameraLens:

@@ -16,6 +16,7 @@ import numpy as np
 from mjrun.camera.pose import Pose
 from mjrun.errors import UsageError, option
 from mjrun.model.names import COUNTS, KINDS, enum_members
+from mjrun.scene_graph.lights import lit_distance
 
 SPOT, POINT = mujoco.mjtLightType.mjLIGHT_SPOT.value, mujoco.mjtLightType.mjLIGHT_POINT.value
 # Settings of Filament for models made for the classic renderer, whose lights have no intensity.
@@ -234,18 +235,10 @@ def fallback_lighting(model: mujoco.MjModel) -> tuple[dict[int, LightIntensity],
     intensities = {}
     for light in np.flatnonzero(np.isin(model.light_type, (SPOT, POINT))).tolist():
         lux = LIGHTS / model.nlight * model.light_diffuse[light].max()
-        distance = _lit_distance(model, data, light)
+        distance = lit_distance(model, data, light)
         reach = max(float(model.light_range[light]), 5 * distance)
         intensities[light] = LightIntensity(float(lux * distance**2), reach)
     return intensities, headlight
-
-
-def _lit_distance(model: mujoco.MjModel, data: mujoco.MjData, light: int) -> float:
-    """Returns the distance from a light to what it lights [m]: the model's centre, or what its axis hits beyond it."""
-    start, body, hit = data.light_xpos[light], int(model.light_bodyid[light]), np.zeros(1, np.int32)
-    centre = float(np.linalg.norm(model.stat.center - start))
-    ahead = mujoco.mj_ray(model, data, start, data.light_xdir[light], None, 1, body or -1, hit)  # -1 for nothing
-    return max(centre, min(ahead, 2 * (centre + model.stat.extent)))  # a floor may be hit at the horizon
 
 
 def _custom(model: mujoco.MjModel, name: str, default: Sequence[float]) -> Sequence[float]:

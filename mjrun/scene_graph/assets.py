@@ -65,9 +65,54 @@ def height_field(model: mujoco.MjModel, index: int) -> Mesh:
     return Mesh(
         _name(model, "hfield", index),
         np.concatenate([points.reshape(-1, 3).astype(np.float32), sides.positions]),
-        np.concatenate([normals, sides.normals]),
+        np.concatenate([normals, np.asarray(sides.normals)]),
         np.concatenate([faces.astype(np.uint32), sides.faces + np.uint32(rows * columns)]),
     )
+
+
+def skin_asset(model: mujoco.MjModel, index: int) -> tuple[Mesh, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Returns a skin where it is bound to its bodies, with its binding.
+
+    Returns:
+      The mesh; the ids of the bodies `(k,)`; the transformations from the mesh to each `(k, 4, 4)`; and the bodies of
+      each vertex, as indices, with their shares, `(n, 4·m)` both.
+    """
+    vertices = slice(model.skin_vertadr[index], model.skin_vertadr[index] + model.skin_vertnum[index])
+    faces = model.skin_face[model.skin_faceadr[index] :][: model.skin_facenum[index]].astype(np.uint32)
+    positions = model.skin_vert[vertices].astype(float)
+    normals = smooth_normals(positions, faces)
+    start = model.skin_texcoordadr[index]
+    uv = None if start < 0 else model.skin_texcoord[start : start + len(positions)].astype(np.float32)
+    inflated = positions + float(model.skin_inflate[index]) * normals
+    mesh = Mesh(_name(model, "skin", index), inflated.astype(np.float32), normals, faces, uv)
+
+    bones = range(model.skin_boneadr[index], model.skin_boneadr[index] + model.skin_bonenum[index])
+    binds, shares = np.empty((len(bones), 4, 4)), np.zeros((len(positions), len(bones)))
+    for row, bone in enumerate(bones):
+        bind, rotation = np.eye(4), np.empty(9)
+        mujoco.mju_quat2Mat(rotation, model.skin_bonebindquat[bone].astype(float))
+        bind[:3, :3], bind[:3, 3] = rotation.reshape(3, 3), model.skin_bonebindpos[bone]
+        binds[row] = np.linalg.inv(bind)
+        part = slice(model.skin_bonevertadr[bone], model.skin_bonevertadr[bone] + model.skin_bonevertnum[bone])
+        np.add.at(shares[:, row], model.skin_bonevertid[part], model.skin_bonevertweight[part])
+    most = max(1, int(np.count_nonzero(shares, axis=1).max()))
+    width = min(most + -most % 4, len(bones) + -len(bones) % 4)
+    shares = np.pad(shares, ((0, 0), (0, max(0, width - len(bones)))))
+    joints = np.argsort(-shares, axis=1, kind="stable")[:, :width]
+    weights = np.take_along_axis(shares, joints, axis=1)
+    joints[weights == 0] = 0
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), TINY)
+    return mesh, model.skin_bonebodyid[bones.start : bones.stop], binds, joints, weights
+
+
+def smooth_normals(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Returns the normals of vertices `(n, 3)` float32, averaged over their faces by area."""
+    a, b, c = positions[faces].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    sums = np.zeros(positions.shape)
+    for corner in range(3):
+        np.add.at(sums, faces[:, corner], across)
+    return unit(sums)
 
 
 def flat(name: str, triangles: np.ndarray) -> Mesh:

@@ -1,7 +1,7 @@
 """A scene as plain values, in MuJoCo's axes (z up) and units (metres, radians, quaternions w x y z)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -18,18 +18,18 @@ Quaternion = tuple[float, float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles; the same object is the mesh of several nodes.
+    """Triangles or lines; the same object is the mesh of several nodes.
 
     Attributes:
       positions: `(n, 3)` float32 [m].
-      normals: `(n, 3)` float32, of length 1.
-      faces: indices of the vertices, `(m, 3)`, counter-clockwise seen from outside.
+      normals: `(n, 3)` float32, of length 1; None for lines.
+      faces: indices of the vertices: of triangles `(m, 3)`, counter-clockwise from outside, or of lines `(m, 2)`.
       uv: texture coordinates `(n, 2)` float32, from the first row and column of the texture; None without texture.
     """
 
     name: str
     positions: np.ndarray
-    normals: np.ndarray
+    normals: np.ndarray | None
     faces: np.ndarray
     uv: np.ndarray | None = None
 
@@ -55,6 +55,7 @@ class Material:
       metallic, roughness: the parameters of glTF, from 0 to 1.
       emission: light that it emits, in multiples of its colour.
       texture: an image that multiplies the colour.
+      two_sided: true if its back is visible.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Material:
     roughness: float
     emission: float = 0.0
     texture: Texture | None = None
+    two_sided: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,19 +104,37 @@ class Light:
     cutoff: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """The binding of a mesh to bodies, which move its vertices.
+
+    Attributes:
+      nodes: the indices of the nodes of the bodies.
+      binds: the transformation from the mesh to each body where it is bound, `(k, 4, 4)`.
+      joints: the bodies of each vertex, as indices into `nodes`, `(n, 4)` or `(n, 8)`, …
+      weights: their shares, which add up to 1; 0 for unused ones.
+    """
+
+    nodes: Sequence[int]
+    binds: np.ndarray
+    joints: np.ndarray
+    weights: np.ndarray
+
+
 @dataclass(frozen=True)
 class Node:
     """An object with a place in the scene.
 
     Attributes:
       name: its name, or `geom:3`.
-      kind: `world`, `body`, `geom`, `site`, `camera` or `light`, or `shot` for a camera that is not the model's.
-      id: its MuJoCo id within that kind.
+      kind: `world`, `body`, `geom`, `site`, `camera`, `light`, `flex`, `skin`, `tendon`, `joint` or `actuator`; `shot`
+        for a camera that is not the model's, `contact` for contacts and their forces, `decoration` for other objects.
+      id: its MuJoCo id within that kind; −1 for objects without one.
       parent: index of the node that its pose is relative to; −1 for the world.
       position, quaternion, scale: its pose, at the first frame if it moves.
       moves: true if it may move relative to its parent.
       visible: true if it is shown; others are included for viewers that can show them.
-      layer: `visual`, `collision` or `both` for geoms: what they are for.
+      layer: what it is for: `visual`, `collision` or `both` for geoms; `contactpoint` or `contactforce` for contacts.
       facts: numbers and names for programs that read the file.
     """
 
@@ -130,6 +150,7 @@ class Node:
     material: Material | None = None
     lens: CameraLens | None = None
     light: Light | None = None
+    skin: Skin | None = None
     visible: bool = True
     layer: str = ""
     facts: Mapping[str, Fact] = field(default_factory=dict[str, Fact])
@@ -137,34 +158,89 @@ class Node:
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """All visible objects of a model.
+    """The objects of a model that are visible.
 
     Attributes:
       nodes: the world, then every other node after its parent.
       remarks: objects that are visible in images of MuJoCo, and not part of the scene, in sentences for the user.
+      facts: the extent and the centre of the model, the colours of its sky, and its headlight.
     """
 
     nodes: Sequence[Node]
     remarks: Sequence[str] = ()
+    facts: Mapping[str, Fact] = field(default_factory=dict[str, Fact])
 
     @property
     def moving(self) -> list[int]:
         """The indices of the nodes that may move relative to their parents."""
         return [index for index, node in enumerate(self.nodes) if node.moves]
 
+    def part(self, index: int) -> "SceneGraph":
+        """Returns the scene of one node and all that is fixed to it, in its frame.
+
+        Skins and objects without a fixed place are left out, and so are moving nodes below it.
+        """
+        nodes, numbers = [replace(self.nodes[index], parent=-1, position=ORIGIN, quaternion=IDENTITY)], {index: 0}
+        for number, node in self._fixed_after(index):
+            if node.parent in numbers:
+                numbers[number] = len(nodes)
+                nodes.append(replace(node, parent=numbers[node.parent]))
+        return SceneGraph(nodes)
+
+    def _fixed_after(self, index: int) -> Iterator[tuple[int, Node]]:
+        later = enumerate(self.nodes[index + 1 :], start=index + 1)
+        return ((number, node) for number, node in later if not node.moves and node.skin is None)
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The poses of one node at some frames; between them, it keeps the pose of the frame before.
+
+    Attributes:
+      frames: the indices of the frames, ascending from 0, `(m,)`.
+      positions, quaternions: its poses, `(m, 3)` [m] and `(m, 4)`.
+      scales: its sizes `(m, 3)`; 0 where it is absent.
+      smooth: true if it moves linearly between frames.
+    """
+
+    node: int
+    frames: np.ndarray
+    positions: np.ndarray
+    quaternions: np.ndarray
+    scales: np.ndarray
+    smooth: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """The vertices of a node's mesh at some frames; between them, they move linearly.
+
+    Attributes:
+      frames: the indices of the frames, ascending from 0, `(m,)`.
+      positions, normals: those of all vertices, `(m, n, 3)` float32.
+    """
+
+    node: int
+    frames: np.ndarray
+    positions: np.ndarray
+    normals: np.ndarray
+
 
 @dataclass(frozen=True, eq=False)
 class SceneMotion:
-    """The poses of the moving nodes at each frame, relative to their parents.
+    """The motion of a scene.
 
     Attributes:
       times: the time of each frame in the file, from 0, ascending [s], `(n,)`.
-      nodes: the indices of the moving nodes.
-      positions: `(n, k, 3)` float64 [m].
-      quaternions: `(n, k, 4)` float64.
+      nodes: the indices of nodes with a pose at each frame.
+      positions, quaternions: their poses relative to their parents, `(n, k, 3)` [m] and `(n, k, 4)`, float64.
+      tracks: the motion of nodes that come and go, or change their size.
+      deformations: the motion of vertices.
     """
 
     times: np.ndarray
     nodes: Sequence[int]
     positions: np.ndarray
     quaternions: np.ndarray
+    tracks: Sequence[Track] = ()
+    deformations: Sequence[Deformation] = ()

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from mjrun.scene_graph.assets import height_field, mesh_asset, mesh_hull
+from mjrun.scene_graph.assets import height_field, mesh_asset, mesh_hull, skin_asset, smooth_normals
 
 TETRAHEDRON = """
 <mujoco>
@@ -31,6 +31,7 @@ def test_a_mesh_has_the_triangles_of_the_model_and_no_doubled_vertices() -> None
         faces = slice(model.mesh_faceadr[index], model.mesh_faceadr[index] + model.mesh_facenum[index])
         corners = model.mesh_vert[model.mesh_vertadr[index] + model.mesh_face[faces]]
         assert np.array_equal(mesh.positions[mesh.faces], corners)
+        assert mesh.normals is not None
         vertices = np.column_stack([mesh.positions, mesh.normals])
         assert len(np.unique(vertices, axis=0)) == len(vertices)
         assert np.allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-6)
@@ -61,3 +62,45 @@ def test_the_surface_of_a_height_field_is_where_rays_hit_it() -> None:
     low = np.array([0, 0, -0.1])
     solid = float(np.sum((a - low) * np.cross(b - low, c - low)) / 6)
     assert solid > 4 * 2 * 0.1  # its faces point outward: the base alone has this volume
+
+
+SKIN = """
+<mujoco>
+  <deformable>
+    <skin name="sheet" vertex="0 0 0  1 0 0  1 1 0  0 1 0" face="0 1 2  0 2 3">
+      <bone body="a" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 3 1" vertweight="1 1 1"/>
+      <bone body="b" bindpos="1 0 0" bindquat=".6 0 0 .8" vertid="1 2" vertweight="3 1"/>
+    </skin>
+  </deformable>
+  <worldbody>
+    <body name="a"><freejoint/><geom size=".1"/></body>
+    <body name="b" pos="1 0 0"><freejoint/><geom size=".1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_a_skin_moves_as_mujoco_draws_it() -> None:
+    model = mujoco.MjModel.from_xml_string(SKIN)
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.1, 0.2, 0.3, 0.6, 0.8, 0, 0, 2, 1, 0, 0.8, 0, 0.6, 0
+    mujoco.mj_forward(model, data)
+    scene = mujoco.MjvScene(model, 100)
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, mujoco.MjvCamera(), 7, scene)
+
+    mesh, bodies, binds, joints, weights = skin_asset(model, 0)
+    poses = np.tile(np.eye(4), (len(bodies), 1, 1))
+    poses[:, :3, :3] = data.xmat[bodies].reshape(-1, 3, 3)
+    poses[:, :3, 3] = data.xpos[bodies]
+    moved = poses @ binds  # as the specification of glTF defines skinning
+    points = np.column_stack([mesh.positions, np.ones(4)])
+    placed = np.einsum("vj,vjab,vb->va", weights, moved[joints], points)[:, :3]
+    assert np.allclose(weights.sum(axis=1), 1)
+    assert np.allclose(placed, scene.skinvert.reshape(-1, 3), atol=1e-6)
+
+
+def test_normals_are_averages_over_faces() -> None:
+    roof = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 0, 1)], float)
+    normals = smooth_normals(roof, np.array([(0, 1, 2), (0, 3, 1)]))
+    assert np.allclose(normals[2], (0, 0, 1))
+    assert np.allclose(normals[0], np.array([0, 1, 1]) / np.sqrt(2), atol=1e-6)

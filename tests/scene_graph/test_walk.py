@@ -3,10 +3,9 @@
 import mujoco
 import numpy as np
 
-from mjrun.model.state import save
 from mjrun.scene_graph.graph import Node, SceneGraph
-from mjrun.scene_graph.motion import compute_poses, scene_motion
-from mjrun.scene_graph.walk import scene_graph
+from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
+from mjrun.scene_graph.walk import matrix_quaternion, toward
 
 ARM = """
 <mujoco>
@@ -37,9 +36,9 @@ def stepped(count: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def whole(model: mujoco.MjModel, data: mujoco.MjData) -> SceneGraph:
+def whole(model: mujoco.MjModel, data: mujoco.MjData, options: mujoco.MjvOption | None = None) -> SceneGraph:
     compute_poses(model, data)
-    return scene_graph(model, data, mujoco.MjvOption())
+    return record_scene(model, [data], [0.0], SceneRequest(options or mujoco.MjvOption()))[0]
 
 
 def matrix(node: Node) -> np.ndarray:
@@ -72,22 +71,6 @@ def test_every_object_is_where_mujoco_puts_it() -> None:
     assert np.allclose(-world(graph, light)[:3, 2], data.light_xdir[0], atol=1e-9)
 
 
-def test_the_motion_is_that_of_mujoco_and_of_what_can_move_alone() -> None:
-    model, data = stepped(0)
-    graph, states, poses = whole(model, data), list[np.ndarray](), list[dict[str, np.ndarray]]()
-    for count in (0, 10, 30):
-        model, data = stepped(count)
-        states.append(save(model, data))
-        compute_poses(model, data)
-        poses.append({"arm": data.xpos[1].copy(), "target": data.xpos[3].copy(), "follower": data.cam_xpos[0].copy()})
-    motion = scene_motion(graph, model, states, [0, 0.1, 0.2])
-    names = [graph.nodes[index].name for index in motion.nodes]
-    assert names == ["arm", "target", "follower", "sun"]
-    for frame, expected in enumerate(poses):
-        for name, position in expected.items():
-            assert np.allclose(motion.positions[frame, names.index(name)], position, atol=1e-12)
-
-
 def test_hidden_groups_are_left_out() -> None:
     model, data = stepped(0)
     names = {node.name for node in whole(model, data).nodes if node.kind == "geom"}
@@ -95,5 +78,33 @@ def test_hidden_groups_are_left_out() -> None:
     options = mujoco.MjvOption()
     options.geomgroup[4] = 1
     options.sitegroup[0] = 0
-    shown = scene_graph(model, data, options)
+    shown = whole(model, data, options)
     assert {node.name for node in shown.nodes if node.kind in ("geom", "site")} == names | {"hidden"}
+
+
+def test_what_collides_and_is_hidden_is_included_on_request() -> None:
+    model, data = stepped(0)
+    compute_poses(model, data)
+    request = SceneRequest(mujoco.MjvOption(), hidden=True)
+    nodes = {node.name: node for node in record_scene(model, [data], [0.0], request)[0].nodes if node.kind == "geom"}
+    assert (nodes["hidden"].visible, nodes["hidden"].layer) == (False, "collision")
+    assert (nodes["egg"].visible, nodes["egg"].layer) == (True, "both")
+
+
+def test_the_part_of_a_body_is_what_is_fixed_to_it() -> None:
+    model, data = stepped(20)
+    graph = whole(model, data)
+    part = graph.part(1)
+    assert [node.name for node in part.nodes] == ["arm", "wrist", "upper", "egg", "tip", "wrist"]
+    turn = np.linalg.inv(world(graph, graph.nodes[1]))
+    for node in part.nodes[1:]:
+        original = next(each for each in graph.nodes if (each.kind, each.id) == (node.kind, node.id))
+        assert np.allclose(world(part, node), turn @ world(graph, original), atol=1e-9)
+
+
+def test_directions_become_rotations_of_the_view() -> None:
+    for direction in np.eye(3)[[0, 1, 2]] * [[1], [-1], [1]]:
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, toward(direction))
+        assert np.allclose(-rotation.reshape(3, 3)[:, 2], direction)
+        assert np.allclose(np.abs(matrix_quaternion(rotation)), np.abs(toward(direction)))
