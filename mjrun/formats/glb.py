@@ -171,14 +171,10 @@ class _Document:
         return made if mesh.faces.shape[1] == 3 else {**made, "mode": LINES}
 
     def _binding(self, skin: Skin) -> dict[str, int]:
-        """Returns the attributes that bind vertices to the joints of a skin, four joints each."""
-        attributes: dict[str, int] = {}
-        for number in range(skin.joints.shape[1] // 4):
-            part = slice(4 * number, 4 * number + 4)
-            joints = self._array(np.ascontiguousarray(skin.joints[:, part], np.uint16), VERTICES)
-            weights = self._array(np.ascontiguousarray(skin.weights[:, part], np.float32), VERTICES)
-            attributes |= {f"JOINTS_{number}": joints, f"WEIGHTS_{number}": weights}
-        return attributes
+        """Returns the attributes that bind vertices to the joints of a skin."""
+        joints = self._array(np.ascontiguousarray(skin.joints, np.uint16), VERTICES)
+        weights = self._array(np.ascontiguousarray(skin.weights, np.float32), VERTICES)
+        return {"JOINTS_0": joints, "WEIGHTS_0": weights}
 
     def _skin(self, skin: Skin, name: str) -> int:
         columns = skin.binds.transpose(0, 2, 1).reshape(-1, 16)  # in column-major order
@@ -245,7 +241,7 @@ class _Document:
             if len(shapes.frames) > 1:
                 weights = np.eye(len(shapes.frames), dtype=np.float32)[:, 1:]
                 output = self._array(np.ascontiguousarray(weights).ravel())
-                animation.add(shapes.node, "weights", self._input(times, shapes.frames), output, "LINEAR")
+                self._add_channel(animation, shapes.node, "weights", times, shapes.frames, output, "LINEAR")
         if animation.channels:
             self.json["animations"] = [
                 {"name": "simulation", "samplers": animation.samplers, "channels": animation.channels}
@@ -266,7 +262,24 @@ class _Document:
                 content = partial(_rotations if path == "rotation" else _float32, values)
                 view = self._later(content, 4 * values.size)
                 output = self._accessor(view, len(values), values.shape[1], FLOAT)
-                animation.add(node, path, self._input(times, frames), output, interpolation)
+                self._add_channel(animation, node, path, times, frames, output, interpolation)
+
+    def _add_channel(
+        self,
+        animation: "_Animation",
+        node: int,
+        path: str,
+        times: np.ndarray,
+        frames: np.ndarray,
+        output: int,
+        interpolation: str,
+    ) -> None:
+        """Adds a property of a node, given the accessor of its values at some frames."""
+        sampler: dict[str, Any] = {"input": self._input(times, frames), "output": output}
+        sampler["interpolation"] = interpolation
+        if len(frames) < len(times):
+            sampler["extras"] = {"frames": frames.tolist()}  # for viewers that play by frame
+        animation.add(node, path, sampler)
 
     def _input(self, times: np.ndarray, frames: np.ndarray) -> int:
         """Returns the index of the accessor with the times of some frames."""
@@ -319,10 +332,10 @@ class _Animation:
     def __init__(self) -> None:
         self.samplers, self.channels = list[dict[str, Any]](), list[dict[str, Any]]()
 
-    def add(self, node: int, path: str, times: int, values: int, interpolation: str) -> None:
-        """Adds the motion of a property of a node, given the accessors of its times and values."""
+    def add(self, node: int, path: str, sampler: dict[str, Any]) -> None:
+        """Adds the motion of a property of a node."""
         self.channels.append({"sampler": len(self.samplers), "target": {"node": node, "path": path}})
-        self.samplers.append({"input": times, "output": values, "interpolation": interpolation})
+        self.samplers.append(sampler)
 
 
 def xyzw(quaternions: np.ndarray) -> np.ndarray:

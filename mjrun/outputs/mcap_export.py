@@ -103,6 +103,8 @@ def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dic
         if node.kind == "world" or (node.kind == "body" and node.id < len(frames)):
             owners.append(index)
             parts[index] = [Node(node.name, "world", node.id, -1)]
+        elif node.moves or node.skin is not None or node.kind == "flex":  # without a fixed place on a body
+            owners.append(owners[0])
         else:
             owners.append(owners[node.parent])
             parts[owners[-1]].append(replace(node, parent=places[node.parent], lens=None, light=None))

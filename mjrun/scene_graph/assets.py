@@ -8,6 +8,7 @@ from mjrun.model.names import object_names
 from mjrun.scene_graph.graph import Mesh
 
 TINY = 1e-12  # length of a normal below which it has no direction
+INFLUENCES = 4  # bodies that move a vertex of a skin: other programs support no more
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -75,7 +76,7 @@ def skin_asset(model: mujoco.MjModel, index: int) -> tuple[Mesh, np.ndarray, np.
 
     Returns:
       The mesh; the ids of the bodies `(k,)`; the transformations from the mesh to each `(k, 4, 4)`; and the bodies of
-      each vertex, as indices, with their shares, `(n, 4·m)` both.
+      each vertex that move it most, as indices, with their shares, `(n, 4)` both.
     """
     vertices = slice(model.skin_vertadr[index], model.skin_vertadr[index] + model.skin_vertnum[index])
     faces = model.skin_face[model.skin_faceadr[index] :][: model.skin_facenum[index]].astype(np.uint32)
@@ -95,10 +96,8 @@ def skin_asset(model: mujoco.MjModel, index: int) -> tuple[Mesh, np.ndarray, np.
         binds[row] = np.linalg.inv(bind)
         part = slice(model.skin_bonevertadr[bone], model.skin_bonevertadr[bone] + model.skin_bonevertnum[bone])
         np.add.at(shares[:, row], model.skin_bonevertid[part], model.skin_bonevertweight[part])
-    most = max(1, int(np.count_nonzero(shares, axis=1).max()))
-    width = min(most + -most % 4, len(bones) + -len(bones) % 4)
-    shares = np.pad(shares, ((0, 0), (0, max(0, width - len(bones)))))
-    joints = np.argsort(-shares, axis=1, kind="stable")[:, :width]
+    shares = np.pad(shares, ((0, 0), (0, max(0, INFLUENCES - len(bones)))))
+    joints = np.argsort(-shares, axis=1, kind="stable")[:, :INFLUENCES]
     weights = np.take_along_axis(shares, joints, axis=1)
     joints[weights == 0] = 0
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), TINY)

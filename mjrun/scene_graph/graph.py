@@ -1,7 +1,7 @@
 """A scene as plain values, in MuJoCo's axes (z up) and units (metres, radians, quaternions w x y z)."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import field
 
 import numpy as np
 
@@ -111,7 +111,7 @@ class Skin:
     Attributes:
       nodes: the indices of the nodes of the bodies.
       binds: the transformation from the mesh to each body where it is bound, `(k, 4, 4)`.
-      joints: the bodies of each vertex, as indices into `nodes`, `(n, 4)` or `(n, 8)`, …
+      joints: the bodies of each vertex, as indices into `nodes`, `(n, 4)`.
       weights: their shares, which add up to 1; 0 for unused ones.
     """
 
@@ -169,27 +169,6 @@ class SceneGraph:
     nodes: Sequence[Node]
     remarks: Sequence[str] = ()
     facts: Mapping[str, Fact] = field(default_factory=dict[str, Fact])
-
-    @property
-    def moving(self) -> list[int]:
-        """The indices of the nodes that may move relative to their parents."""
-        return [index for index, node in enumerate(self.nodes) if node.moves]
-
-    def part(self, index: int) -> "SceneGraph":
-        """Returns the scene of one node and all that is fixed to it, in its frame.
-
-        Skins and objects without a fixed place are left out, and so are moving nodes below it.
-        """
-        nodes, numbers = [replace(self.nodes[index], parent=-1, position=ORIGIN, quaternion=IDENTITY)], {index: 0}
-        for number, node in self._fixed_after(index):
-            if node.parent in numbers:
-                numbers[number] = len(nodes)
-                nodes.append(replace(node, parent=numbers[node.parent]))
-        return SceneGraph(nodes)
-
-    def _fixed_after(self, index: int) -> Iterator[tuple[int, Node]]:
-        later = enumerate(self.nodes[index + 1 :], start=index + 1)
-        return ((number, node) for number, node in later if not node.moves and node.skin is None)
 
 
 @dataclass(frozen=True, eq=False)

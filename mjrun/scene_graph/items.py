@@ -85,12 +85,11 @@ class ItemRecorder:
         self._items: dict[object, _Item] = {}
         self.has_labels = self.is_full = False
 
-    def add(self, frame: int, geoms: Iterable[mujoco.MjvGeom], layer: str = "", *, visible: bool = True) -> None:
+    def add(self, frame: int, geoms: Iterable[mujoco.MjvGeom], layer: str = "") -> None:
         """Adds the items of a frame.
 
         Args:
           layer: `contactpoint` or `contactforce` for contacts; the name of a decoration; otherwise empty.
-          visible: whether they are shown.
         """
         numbers = Counter[object]()
         for geom in geoms:
@@ -114,7 +113,7 @@ class ItemRecorder:
                     if len(self._items) == MOST:
                         self.is_full = True
                         return
-                    self._items[key] = _Item(self._node(geom, layer, kind, number, part, mesh, visible))
+                    self._items[key] = _Item(self._node(geom, layer, kind, number, part, mesh))
                 self._items[key].add(frame, geom, offset, scale)
 
     def add_lines(self, frame: int, node: Node, ends: np.ndarray, radius: float) -> None:
@@ -164,9 +163,7 @@ class ItemRecorder:
             if mesh is not None:
                 yield mesh, offset, scale
 
-    def _node(
-        self, geom: mujoco.MjvGeom, layer: str, kind: str, number: int, part: int, mesh: Mesh, visible: bool
-    ) -> Node:
+    def _node(self, geom: mujoco.MjvGeom, layer: str, kind: str, number: int, part: int, mesh: Mesh) -> Node:
         is_contact = layer.startswith("contact")
         own = kind if kind in NAMED else "contact" if is_contact else "decoration"
         name = layer or (object_name(self._model, int(geom.objtype), int(geom.objid)) if kind else "") or own
@@ -179,7 +176,6 @@ class ItemRecorder:
             moves=True,
             mesh=mesh,
             material=self._surfaces.material(geom, None, two_sided=TYPES[int(geom.type)] == "triangle"),
-            visible=visible,
             layer=layer if is_contact else "",
         )
 

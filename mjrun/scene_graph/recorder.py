@@ -39,7 +39,7 @@ class SceneRequest:
       options: flags and groups of MuJoCo's visualizer.
       decorations: functions that add geoms to MuJoCo's scene at a frame, by name.
       room: the maximum number of geoms that they add.
-      hidden: true if the scene includes geoms for collisions and contacts that are not visible.
+      hidden: true if the scene includes geoms that collide and are not visible.
       detail: factor of the number of triangles of a circle, 1 for that of the model.
     """
 
@@ -59,7 +59,7 @@ class SceneRequest:
             int(mujoco.mjtLabel.mjLABEL_CONTACTPOINT),
             int(mujoco.mjtLabel.mjLABEL_CONTACTFORCE),
         }
-        return self.hidden or bool(flags) or bool(shows_contacts)
+        return bool(flags) or bool(shows_contacts)
 
 
 def record_scene(
@@ -197,17 +197,17 @@ class _Recorder:
             self._items.add_lines(frame, self._flexes[index].node, flex_ends(scene, index), float(geom.size[0]))
 
     def _add_contacts(self, frame: int, data: mujoco.MjData) -> None:
-        """Adds contacts and their forces, which viewers can show and hide."""
+        """Adds contacts and their forces, each in a layer."""
         for name in CONTACTS:
-            visible = bool(self._request.options.flags[FLAGS[name]])
-            if visible or self._request.hidden:
-                options = copy.copy(self._request.options)
-                options.flags[:] = 0
-                for flag in (name, "contactsplit"):
-                    options.flags[FLAGS[flag]] = flag == name or self._request.options.flags[FLAGS[flag]]
-                options.frame, options.label = NONE
-                self._update(data, options, DECOR)
-                self._items.add(frame, self._scene.geoms[: self._scene.ngeom], name, visible=visible)
+            if not self._request.options.flags[FLAGS[name]]:
+                continue
+            options = copy.copy(self._request.options)
+            options.flags[:] = 0
+            for flag in (name, "contactsplit"):
+                options.flags[FLAGS[flag]] = self._request.options.flags[FLAGS[flag]]
+            options.frame, options.label = NONE
+            self._update(data, options, DECOR)
+            self._items.add(frame, self._scene.geoms[: self._scene.ngeom], name)
 
     def _update(self, data: mujoco.MjData, options: mujoco.MjvOption, categories: int) -> None:
         """Updates MuJoCo's scene, which grows until everything fits."""

@@ -7,6 +7,7 @@ import {
   Color,
   DoubleSide,
   FrontSide,
+  Matrix4,
   MeshStandardMaterial,
   MirroredRepeatWrapping,
   Object3D,
@@ -24,7 +25,15 @@ const ARRAYS = {
   5126: Float32Array,
 };
 const SIZES = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4, MAT4: 16 };
-const ATTRIBUTES = { POSITION: "position", NORMAL: "normal", TEXCOORD_0: "uv", COLOR_0: "color" };
+const ATTRIBUTES = {
+  POSITION: "position",
+  NORMAL: "normal",
+  TEXCOORD_0: "uv",
+  COLOR_0: "color",
+  JOINTS_0: "skinIndex",
+  WEIGHTS_0: "skinWeight",
+};
+const LINES = 1;
 const WRAPPINGS = { 10497: RepeatWrapping, 33071: ClampToEdgeWrapping, 33648: MirroredRepeatWrapping };
 const JSON_CHUNK = 0x4e4f534a;
 
@@ -42,10 +51,14 @@ export async function readGlb(buffer) {
       ),
       targets: (primitive.targets || []).map((target) => readTarget(gltf, binary, target)),
       material: primitive.material === undefined ? plain : materials[primitive.material],
+      isLines: primitive.mode === LINES,
     })),
   );
   const nodes = (gltf.nodes || []).map((source) => readNode(gltf, source, meshes));
   gltf.nodes.forEach((source, i) => (source.children || []).forEach((child) => nodes[i].add(nodes[child])));
+  gltf.nodes.forEach((source, i) => {
+    if (source.skin !== undefined) nodes[i].skin = readSkin(gltf, binary, gltf.skins[source.skin], nodes);
+  });
   const scene = gltf.scenes[gltf.scene || 0];
   return { nodes, roots: scene.nodes.map((i) => nodes[i]), clip: readClip(gltf, binary, nodes) };
 }
@@ -90,9 +103,18 @@ function readGeometry(gltf, binary, primitive) {
     if (ATTRIBUTES[name]) geometry.setAttribute(ATTRIBUTES[name], readAttribute(gltf, binary, index));
   }
   if (primitive.indices !== undefined) geometry.setIndex(readAttribute(gltf, binary, primitive.indices));
-  if (!geometry.attributes.normal) geometry.computeVertexNormals();
+  if (!geometry.attributes.normal && primitive.mode !== LINES) geometry.computeVertexNormals();
   geometry.computeBoundingSphere();
   return geometry;
+}
+
+// Returns the nodes that move the vertices of a skin, and the matrices from the mesh to each.
+function readSkin(gltf, binary, skin, nodes) {
+  const matrices = readArray(gltf, binary, skin.inverseBindMatrices);
+  return {
+    joints: skin.joints.map((i) => nodes[i]),
+    inverses: skin.joints.map((_, i) => new Matrix4().fromArray(matrices, 16 * i)),
+  };
 }
 
 function readTarget(gltf, binary, target) {
@@ -169,16 +191,17 @@ function readNode(gltf, source, meshes) {
   return node;
 }
 
-// Returns the channels of the first animation: the property of a node, and its values at all frames.
+// Returns the channels of the first animation: the property of a node, and its values at all frames or at `frames`.
 function readClip(gltf, binary, nodes) {
   const animation = (gltf.animations || [])[0];
   if (!animation) return [];
   return animation.channels.map(({ sampler, target }) => {
-    const { output, interpolation } = animation.samplers[sampler];
+    const { output, interpolation, extras } = animation.samplers[sampler];
     return {
       node: nodes[target.node],
       path: target.path,
       values: readArray(gltf, binary, output),
+      frames: extras?.frames,
       isStep: interpolation === "STEP",
     };
   });

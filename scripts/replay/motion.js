@@ -21,7 +21,7 @@ export function locate(times, time) {
 }
 
 export class Motion {
-  // `deform` maps nodes to functions that take the weights of targets in all frames, the frame and the share.
+  // `deform` maps nodes to functions that take the weights of targets in all rows, the row and the share.
   constructor(clip, deform) {
     this.clip = clip;
     this.deform = deform;
@@ -31,15 +31,17 @@ export class Motion {
   apply(frame, share) {
     for (const channel of this.clip) {
       const between = channel.isStep ? 0 : share;
-      if (channel.path === "weights") this.deform.get(channel.node)?.(channel.values, frame, between);
-      else move(channel, frame, between);
+      const [row, part] = channel.frames ? locate(channel.frames, frame + between) : [frame, between];
+      const within = channel.isStep ? 0 : part;
+      if (channel.path === "weights") this.deform.get(channel.node)?.(channel.values, row, within);
+      else move(channel, row, within);
     }
   }
 }
 
-function move({ node, path, values }, frame, share) {
+function move({ node, path, values }, row, share) {
   const size = SIZES[path];
-  const start = frame * size;
+  const start = row * size;
   if (path === "rotation") {
     a.fromArray(values, start);
     if (share) a.slerp(b.fromArray(values, start + size), share);

@@ -4,9 +4,14 @@ import {
   BufferAttribute,
   Group,
   InstancedMesh,
+  LineBasicMaterial,
+  LineSegments,
+  Matrix4,
   Mesh,
   MeshBasicMaterial,
   Raycaster,
+  Skeleton,
+  SkinnedMesh,
   Vector2,
   Vector3,
 } from "three";
@@ -45,6 +50,8 @@ export class ReplayScene {
       if (isHidden(node)) continue;
       for (const primitive of node.primitives) {
         if (isPlane(node)) this.addGround(node, primitive);
+        else if (primitive.isLines) this.addLines(node, primitive);
+        else if (node.skin) this.addSkinned(node, primitive);
         else if (primitive.targets.length) deform.set(node, this.addDeformed(node, primitive));
         else if (primitive.material.transparent) this.addSingle(node, primitive.geometry, primitive.material);
         else if (groups.has(primitive)) groups.get(primitive).push(node);
@@ -74,6 +81,18 @@ export class ReplayScene {
     this.ground = mesh;
   }
 
+  addLines(node, { geometry, material }) {
+    node.add(new LineSegments(geometry, new LineBasicMaterial({ color: material.color })));
+  }
+
+  addSkinned(node, { geometry, material }) {
+    const mesh = new SkinnedMesh(geometry, material);
+    mesh.bind(new Skeleton(node.skin.joints, node.skin.inverses), new Matrix4());
+    mesh.frustumCulled = false;
+    mesh.castShadow = mesh.receiveShadow = true;
+    node.add(mesh);
+  }
+
   // Returns the function that moves the vertices of a mesh: at most two targets differ from 0 between two frames.
   addDeformed(node, { geometry, material, targets }) {
     const own = geometry.clone();
@@ -84,8 +103,8 @@ export class ReplayScene {
     own.setAttribute("normal", normal);
     const mesh = this.addSingle(node, own, material);
     mesh.frustumCulled = false;
+    const count = targets.length;
     return (values, index, share) => {
-      const count = values.length / this.frames;
       position.array.set(base.position);
       let hasNormals = true;
       for (let i = 0; i < count; i++) {

@@ -2,8 +2,10 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import imageio.v3 as iio
 import numpy as np
 import pytest
 import trimesh
@@ -11,7 +13,18 @@ import trimesh
 from mjrun.errors import UsageError
 from mjrun.formats.glb import linear, write_glb, xyzw
 from mjrun.scene_graph import shapes
-from mjrun.scene_graph.graph import CameraLens, Light, Material, Node, SceneGraph, SceneMotion
+from mjrun.scene_graph.graph import (
+    CameraLens,
+    Deformation,
+    Light,
+    Material,
+    Node,
+    SceneGraph,
+    SceneMotion,
+    Skin,
+    Texture,
+    Track,
+)
 from tests.gltf_files import accessor, animated, read_gltf
 
 RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.0, 0.5)
@@ -82,6 +95,67 @@ def test_what_does_not_move_has_no_channels() -> None:
     assert [channel.target.path for channel in gltf.animations[0].channels] == ["rotation"]
     resting = SceneMotion(TIMES, [1], still.positions, np.repeat(QUATERNIONS[:1], 4, axis=0))
     assert not read_gltf(written(SceneGraph(NODES), resting)).animations
+
+
+def test_what_comes_and_goes_has_keys_of_its_own() -> None:
+    blinking = Track(3, np.array([0, 2, 3]), np.zeros((3, 3)), np.eye(4)[[0, 0, 0]], np.eye(3), smooth=False)
+    motion = SceneMotion(TIMES, [1], POSITIONS, QUATERNIONS, [blinking])
+    gltf = read_gltf(written(SceneGraph(NODES), motion))
+    assert animated(gltf, "ball 2").keys() == {"scale"}
+    (channel,) = (each for each in gltf.animations[0].channels if each.target.node == 3)
+    sampler = gltf.animations[0].samplers[channel.sampler]
+    assert (sampler.interpolation, sampler.extras) == ("STEP", {"frames": [0, 2, 3]})
+    assert np.array_equal(accessor(gltf, sampler.input).ravel(), TIMES[[0, 2, 3]].astype(np.float32))
+
+
+def test_the_shapes_of_vertices_are_targets() -> None:
+    shapes_of_ball = np.stack([BALL.positions * size for size in (1, 2, 4)])
+    normals = np.stack([np.asarray(BALL.normals)] * 3)
+    motion = SceneMotion(
+        TIMES,
+        [],
+        np.empty((4, 0, 3)),
+        np.empty((4, 0, 4)),
+        (),
+        [Deformation(3, np.array([0, 1, 3]), shapes_of_ball, normals)],
+    )
+    gltf = read_gltf(written(SceneGraph(NODES), motion))
+    weights = animated(gltf, "ball 2")["weights"].reshape(3, 2)
+    primitive = gltf.meshes[gltf.nodes[3].mesh].primitives[0]
+    base, *targets = (
+        accessor(gltf, index) for index in (primitive.attributes.POSITION, *(t["POSITION"] for t in primitive.targets))
+    )
+    for row, expected in zip(weights, shapes_of_ball, strict=True):
+        assert np.allclose(base + sum(w * target for w, target in zip(row, targets, strict=True)), expected, atol=1e-6)
+    assert gltf.meshes[gltf.nodes[2].mesh].primitives[0].targets == []
+
+
+def test_a_skin_is_bound_to_the_nodes_of_its_bodies() -> None:
+    bind = np.eye(4)
+    bind[:3, 3] = 1, 2, 3
+    count = len(BALL.positions)
+    skin = Skin([1], bind[None], np.zeros((count, 4), int), np.eye(4)[np.zeros(count, int)])
+    gltf = read_gltf(written(SceneGraph([*NODES, Node("skin", "skin", 0, 0, mesh=BALL, skin=skin)])))
+    assert gltf.skins[0].joints == [1]
+    assert accessor(gltf, gltf.skins[0].inverseBindMatrices)[0, 12:].tolist() == [1, 2, 3, 1]  # column by column
+    attributes = gltf.meshes[gltf.nodes[-1].mesh].primitives[0].attributes
+    assert accessor(gltf, attributes.WEIGHTS_0).sum() == count
+
+
+def test_lines_have_no_normals() -> None:
+    line = Node("line", "decoration", -1, 0, mesh=shapes.line(), material=RED)
+    primitive = read_gltf(written(SceneGraph([NODES[0], line]))).meshes[0].primitives[0]
+    assert (primitive.mode, primitive.attributes.NORMAL) == (1, None)
+
+
+def test_textures_are_read_back() -> None:
+    pixels = np.arange(5 * 4 * 3, dtype=np.uint8).reshape(5, 4, 3)
+    material = replace(RED, texture=Texture("checker", pixels))
+    ball = Node("ball", "geom", 0, 0, mesh=shapes.sphere(8, 8), material=material)
+    gltf = read_gltf(written(SceneGraph([NODES[0], ball])))
+    view = gltf.bufferViews[gltf.images[0].bufferView]
+    assert np.array_equal(iio.imread(gltf.binary_blob()[view.byteOffset :][: view.byteLength]), pixels)
+    assert accessor(gltf, gltf.meshes[0].primitives[0].attributes.TEXCOORD_0).max() == 1
 
 
 def test_quaternions_do_not_jump_to_the_opposite_sign() -> None:

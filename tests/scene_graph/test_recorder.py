@@ -166,7 +166,6 @@ def test_decorations_are_nodes_of_their_own() -> None:
 def test_what_depends_on_forces_is_known() -> None:
     model, options = mujoco.MjModel.from_xml_string(ROPE), mujoco.MjvOption()
     assert not SceneRequest(options).needs_forces(model)
-    assert SceneRequest(options, hidden=True).needs_forces(model)
     options.flags[FLAGS["contactforce"]] = 1
     assert SceneRequest(options).needs_forces(model)
 

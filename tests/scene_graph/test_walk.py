@@ -91,17 +91,6 @@ def test_what_collides_and_is_hidden_is_included_on_request() -> None:
     assert (nodes["egg"].visible, nodes["egg"].layer) == (True, "both")
 
 
-def test_the_part_of_a_body_is_what_is_fixed_to_it() -> None:
-    model, data = stepped(20)
-    graph = whole(model, data)
-    part = graph.part(1)
-    assert [node.name for node in part.nodes] == ["arm", "wrist", "upper", "egg", "tip", "wrist"]
-    turn = np.linalg.inv(world(graph, graph.nodes[1]))
-    for node in part.nodes[1:]:
-        original = next(each for each in graph.nodes if (each.kind, each.id) == (node.kind, node.id))
-        assert np.allclose(world(part, node), turn @ world(graph, original), atol=1e-9)
-
-
 def test_directions_become_rotations_of_the_view() -> None:
     for direction in np.eye(3)[[0, 1, 2]] * [[1], [-1], [1]]:
         rotation = np.empty(9)

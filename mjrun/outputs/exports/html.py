@@ -104,4 +104,5 @@ FORMAT = ExportFormat(
     columns="plot",
     contacts=True,
     timeline=True,
+    hidden=True,
 )
