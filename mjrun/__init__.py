@@ -32,6 +32,8 @@ _HOMES = {
     "DatasetResult": "mjrun.study.dataset",
     "Diff": "mjrun.outputs.result_comparison",
     "DiffResult": "mjrun.diff.result",
+    "EpisodeDataset": "mjrun.study.episode_dataset",
+    "EpisodeDatasetResult": "mjrun.study.episode_dataset",
     "Evaluation": "mjrun.evaluation.evaluation",
     "EvaluationResult": "mjrun.evaluation.evaluation",
     "Export": "mjrun.outputs.export",

@@ -520,6 +520,20 @@ class InvalidActionError(SimulationError):
 # --- 5: rendering ----------------------------------------------------------------------------------
 
 
+class InvalidEpisodeError(SimulationError):
+    """An episode with a number that is not finite, which no dataset may contain.
+
+    Args:
+      what: the kind of the number: `observation`, `action` or `reward`.
+      name: the name of the number; empty for none.
+      row: the row of the episode.
+    """
+
+    def __init__(self, step: int, time: float, what: str, name: str, row: int) -> None:
+        shown = f"{what} {clean(name)}" if name else what
+        super().__init__(step, time, f"the {shown} is not finite in row {row} of the episode, at {time:.9g} s")
+
+
 class RendererError(MjrunError):
     """A failure to render on this machine."""
 
@@ -629,6 +643,25 @@ class FailedPointsError(MjrunError):
     def __init__(self, statuses: Mapping[str, int]) -> None:
         counts = ", ".join(f"{count} {status}" for status, count in statuses.items() if status != "ok")
         super().__init__(f"{counts}, of {sum(statuses.values())} points; the table has the others")
+
+
+class FailedEpisodesError(MjrunError):
+    """Episodes that a dataset lacks, because they could not be simulated.
+
+    Args:
+      failures: the reason for each episode, by its number or the seed that identifies it.
+      count: the number of requested episodes.
+    """
+
+    exit_code = 8
+
+    def __init__(self, failures: Mapping[str, str], count: int) -> None:
+        reasons: dict[str, list[str]] = {}
+        for name, message in failures.items():
+            reasons.setdefault(message, []).append(name)
+        lines = [f"{listing(names)}: {clean(message)}" for message, names in reasons.items()]
+        rest = "the dataset has the others" if len(failures) < count else "there is no dataset"
+        super().__init__("\n".join([f"{len(failures)} of {counted(count, 'episode')} failed; {rest}", *lines[:LOGGED]]))
 
 
 class LostFilesError(MjrunError):

@@ -54,7 +54,7 @@ CONTENTS = {
     ),
     "Guides": (
         *("videos", "cameras", "images", "datasets", "view", "traces", "plots", "controls", "replay"),
-        *("demonstrations", "exports", "documents"),
+        *("demonstrations", "exports", "episode-datasets", "documents"),
         *("studies", "fitting", "policies", "evaluation", "gymnasium", "model-sources", "checking", "diff"),
         *("benchmarks", "scripting", "python"),
     ),

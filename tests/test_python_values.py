@@ -27,6 +27,7 @@ ARGUMENTS: dict[str, tuple[object, ...]] = {
     "Recording": (PENDULUM, "a.npz"),
     "Simulation": ("scene:pendulum",),
     "Dataset": (PENDULUM, "folder"),
+    "EpisodeDataset": (PENDULUM, "folder"),
     "Study": (PENDULUM, "folder"),
     "TablePlot": ("a.csv",),
     "Trace": (PENDULUM,),

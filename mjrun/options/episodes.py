@@ -1,7 +1,103 @@
-"""Options of datasets of episodes."""
+"""Options of datasets of episodes: their number, their numbers and images, and their format."""
+
+from dataclasses import field
+from fractions import Fraction
+from typing import ClassVar
+
+from mjrun.options.kinds import Camera, Choice, File, Key, Optional, Several, Text
+from mjrun.options.number_kinds import ExactNumber, Integer, Size
+from mjrun.options.option import Exclusion, Options, option, options, required
+from mjrun.options.rendering import SceneOptions
 
 # Extras of the formats: the libraries that each installs, and what needs them.
 EXTRAS: dict[str, tuple[tuple[str, ...], str]] = {
-    "lerobot": (("pyarrow",), "LeRobot datasets"),
-    "minari": (("pyarrow", "h5py"), "Minari datasets"),
+    "lerobot": (("pyarrow",), "--format lerobot"),
+    "minari": (("pyarrow", "h5py"), "--format minari"),
 }
+CODECS = ("h264", "h265", "av1")
+KEYFRAMES = 2  # frames from one keyframe to the next: readers need frames in any order
+UNUSED = ("trail", "trail_span", "ghost")  # additions to a scene that no policy sees
+
+
+@options
+class EpisodeOptions(Options):
+    """Episodes of a dataset."""
+
+    section: ClassVar[str] = "Episodes (lerobot, minari)"
+
+    episodes: int | None = option(
+        converter=Optional(Integer(1)),
+        default=None,
+        usual="10 of a policy, otherwise 1",
+        help="Number of episodes, with consecutive seeds from --seed on, as in mjrun eval.",
+    )
+    instruction: str | None = option(
+        converter=Optional(Text("TEXT")),
+        default=None,
+        usual="the name of the task",
+        help="The task in words, which language-conditioned policies are trained with: 'put the cube into the box'.",
+    )
+    codec: str = option(
+        converter=Choice(CODECS),
+        default="h264",
+        help="Video codec of the images: h264 plays everywhere; h265 and av1 give smaller files. Every second frame is "
+        "a keyframe, so that readers find any frame fast.",
+    )
+    crf: int | None = option(
+        converter=Optional(Integer(least=None)),
+        default=None,
+        usual="18; 20 with h265, 26 with av1",
+        help="Constant rate factor of the encoder: lower values give better quality and larger files.",
+    )
+    preset: str | None = option(
+        converter=Optional(Key("NAME", "the name of a preset")),
+        default=None,
+        usual="veryfast; 8 with av1",
+        help="Encoder preset, a trade-off between encoding speed and compression.",
+    )
+
+
+@options
+class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
+    """A dataset of episodes.
+
+    Args:
+      simulation: the simulation, whose seed varies.
+    """
+
+    section: ClassVar[str] = "Dataset"
+    exclusions: ClassVar[tuple[Exclusion, ...]] = ()
+
+    simulation: object = field(kw_only=False)
+    output: str = required(
+        converter=File("DIR", written=True),
+        kw_only=False,
+        short="-o",
+        help="Folder for the dataset; running again with the same folder continues it.",
+    )
+    format: str = option(
+        converter=Choice(tuple(EXTRAS)),
+        default="lerobot",
+        help="Format: lerobot, LeRobot v3 with a video for each camera; or minari, for offline reinforcement learning, "
+        "without images.",
+    )
+    fps: Fraction | None = option(
+        converter=Optional(ExactNumber("FPS")),
+        default=None,
+        usual="one row for each action of a policy, otherwise 30",
+        help="Rows and images per simulated second [Hz]. With a policy, the number of actions per second, or that "
+        "divided by a whole number.",
+    )
+    probe: tuple[str, ...] = option(
+        converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
+        default=(),
+        usual="what the policy observes, otherwise qpos and qvel",
+        help="Values to observe, as in a trace: qpos, sensor/imu, xpos[hand], …",
+    )
+    camera: tuple[object, ...] = option(
+        converter=Several(Camera()),
+        default=(),
+        usual="none: a dataset without images",
+        help="Camera of the images, as in a video; each use adds a camera.",
+    )
+    size: tuple[int, int] = option(converter=Size(), default=(640, 480), help="Width and height of an image [pixels].")

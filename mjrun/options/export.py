@@ -6,7 +6,7 @@ from typing import ClassVar
 from mjrun.options.kinds import Camera, Choice, File, Flag, Optional, Several, Text
 from mjrun.options.number_kinds import AUTO, ExactNumber, Processes, Size
 from mjrun.options.option import option, options, required
-from mjrun.options.output import EXPORTS, OutputOptions
+from mjrun.options.output import EXPORT_FOLDERS, EXPORTS, OutputOptions
 from mjrun.options.rendering import RIGS, SceneOptions
 
 H264 = "h264"
@@ -20,13 +20,24 @@ class ExportOptions(SceneOptions, OutputOptions):
     section: ClassVar[str] = "Export"
 
     output: str = required(
-        converter=File(written=True), kw_only=False, short="-o", usual="MODEL.glb", help=f"{EXPORTS}."
+        converter=File(written=True),
+        kw_only=False,
+        short="-o",
+        usual="MODEL.glb",
+        help=f"{EXPORTS}. With a format of folders: the folder, which a second run continues.",
     )
     format: str | None = option(
-        converter=Optional(Text("NAME")), default=None, usual="the output's suffix", help="File format."
+        converter=Optional(Text("NAME")),
+        default=None,
+        usual="the output's suffix",
+        help=f"Format of the file, or of a folder: {EXPORT_FOLDERS}.",
     )
     fps: Fraction = option(
-        converter=ExactNumber("FPS"), default=30, help="Frames per second of the export [Hz], such as 60 or 30000/1001."
+        converter=ExactNumber("FPS"),
+        default=30,
+        usual="30; in episodes of a policy, its actions per second",
+        help="Frames per second of the export [Hz], such as 60 or 30000/1001; in episodes of a policy, its actions per "
+        "second divided by a whole number.",
     )
     speed: Fraction = option(
         converter=ExactNumber("FACTOR"),
@@ -57,9 +68,9 @@ class ExportOptions(SceneOptions, OutputOptions):
     probe: tuple[str, ...] = option(
         converter=Several(Text("NAME"), commas=True, expected="the name of something to measure"),
         default=(),
-        usual="those of a trace, in formats that hold measured values",
-        help="Values to export with the scene, in formats that hold measured values: qpos, energy, xpos[hand], … as in "
-        "a trace.",
+        usual="those of a trace; in episodes, what the policy observes",
+        help="Values to export with the scene, in formats that hold measured values, or to observe in episodes: qpos, "
+        "energy, xpos[hand], … as in a trace.",
     )
     rate: Fraction | None = option(
         converter=Optional(ExactNumber("HZ")),
@@ -68,7 +79,9 @@ class ExportOptions(SceneOptions, OutputOptions):
         help="Rows of measured values per simulated second [Hz], at most one per step.",
     )
     jobs: int | str = option(
-        converter=Processes(), default=AUTO, help="Number of processes that render images, in formats that hold them."
+        converter=Processes(),
+        default=AUTO,
+        help="Number of processes that render images, in formats that hold them, or that play episodes.",
     )
     images: str | None = option(
         converter=Optional(Choice(IMAGES)),
@@ -79,12 +92,14 @@ class ExportOptions(SceneOptions, OutputOptions):
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),
         default=(),
-        usual="auto, in formats without images",
+        usual="auto, in formats without images; none in episodes",
         help=f"Camera to add to those of the model: one of {', '.join(RIGS)} with settings after a colon: "
-        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots.",
+        f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots. In formats with "
+        "images: a camera of the images, which may be one of the model.",
     )
     size: tuple[int, int] = option(
         converter=Size(),
         default=(1280, 720),
+        usual="1280x720; 640x480 in episodes",
         help="Width and height of images [pixels]; their ratio is that of cameras.",
     )

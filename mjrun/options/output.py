@@ -17,6 +17,7 @@ DEPTH_IMAGES = "{depth image formats}"
 SEGMENTATION_IMAGES = "{segmentation image formats}"
 PLOTS = "{plot formats}"
 EXPORTS = "{export formats}"
+EXPORT_FOLDERS = "{export folders}"
 
 
 @options

@@ -90,6 +90,12 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
         Raises:
           UsageError: the format is unknown, or does not support an option.
         """
+        if self.file_format.product:
+            raise UsageError(
+                f"{option('format')} {self.file_format.name} is a folder of episodes, which mjrun export and "
+                "mjrun.EpisodeDataset write",
+                ("format",),
+            )
         given = {
             "plot": bool(self.plot),
             "mark_event": bool(self.mark_event),

@@ -3,7 +3,17 @@
 from collections.abc import Callable, Iterable
 
 from mjrun.formats import codecs, image_format, tables
-from mjrun.options.output import CODECS, DEPTH_IMAGES, EXPORTS, PLOTS, RGB_IMAGES, SEGMENTATION_IMAGES, TABLES, VIDEOS
+from mjrun.options.output import (
+    CODECS,
+    DEPTH_IMAGES,
+    EXPORT_FOLDERS,
+    EXPORTS,
+    PLOTS,
+    RGB_IMAGES,
+    SEGMENTATION_IMAGES,
+    TABLES,
+    VIDEOS,
+)
 from mjrun.outputs.exports import export_formats
 
 
@@ -46,6 +56,11 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     RGB_IMAGES: lambda: _images("rgb"),
     DEPTH_IMAGES: lambda: _images("depth"),
     SEGMENTATION_IMAGES: lambda: _images("seg"),
-    EXPORTS: lambda: [f"{known.suffixes[0]} ({known.description})" for known in export_formats().values()],
+    EXPORTS: lambda: [
+        f"{known.suffixes[0]} ({known.description})" for known in export_formats().values() if known.suffixes
+    ],
+    EXPORT_FOLDERS: lambda: [
+        f"{name} ({known.description})" for name, known in export_formats().items() if not known.suffixes
+    ],
     PLOTS: lambda: [*_images("rgb"), *image_format.DRAWINGS],
 }

@@ -30,9 +30,6 @@ from mjrun.rendering.segment_ids import NOTHING, Segmentation
 from mjrun.rendering.visual import visual_of
 
 GROUPED = ("geom", "site", "tendon", "flex", "skin")  # what is visible by groups
-MESHES = ("mesh_vert", "mesh_face", "mesh_normal", "mesh_texcoord", "mesh_graph", "hfield_data")
-SURFACES = ("skin_vert", "skin_face", "skin_texcoord", "flex_vertnum", "flex_elem", "flex_texcoord")
-TEXTURES = ("tex_data", "tex_adr", "tex_type", "tex_height", "tex_width")
 WIDEST = 8.0  # size of the view, relative to the image, in which the truncated part of an object is counted
 APART = 2.0  # [pixels] around an object, for the radius of flexes and the rounding of edges
 EVERYWHERE = np.array([-np.inf, -np.inf, np.inf, np.inf])
@@ -199,7 +196,6 @@ class LabelledRenderer:
         self._backend = detection.result(require_gpu=options.require_gpu)
         self._visual = visual_of(ViewOptions(quality=options.quality, gl=options.gl, camera="free"))
         self._renderer: ClassicRenderer | None = None
-        self._model: mujoco.MjModel | None = None  # whose meshes and textures the renderer has
 
     def images(
         self, model: mujoco.MjModel, cameras: Sequence[object], states: Sequence[np.ndarray], times: Sequence[float]
@@ -260,13 +256,11 @@ class LabelledRenderer:
     def _prepared(self, model: mujoco.MjModel) -> ClassicRenderer:
         """Returns a renderer of `model`, with the meshes and textures of an earlier one if they are equal."""
         segmentation = Segmentation(model, "body")
-        if self._renderer and self._model is not None and _same_assets(self._model, model):
-            self._renderer.make_current()
+        if self._renderer and self._renderer.can_show(model):
             self._renderer.show(model, segmentation)
         else:
             self.close()
             self._renderer = ClassicRenderer(model, self._options.size, self._backend, self._visual, segmentation)
-        self._model = model
         return self._renderer
 
     def _views(
@@ -477,15 +471,6 @@ def _keypoints(points: np.ndarray, seen: RenderedView, own: np.ndarray) -> np.nd
         is_visible = own[place] or seen.depth[place] >= depth
         label[:] = u, v, 2 if is_visible else 1
     return labels
-
-
-def _same_assets(model: mujoco.MjModel, other: mujoco.MjModel) -> bool:
-    """Returns whether two models have the same meshes, textures, height fields and skins, and drawing buffers."""
-    quality, others = model.vis.quality, other.vis.quality
-    same = (quality.shadowsize, quality.offsamples) == (others.shadowsize, others.offsamples)
-    return same and all(
-        np.array_equal(getattr(model, name), getattr(other, name)) for name in (*MESHES, *SURFACES, *TEXTURES)
-    )
 
 
 def _has_floor(model: mujoco.MjModel) -> bool:

@@ -22,6 +22,10 @@ from mjrun.rendering.visual import Visual, downsampled, updated_scene
 GEOMS = 10_000  # initial capacity of the scene; it grows
 FONTS = (50, 100, 150, 200, 250, 300)  # percent
 COSTLY = ("shadow", "reflection")
+# Arrays of a model that a context copies when it is made.
+MESHES = ("mesh_vert", "mesh_face", "mesh_normal", "mesh_texcoord", "mesh_graph", "hfield_data")
+SURFACES = ("skin_vert", "skin_face", "skin_texcoord", "flex_vertnum", "flex_elem", "flex_texcoord")
+TEXTURES = ("tex_data", "tex_adr", "tex_type", "tex_height", "tex_width")
 OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 
 
@@ -105,9 +109,20 @@ class ClassicRenderer:
             seen = replace(seen, rgb=downsampled(upright, self._visual.samples))
         return seen
 
+    def can_show(self, model: mujoco.MjModel) -> bool:
+        """Returns whether a model has the same meshes, textures, height fields, skins, flexes and drawing buffers."""
+        if model is self._model:
+            return True
+        quality, others = model.vis.quality, self._model.vis.quality
+        same = (quality.shadowsize, quality.offsamples) == (others.shadowsize, others.offsamples)
+        return same and all(
+            np.array_equal(getattr(model, name), getattr(self._model, name)) for name in (*MESHES, *SURFACES, *TEXTURES)
+        )
+
     def show(self, model: mujoco.MjModel, segmentation: Segmentation | None) -> None:
-        """Replaces the model by one with the same meshes, textures, height fields, skins and flexes."""
+        """Replaces the model by one that `can_show` accepts, and directs this thread's OpenGL calls to the renderer."""
         self._model, self._data, self._segmentation = model, mujoco.MjData(model), segmentation
+        self.make_current()
 
     def make_current(self) -> None:
         """Directs this thread's OpenGL calls to this renderer, if another one has been used since."""

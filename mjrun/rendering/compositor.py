@@ -191,6 +191,15 @@ class SceneCompositor:
                 self.model, self.size, self.backend, self.visual, self.segmentation, self.decorations
             )
 
+    def continue_from(self, other: "SceneCompositor") -> None:
+        """Takes over the renderer of another compositor, or closes it if it cannot render this model."""
+        renderer, other._open_renderer = other._open_renderer, None
+        if isinstance(renderer, ClassicRenderer) and renderer.can_show(self.model):
+            renderer.show(self.model, self.segmentation)
+            self._open_renderer = renderer
+        elif renderer:
+            renderer.close()
+
     def look_ahead(self, states: Mapping[int, np.ndarray]) -> None:
         """Sets the `ranges` that suit these states, given by frame index."""
         by_frame = [self.see(state, index, ["depth"]) for index, state in states.items()]

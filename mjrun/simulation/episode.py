@@ -1,5 +1,6 @@
 """Episodes of a policy: their task, length, ending and result."""
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -7,7 +8,7 @@ from dataclasses import field
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import mujoco
 
@@ -24,7 +25,8 @@ from mjrun.timeline import Timeline, rational
 
 if TYPE_CHECKING:
     from mjrun.model.sources.gym import GymSource
-    from mjrun.policy.policy import Policy
+    from mjrun.policy.policy import ActionSpace, Policy
+    from mjrun.task.episode_start import EpisodeModels
     from mjrun.task.external_environment import ExternalEnvironment
     from mjrun.task.single_world import SingleWorld
     from mjrun.task.task import Task
@@ -128,6 +130,17 @@ class Episode(ABC):
         stepper.model.opt.enableflags |= enable_flags
         return stepper
 
+    def of_seed(self, seed: int) -> Self:
+        """Returns the episode of another seed, which shares everything that is costly to make.
+
+        All steppers of these episodes share one world: creating a stepper invalidates earlier ones.
+        """
+        other = copy.copy(self)
+        for name in ("_first", "length"):
+            vars(other).pop(name, None)
+        other.seed = seed
+        return other
+
     @abstractmethod
     def _start(self) -> EpisodeStepper:
         """Starts the episode without additional flags."""
@@ -136,6 +149,21 @@ class Episode(ABC):
     @abstractmethod
     def longest(self) -> int:
         """Most physics steps of an episode that are simulated."""
+
+    @property
+    def specification(self) -> str:
+        """The environment as Gymnasium specifies it, in JSON; empty if Gymnasium cannot create it."""
+        return ""
+
+    @property
+    @abstractmethod
+    def control_dt(self) -> Fraction:
+        """The control period [s]."""
+
+    @property
+    @abstractmethod
+    def actions(self) -> "ActionSpace":
+        """The numbers of an action and their bounds."""
 
     @cached_property
     def _first(self) -> EpisodeStepper:
@@ -176,12 +204,20 @@ class TaskEpisode(Episode):
 
         return SingleWorld(self._task)
 
-    def model(self) -> mujoco.MjModel:
+    @cached_property
+    def _models(self) -> "EpisodeModels":
         from mjrun.model.variants import ModelVariants
         from mjrun.task.episode_start import EpisodeModels
 
+        return EpisodeModels(self._task.model_source, self._task.reset.vary, ModelVariants())
+
+    def model(self) -> mujoco.MjModel:
         with self._task.located():
-            return EpisodeModels(self._task.model_source, self._task.reset.vary, ModelVariants()).model(self.seed)
+            return self._models.model(self.seed)
+
+    def of_seed(self, seed: int) -> Self:
+        _ = self._world, self._models  # which both share
+        return super().of_seed(seed)
 
     @cached_property
     def columns(self) -> EpisodeColumns:
@@ -189,13 +225,22 @@ class TaskEpisode(Episode):
         units = {number.name: number.unit if number.scale == 1 else "" for number in world.observed}
         return EpisodeColumns(units, world.action_names, world.reward_names)
 
-    def _start(self) -> EpisodeStepper:
+    @property
+    def control_dt(self) -> Fraction:
+        return self._task.control_dt
+
+    @property
+    def actions(self) -> "ActionSpace":
         from mjrun.policy.policy import ActionSpace
+
+        world = self._world
+        return ActionSpace(world.action_names, world.actions.low, world.actions.high)
+
+    def _start(self) -> EpisodeStepper:
         from mjrun.task.task_stepper import TaskStepper
 
         world = self._world
-        space = ActionSpace(world.action_names, world.actions.low, world.actions.high)
-        actor = self.policy.episode(self.seed, space)
+        actor = self.policy.episode(self.seed, self.actions)
         model = self.model()
         pushes = PushForces(model, self._pushes, rational(model.opt.timestep))
         return TaskStepper(world, actor, self.seed, self.policy.name, pushes)
@@ -213,17 +258,44 @@ class EnvironmentEpisode(Episode):
     def __init__(self, source: "GymSource", policy: "Policy", seed: int) -> None:
         super().__init__(policy, seed)
         self._source, self._environment = source, _environment(source)
+        self._played: ExternalEnvironment | None = None  # by episodes that share it
 
     def model(self) -> mujoco.MjModel:
         return self._environment.compiled_model()
 
-    def _start(self) -> EpisodeStepper:
+    @property
+    def specification(self) -> str:
+        return "" if self._source.overrides else self._environment.specification
+
+    def of_seed(self, seed: int) -> Self:
+        other = super().of_seed(seed)
+        self._played = other._played = self._played or _environment(self._source)
+        return other
+
+    @property
+    def control_dt(self) -> Fraction:
+        return self._environment.control_dt
+
+    @property
+    def actions(self) -> "ActionSpace":
         from mjrun.policy.policy import ActionSpace
+
+        environment = self._environment
+        return ActionSpace(environment.action_names, environment.action_low, environment.action_high)
+
+    @cached_property
+    def columns(self) -> EpisodeColumns:
+        environment = self._environment
+        units = dict(zip(environment.observation_names, environment.observation_units, strict=True))
+        names = self._first.names
+        return EpisodeColumns({name: units.get(name, "") for name in names.observations}, names.actions, names.rewards)
+
+    def _start(self) -> EpisodeStepper:
         from mjrun.task.external_environment import EnvironmentStepper
 
-        environment = _environment(self._source)  # which nothing else may reset
-        actions = ActionSpace(environment.action_names, environment.action_low, environment.action_high)
-        return EnvironmentStepper(environment, self.policy.episode(self.seed, actions), self.seed, self.policy.name)
+        environment = self._played or _environment(self._source)  # which nothing else may reset
+        actor = self.policy.episode(self.seed, self.actions)
+        return EnvironmentStepper(environment, actor, self.seed, self.policy.name)
 
     @property
     def longest(self) -> int:

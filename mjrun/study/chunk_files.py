@@ -8,7 +8,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -27,6 +27,7 @@ from mjrun.options.sweep import PARTS
 from mjrun.python_code import ModuleSource, code_hash
 from mjrun.simulation.manifest import plain
 from mjrun.study.spec import FILES, MODEL, PointResult, Status, StudySpec, simulation_at, versions
+from mjrun.task.task import Task
 
 if TYPE_CHECKING:
     import pyarrow
@@ -61,8 +62,15 @@ def study_identity(spec: StudySpec, model: mujoco.MjModel, modules: Sequence[Mod
         "metrics": dict(spec.metrics),
         "every": spec.every,
         "engine": spec.engine,
-        **({"images": plain(replace(spec.images, options=spec.images.without_backend))} if spec.images else {}),
+        **({"task": _task_terms(base.source)} if isinstance(base.source, Task) else {}),
+        **({"product": spec.product.identity} if spec.product else {}),
     }
+
+
+def _task_terms(task: Task) -> dict[str, object]:
+    """Returns the terms of a task, which its document alone does not determine: values in it can be overridden."""
+    place = ("model", "path", "name", "overrides")
+    return {each.name: plain(getattr(task, each.name)) for each in fields(task) if each.repr and each.name not in place}
 
 
 def point_keys(identity: Mapping[str, object], spec: StudySpec, points: Iterable[Sequence[str]]) -> list[str]:

@@ -79,7 +79,7 @@ class Dataset(DatasetOptions, ExecutionOptions):
             study = self._study(self._stage_parts(model, reporter))
             names = tuple(each.name for each in objects)
             spec = ImageSpec(self._labels(), self.split if "bop" in self.format else (), names, self._layout)
-            prepared = PreparedStudy(study, replace(study.spec, images=spec))
+            prepared = PreparedStudy(study, replace(study.spec, product=spec))
             self._check(prepared, objects)
             check_engine(self.engine)
             prepared.files.create()

@@ -3,12 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, option
 from mjrun.options.dataset import CAMERA, LabelOptions
 from mjrun.options.rendering import RIGS
+from mjrun.simulation.manifest import plain
+
+if TYPE_CHECKING:
+    from mjrun.study.point_images import PointImages
 
 VECTORS = ("lookat", "offset", "from", "at")  # settings of rigs that are points x/y/z
 RATIO = (5**0.5 - 1) / 2  # whose multiples are spread evenly between 0 and 1
@@ -34,9 +38,15 @@ class ImageSpec:
     layout: Literal["flat", "bop"] = "flat"
 
     @property
-    def without_backend(self) -> LabelOptions:
-        """The options that determine the images, whatever renders them."""
-        return replace(self.options, gl=None, require_gpu=False)
+    def identity(self) -> object:
+        """Everything that determines the images, whatever renders them."""
+        return plain(replace(self, options=replace(self.options, gl=None, require_gpu=False)))
+
+    def maker(self) -> "PointImages":
+        """Returns what makes the files."""
+        from mjrun.study.point_images import PointImages  # which imports the renderer
+
+        return PointImages(self)
 
     @property
     def per_point(self) -> int:

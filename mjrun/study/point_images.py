@@ -10,6 +10,7 @@ import numpy as np
 
 from mjrun.errors import UsageError, listing
 from mjrun.formats.image_encoding import ImageData, png
+from mjrun.model.variants import ModelVariants
 from mjrun.options.dataset import CAMERA
 from mjrun.outputs.labelled_images import LabelledImage, LabelledRenderer, ObjectView, labelled_objects
 from mjrun.physics.observe import Tap, observe
@@ -22,13 +23,14 @@ class PointImages:
 
     def __init__(self, spec: ImageSpec) -> None:
         self._spec = spec
+        self._variants = ModelVariants()
         os.environ.setdefault("LP_NUM_THREADS", "1")  # of llvmpipe: the other cores have processes, too
         self._renderer = LabelledRenderer(spec.options, outlines=spec.layout == "bop")
 
-    def files(
-        self, index: int, values: Mapping[str, str], simulation: Simulation, model: mujoco.MjModel
-    ) -> tuple[tuple[str, bytes], ...]:
-        """Simulates a point and returns its files by their paths in the dataset, the record last.
+    def make(
+        self, index: int, values: Mapping[str, str], simulation: Simulation
+    ) -> tuple[int, tuple[tuple[str, bytes], ...]]:
+        """Simulates a point, and returns the number of its steps, and its files by their paths, the record last.
 
         Args:
           index: number of the point.
@@ -40,6 +42,8 @@ class PointImages:
           DrawError: OpenGL failed.
         """
         options = self._spec.options
+        variant = None if simulation.episode else self._variants.load(simulation.source)
+        model = variant.model if variant else simulation.load()
         timeline = simulation.timeline(model)
         steps = sorted({round(time / timeline.timestep) for time in options.times})
         states = list[np.ndarray]()
@@ -60,7 +64,9 @@ class PointImages:
                 paths = {kind: path for kind, (path, _) in contents.items()}
             images.append(record(number, image, paths))
         document = {"point": index, "values": dict(values), "images": images}
-        return (*files, (record_path(index), f"{json.dumps(document, allow_nan=False)}\n".encode()))
+        if variant:
+            self._variants.reuse(variant)
+        return timeline.steps, (*files, (record_path(index), f"{json.dumps(document, allow_nan=False)}\n".encode()))
 
     def _images(
         self, model: mujoco.MjModel, cameras: Sequence[object], states: Sequence[np.ndarray], times: Sequence[float]

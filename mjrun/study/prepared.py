@@ -25,6 +25,7 @@ from mjrun.reporter import Reporter
 from mjrun.simulation.simulation import Simulation
 from mjrun.study import executors
 from mjrun.study.chunk_files import FINAL, ChunkFiles, PartWriter, point_keys, study_identity
+from mjrun.study.episode_spec import EpisodeSpec
 from mjrun.study.results import STATUSES, TABLE_COLUMNS, FailureReporter, with_flags
 from mjrun.study.simulate import WORLD_BYTES
 from mjrun.study.spec import (
@@ -77,7 +78,8 @@ class PreparedStudy:
     """
 
     def __init__(self, options: StudyOptions, spec: StudySpec, points: Design | None = None) -> None:
-        executors.require_extra("sweep")
+        if not isinstance(spec.product, EpisodeSpec):
+            executors.require_extra("sweep")
         base = spec.base.with_snapshot()
         assert base.snapshot
         with base.snapshot.original_names_in_errors():
@@ -116,7 +118,7 @@ class PreparedStudy:
     @property
     def _first_size(self) -> int:
         """Points in a chunk before anything is measured: one, unless the first takes few steps."""
-        if self.first.episode is not None:
+        if self.first.episode is not None or isinstance(self.spec.product, EpisodeSpec):
             return 1
         return min(max(1, FIRST_STEPS // max(1, self.first.timeline(self.model).steps)), FIRST_POINTS)
 
@@ -140,7 +142,11 @@ class PreparedStudy:
         return [self.known.get(key, missing) for key in self.keys]
 
     def steps(self, indices: Sequence[int]) -> np.ndarray:
-        """Returns the number of steps of points `(n,)`; 0 for a point whose simulation cannot be made."""
+        """Returns the number of steps of points `(n,)`; 0 for a point whose simulation cannot be made, and for episodes
+        of a dataset, whose lengths only their simulation shows.
+        """
+        if isinstance(self.spec.product, EpisodeSpec):
+            return np.zeros(len(indices), np.int64)
         names = self.points.names
         deciding = [i for i, name in enumerate(names) if name.rpartition(".")[2].rpartition(":")[2] in LENGTH]
         varying = replace(self.spec, names=tuple(names[i] for i in deciding))
@@ -253,6 +259,8 @@ class PreparedStudy:
         metrics = parse_metrics(self.spec.metrics, self.model, episode.columns if episode else None)
         numbers = [*self.points.names, *(name for name, _ in self.spec.metrics)]
         Requirements(requirements, numbers, STATUSES, with_flags)
+        if isinstance(self.spec.product, EpisodeSpec):  # whose simulation would take as long as the whole point
+            return metrics
         try:
             model = self.first.load()
             self.first.timeline(model)
@@ -285,7 +293,7 @@ def _checked_design(
     try:
         shared = None if MODEL in points.names else source
         names, values = points.names, points.points
-        if spec.images:
+        if spec.product:
             values = [without_cameras(names, point)[1] for point in values]
             names = without_cameras(names, names)[0]
         require_values(names, values, dict(spec.controllers), shared)

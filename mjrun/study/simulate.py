@@ -7,7 +7,7 @@ alone.
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -36,6 +36,7 @@ from mjrun.study.spec import PointResult, Status, StudyPoint, StudySpec
 from mjrun.timeline import Timeline
 
 if TYPE_CHECKING:
+    from mjrun.study.point_episodes import PointEpisodes
     from mjrun.study.point_images import PointImages
 
 STARTS = [each.name for each in fields(InitialState)]  # options of simulations that their initial states depend on
@@ -60,7 +61,7 @@ class PointSimulator:
         self._variants = ModelVariants(self._prepare)
         self._compiled = WeakKeyDictionary[SharedCompilation, _CompiledModel]()
         self._metrics = dict[tuple[object, ...], list[Metric]]()  # by the structure of the model
-        self._images: PointImages | None = None
+        self._files: PointImages | PointEpisodes | None = None
         self._engine: Engine
         self._world_fields: WarpFields | None = None
         if spec.engine == "c":
@@ -79,14 +80,17 @@ class PointSimulator:
         with collected_warnings(), without_timers():
             for point in points:
                 start = time.perf_counter()
+                if self._spec.product:
+                    yield [self._with_files(point)]
+                    continue
                 try:
                     ready = self._ready(point)
                     ready.wall = time.perf_counter() - start
                 except Exception as error:
                     yield [self._failed(point, error, 0, time.perf_counter() - start)]
                     continue
-                if ready.kind is None or self._spec.images:
-                    yield [self._imaged(ready) if self._spec.images else self._alone(ready)]
+                if ready.kind is None:
+                    yield [self._alone(ready)]
                     self._variants.reuse(ready.variant)
                     continue
                 batches.setdefault(ready.kind, []).append(ready)
@@ -157,20 +161,17 @@ class PointSimulator:
             return self._failed(ready.point, error, steps, ready.wall + time.perf_counter() - start)
         return ready.result(metrics.values(), time.perf_counter() - start)
 
-    def _imaged(self, ready: "_ReadyPoint") -> PointResult:
-        assert self._spec.images
-        start, point = time.perf_counter(), ready.point
-        values = dict(zip(self._spec.names, point.values, strict=True))
+    def _with_files(self, point: StudyPoint) -> PointResult:
+        """Simulates a point of a dataset, and makes its files."""
+        assert self._spec.product
+        start = time.perf_counter()
         try:
-            if self._images is None:
-                from mjrun.study.point_images import PointImages  # which imports the renderer
-
-                self._images = PointImages(self._spec.images)
-            files = self._images.files(point.index, values, ready.simulation, ready.variant.model)
+            self._files = self._files or self._spec.product.maker()
+            steps, files = self._files.make(point.index, self._spec.values(point), self._spec.simulation(point.values))
         except Exception as error:
             steps = error.step if isinstance(error, SimulationError) else 0
-            return self._failed(point, error, steps, ready.wall + time.perf_counter() - start)
-        return replace(ready.result((), time.perf_counter() - start), files=files)
+            return self._failed(point, error, steps, time.perf_counter() - start)
+        return PointResult(point.index, "ok", (), steps, wall=time.perf_counter() - start, files=files)
 
     def _side_by_side(self, batch: Sequence["_ReadyPoint"]) -> Iterator[PointResult]:
         begin = time.perf_counter()

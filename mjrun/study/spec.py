@@ -21,6 +21,7 @@ from mjrun.options.schema_validation import InvalidValueError
 from mjrun.python_code import Sealed
 from mjrun.simulation.input_snapshot import InputSnapshot
 from mjrun.simulation.simulation import Simulation
+from mjrun.study.episode_spec import EpisodeSpec
 from mjrun.study.image_spec import ImageSpec
 from mjrun.version import __version__
 
@@ -48,7 +49,7 @@ class StudySpec:
       every: steps between two rows that metrics read.
       engine: physics engine: `c`, or `warp` in single precision.
       controllers: name and function of each controller, where the controller varies.
-      images: images of each point of a dataset, which has no metrics.
+      product: files of each point of a dataset, which has no metrics: its images, or its episode.
     """
 
     base: Simulation
@@ -57,14 +58,18 @@ class StudySpec:
     every: int = 1
     engine: Literal["c", "warp"] = "c"
     controllers: tuple[tuple[str, Callable[..., object]], ...] = ()
-    images: ImageSpec | None = None
+    product: ImageSpec | EpisodeSpec | None = None
 
     def simulation(self, values: tuple[str, ...]) -> Simulation:
         """Returns the simulation of the point with these values."""
         names = self.names
-        if self.images:
+        if self.product:
             names, values = without_cameras(names, values)
         return simulation_at(self.base, names, values, dict(self.controllers))
+
+    def values(self, point: "StudyPoint") -> dict[str, str]:
+        """Returns the values of a point, by parameter."""
+        return dict(zip(self.names, point.values, strict=True))
 
     def models(self, points: Iterable[Sequence[str]]) -> list[Source]:
         """Returns the model of the base simulation, and those that the values of points name instead."""

@@ -101,6 +101,14 @@ class ExternalEnvironment:
         spec = self._environment.spec
         return spec.max_episode_steps if spec else None
 
+    @property
+    def specification(self) -> str:
+        """The environment as Gymnasium specifies it, in JSON; empty if that is not possible."""
+        try:
+            return self._environment.spec.to_json() if self._environment.spec else ""
+        except (TypeError, ValueError):  # of arguments that JSON does not have
+            return ""
+
     def compiled_model(self) -> mujoco.MjModel:
         """Returns a copy of its model as compiled, with its own setting of automatic resets."""
         model = copy.copy(self.model)

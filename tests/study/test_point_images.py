@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from PIL import Image
 
@@ -22,7 +21,7 @@ def test_files_of_bop_are_masks_of_each_object_and_the_record_comes_last(tmp_pat
     split = mjrun.Dataset(mjrun.Simulation("m.xml"), "set", split="test=1").split
     images = PointImages(ImageSpec(options, split, ("ball",), "bop"))
     simulation = mjrun.Simulation(model)
-    files = images.files(7, {"seed": "1"}, simulation, mujoco.MjModel.from_xml_string(MODEL))
+    _, files = images.make(7, {"seed": "1"}, simulation)
     folder = "test/000000"
     names = ("rgb/000007", "depth/000007", "mask/000007_000000", "mask_visib/000007_000000")
     assert [path for path, _ in files] == [*(f"{folder}/{name}.png" for name in names), record_path(7)]

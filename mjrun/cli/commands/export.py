@@ -1,24 +1,42 @@
-"""Export a simulation to a format of other programs."""
+"""Export a simulation, or episodes of a policy, to a format of other programs."""
+
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from mjrun.cli.click_command import MODEL, CommandLine, command
 from mjrun.cli.console import Console
+from mjrun.cli.report_forms import Report
 from mjrun.cli.simulation_command import (
     import_mujoco,
     make,
     payload_on_stdout,
+    reported_failures,
     show,
     simulation,
     stem,
     with_camera_scripts,
 )
+from mjrun.cli.table_cells import number
+from mjrun.errors import UsageError, clean, counted, option
 from mjrun.options.confinement import ConfinementOptions
 from mjrun.options.console import OpenOptions
+from mjrun.options.episodes import EpisodeOptions
 from mjrun.options.export import ExportOptions
+from mjrun.options.option import options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
+from mjrun.options.sweep import ExecutionOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from mjrun.outputs.exports import ExportFormat
+    from mjrun.study.episode_dataset import EpisodeDatasetResult
 
 
 @command(
+    ExecutionOptions,
+    EpisodeOptions,
     ExportOptions,
     CommandOptions,
     SimulationOptions,
@@ -26,23 +44,72 @@ from mjrun.options.simulation import SimulationOptions
     ConfinementOptions,
     arguments=[MODEL],
     python="Export",
+    classes={EpisodeOptions: "EpisodeDataset", ExecutionOptions: "EpisodeDataset"},
     key="exports",
-    reports={"export": "mjrun.outputs.export:ExportResult"},
+    reports={
+        "export": "mjrun.outputs.export:ExportResult",
+        "episodes": "mjrun.study.episode_dataset:EpisodeDatasetResult",
+    },
 )
 def export(console: Console, command_line: CommandLine) -> None:
-    """Export a simulation of MODEL to a format of other programs, such as glTF or HTML.
+    """Export a simulation of MODEL, or episodes of a policy, to a format of other programs.
 
     \b
     mjrun export scene.xml
     mjrun export scene.xml -o scene.glb --fps 60 --camera orbit:azimuth=0..90
     mjrun export scene.xml -o pose.glb --key home --steps 1
     mjrun export scene.xml -o replay.html --plot energy --mark-event 'contact(ball, floor) > 0'
+    mjrun export task.yaml --policy drive.onnx --episodes 200 --camera front --camera wrist --format lerobot -o drives
+    mjrun export task.yaml --policy drive.onnx --episodes 1000 --format minari -o drive-v0
+
+    A dataset of episodes is a folder: repeating the command continues it. Exits with 8 if episodes failed.
     """
     payload_on_stdout(command_line)
     console.guard_stdout()
     import_mujoco()
     from mjrun.outputs.export import Export
+    from mjrun.outputs.exports import export_formats
 
-    command_line = with_camera_scripts(command_line.with_defaults(output=f"{stem(command_line)}.glb"))
+    command_line = with_camera_scripts(command_line)
+    format_ = export_formats().get(str(command_line.value("format")))
+    if format_ and format_.product:
+        _export_episodes(console, command_line, format_)
+        return
+    for name in command_line.explicit(EpisodeOptions, ExecutionOptions):
+        if name not in {each.attribute for each in options_of(Export)}:
+            raise UsageError(f"{option(name)} applies to episodes, with {option('format')} lerobot or minari")
+    command_line = command_line.with_defaults(output=f"{stem(command_line)}.glb")
     job = command_line.make(Export, simulation=simulation(command_line), command=console.command)
     show(console, command_line, make(console, command_line, job))
+
+
+def _export_episodes(console: Console, command_line: CommandLine, format_: "ExportFormat") -> None:
+    product = resolve_name(format_.product)
+    known = {each.attribute for each in options_of(product)}
+    for name in command_line.explicit(ExportOptions, CommandOptions):
+        if name not in known:
+            raise UsageError(f"{option(name)} does not apply to {option('format')} {format_.name}")
+    command_line = command_line.with_defaults(output=f"{stem(command_line)}_{format_.name}")
+    made = command_line.make(product, simulation=simulation(command_line), command=console.command)
+    with reported_failures(console, _report):
+        console.answer(_report([made.run(console)]))
+
+
+def _report(results: "Sequence[EpisodeDatasetResult]") -> Report:
+    return Report("episodes", results[0], summary=lambda: _summary(results[0]))
+
+
+def _summary(result: "EpisodeDatasetResult") -> str:
+    facts = [
+        f"{counted(result.episodes, 'episode')} ({result.format})",
+        f"{counted(result.rows, 'row')} at {result.fps:g} Hz",
+    ]
+    if result.cameras:
+        facts.append(f"images of {', '.join(map(clean, result.cameras))}")
+    if result.mean_return is not None:
+        facts.append(f"mean return {number(result.mean_return)}")
+    if result.successes:
+        facts.append(f"{result.successes} successful")
+    if known := result.episodes - result.simulated:
+        facts.append(f"{known} known before" if known > 0 else "")
+    return f"{clean(result.path)}: {', '.join(filter(None, facts))}; {result.wall:.1f} s"

@@ -51,7 +51,9 @@ def check(layout: EpisodeLayout) -> None:
       UsageError: the rate is not a whole number, or a codec is unknown or pads the images.
     """
     if layout.fps.denominator != 1:
-        raise UsageError(f"LeRobot has whole numbers of frames per second, not {float(layout.fps):g}", ("fps",))
+        rounded = f"{option('fps')} {round(layout.fps)} rounds it"
+        message = f"LeRobot has whole numbers of frames per second, not {float(layout.fps):g}; {rounded}"
+        raise UsageError(message, ("fps",))
     for camera in layout.cameras:
         codec, (width, height) = camera.encoding.codec, camera.size
         if codec not in CODECS:

@@ -5,6 +5,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import pytest
+
+from tests.evaluation.tasks import XML
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -31,3 +35,64 @@ def test_the_document_of_a_command_makes_the_same(mjrun_here: Command, swing: Pa
     assert made.returncode == 0
     assert json.loads(made.stdout)["results"][0]["kind"] == "Export"
     assert "a.glb" in mjrun_here.files()
+
+
+CART = """
+model: cart.xml
+control_dt: 0.02
+duration: 0.4
+observations: [{name: x, joints: [slider]}, {name: v, joints: [slider], of: qvel}]
+actions: [{actuators: [push]}]
+rewards: {near: -abs(qpos/slider)}
+terminations: {lost: {when: abs(qpos/slider) > 1, as: failure}}
+"""
+
+
+@pytest.fixture
+def cart(mjrun_here: Command) -> str:
+    (mjrun_here.folder / "cart.xml").write_text(XML)
+    (mjrun_here.folder / "cart.yaml").write_text(CART)
+    return "cart.yaml"
+
+
+def test_episodes_are_a_folder_that_a_second_run_continues(mjrun_here: Command, cart: str) -> None:
+    options = (cart, "--policy", "zero", "--format", "lerobot", "--jobs", "1")
+    done = mjrun_here("export", *options, "--episodes", "2", "--instruction", "stay")
+    assert done.stdout.decode().startswith("cart_lerobot: 2 episodes (lerobot), 40 rows at 50 Hz, mean return 0; ")
+    again = mjrun_here("export", *options, "--episodes", "3", "--instruction", "stay", "--json")
+    report = json.loads(again.stdout)
+    assert (report["episodes"], report["simulated"], report["seeds"]) == (3, 1, [0, 1, 2])
+    assert again.stderr == b"mjrun: 2 of 3 episodes are known already\n"
+    (mjrun_here.folder / cart).write_text(CART.replace("-abs(qpos/slider)", "-2 * abs(qpos/slider)"))
+    edited = mjrun_here("export", *options, "--episodes", "3", "--instruction", "stay")
+    assert (edited.returncode, edited.stdout) == (7, b"")
+    assert b"cart_lerobot: has episodes of another task, policy, model, version or options" in edited.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--format", "lerobot"), "is a task: select a --policy for it"),
+        (("--policy", "zero", "--episodes", "2"), "--episodes applies to episodes, with --format lerobot or minari"),
+        (("--policy", "zero", "--format", "lerobot", "--plot", "energy"), "--plot does not apply to --format lerobot"),
+        (("--policy", "zero", "--format", "lerobot", "--recording", "r.npz"), "--recording does not apply to"),
+        (("--policy", "zero", "--format", "lerobot", "--ghost", "offset=0/1/0"), "show what a policy would see"),
+        (("--policy", "zero", "--format", "minari", "--camera", "free"), "a Minari dataset has no images"),
+        (("--policy", "zero", "--format", "lerobot", "--fps", "30"), "such as 50, 25, 10, 5, 2, 1"),
+        (("--policy", "zero", "--format", "lerobot", "--crf", "99", "--camera", "free"), "from 0 (best) to 51"),
+    ],
+)
+def test_mistakes_in_episodes_are_explained_before_anything_is_written(
+    mjrun_here: Command, cart: str, options: tuple[str, ...], message: str
+) -> None:
+    done = mjrun_here("export", cart, *options, "-o", "set")
+    assert done.returncode == 2
+    assert message in done.stderr.decode()
+    assert not (mjrun_here.folder / "set").exists()
+
+
+def test_a_run_document_cannot_export_episodes(mjrun_here: Command, swing: Path) -> None:
+    (mjrun_here.folder / "run.yaml").write_text(f"{{model: {swing}, exports: [{{output: set, format: lerobot}}]}}")
+    done = mjrun_here("run", "run.yaml")
+    assert done.returncode == 2
+    assert b"lerobot is a folder of episodes, which mjrun export and mjrun.EpisodeDataset write" in done.stderr

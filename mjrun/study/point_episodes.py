@@ -1,0 +1,284 @@
+"""Files of the episodes of a dataset: each episode is simulated once, and what it saw is rendered from its states."""
+
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from mjrun.dataclass import dataclass
+from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean
+from mjrun.formats.episodes import Episode, stored
+from mjrun.formats.mp4_samples import read_samples
+from mjrun.formats.temporary_output import scratch_folder
+from mjrun.formats.video_writer import VideoWriter
+from mjrun.model import state
+from mjrun.model.names import control_names
+from mjrun.model.table_column import Column
+from mjrun.outputs.episode_images import EpisodeImages
+from mjrun.outputs.trace_rows import ProbeSampler
+from mjrun.physics.observe import Tap, observe
+from mjrun.physics.recorded_states import StateBuffer
+from mjrun.physics.stepper import Stepper
+from mjrun.probe.episode_columns import OBSERVATION
+from mjrun.probe.select import selected_columns
+from mjrun.simulation import episode as played
+from mjrun.simulation.simulation import Simulation
+from mjrun.study.episode_spec import FOLDER, EpisodeSpec
+from mjrun.task.task import TIMED_OUT, UNSTABLE
+from mjrun.timeline import Timeline, rational
+
+PROBES = ("qpos", "qvel")  # that are observed without a policy
+SAMPLED = 100  # pixels across an image at most whose colours are counted
+VALUES = 256  # of a colour
+
+
+class PointEpisodes:
+    """A maker of the files of episodes, in the process that simulates them."""
+
+    def __init__(self, spec: EpisodeSpec) -> None:
+        self._spec = spec
+        self._images: EpisodeImages | None = None
+        self._episode: played.Episode | None = None  # the last one, which the next shares its world with
+
+    def make(
+        self, index: int, values: Mapping[str, str], simulation: Simulation
+    ) -> tuple[int, tuple[tuple[str, bytes], ...]]:
+        """Simulates an episode, and returns the number of its steps, and its files by their paths.
+
+        Args:
+          index, values: the number of its point, and its values.
+
+        Raises:
+          SimulationError: the simulation became unstable, or the policy failed.
+          MjrunError: a number is not finite, a camera is unknown, or OpenGL or the encoder failed.
+        """
+        with ExitStack() as stack:
+            rollout = self._simulated(simulation, stack)
+            folder = stack.enter_context(scratch_folder())
+            videos, colors = self._videos(simulation, rollout, folder)
+            episode = Episode(
+                task=self._spec.task,
+                seed=simulation.seed if simulation.replay is None else None,
+                observations=rollout.observations,
+                actions=rollout.actions,
+                rewards=rollout.rewards,
+                terminated=rollout.terminated,
+                truncated=rollout.truncated,
+                success=rollout.success,
+                infos=_infos(rollout),
+                colors=colors,
+            )
+            _require_finite(episode, self._spec, rollout)
+            files = stored.files(episode, videos)
+            return rollout.steps[-1], tuple((f"{FOLDER}/{index:06}/{name}", content) for name, content in files)
+
+    def _simulated(self, simulation: Simulation, stack: ExitStack) -> "Rollout":
+        spec = self._spec
+        if simulation.policy is None:
+            return recorded(simulation, spec.probe or PROBES, Fraction(spec.fps), stack)
+        if self._episode is None:
+            self._episode = simulation.episode
+        assert self._episode
+        self._episode = self._episode.of_seed(simulation.seed)
+        return acted(self._episode, spec.probe, spec.every, stack)
+
+    def _videos(
+        self, simulation: Simulation, rollout: "Rollout", folder: Path
+    ) -> tuple[dict[str, bytes], dict[str, np.ndarray]]:
+        """Returns the video of each camera, and how often each value of each channel occurs in its images."""
+        spec = self._spec
+        if not spec.cameras:
+            return {}, {}
+        if self._images is None:
+            os.environ.setdefault("LP_NUM_THREADS", "1")  # of llvmpipe: the other cores have processes, too
+            self._images = EpisodeImages(spec.view, spec.painters)
+        colors = {name: np.zeros((3, VALUES), np.int64) for name in spec.cameras}
+        size, fps, count = spec.view.size, Fraction(spec.fps), len(rollout.states)
+        distance = max(1, min(size) // SAMPLED)
+        timeline = Timeline.of_steps(rational(rollout.model.opt.timestep), rollout.steps[-1])
+        times = [float(timeline.time(step)) for step in rollout.steps[:-1]]
+        frames = self._images.images(simulation.source, rollout.model, rollout.states, times, timeline)
+        with ExitStack() as stack:
+            writers = {
+                name: stack.enter_context(VideoWriter(str(folder / f"{name}.mp4"), spec.encoding, size, fps, count))
+                for name in spec.cameras
+            }
+            for images in frames:
+                for (name, writer), image in zip(writers.items(), images, strict=True):
+                    writer.write(image)
+                    _count(image[::distance, ::distance], colors[name])
+            return {name: _encoded(writer, count) for name, writer in writers.items()}, colors
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """The course of an episode of T rows.
+
+    Attributes:
+      model: the model of the episode.
+      steps: the step of each row and of the end (T + 1).
+      states: the state of each row.
+      last: the state at the end `(nstate,)`.
+      observations, actions, rewards, terminated, truncated, success: as in `Episode`.
+    """
+
+    model: mujoco.MjModel
+    steps: Sequence[int]
+    states: StateBuffer
+    last: np.ndarray
+    observations: np.ndarray
+    actions: np.ndarray
+    rewards: np.ndarray
+    terminated: bool = False
+    truncated: bool = False
+    success: bool = False
+
+
+def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> Rollout:
+    """Simulates an episode of a policy.
+
+    Args:
+      probe: the observed columns; empty for the observation of the policy.
+      every: the number of control periods from one row to the next, whose rewards are added.
+      stack: closes the states.
+
+    Raises:
+      SimulationError: the simulation became unstable, or the policy failed.
+    """
+    model, columns = episode.model(), episode.columns if probe else None
+    timeline = Timeline.of_steps(rational(model.opt.timestep), episode.longest)
+    sampler = ProbeSampler(model, probe, timeline, columns) if probe else None
+    stepper = episode.stepper(sampler.model.opt.enableflags if sampler else 0)
+    states = stack.enter_context(closing(StateBuffer(model)))
+    steps, observations, actions, rewards = list[int](), list[np.ndarray](), list[np.ndarray](), list[float]()
+
+    def observe_here() -> None:
+        steps.append(stepper.step)
+        observations.append(sampler.values(stepper) if sampler else stepper.now().observation)
+
+    ending, periods = None, 0
+    while ending is None:
+        if periods % every == 0:
+            observe_here()
+            states.append(stepper.state())
+            actions.append(stepper.now().action)
+            rewards.append(0.0)
+        stepper.advance(stepper.step + stepper.control_steps)
+        periods += 1
+        rewards[-1] += stepper.now().reward
+        ending = stepper.now().ending or (TIMED_OUT if stepper.step >= episode.longest else None)
+    if ending.name == UNSTABLE.name:
+        stepper.advance(stepper.step + stepper.control_steps)  # which raises the error, with its joint
+    observe_here()
+    return Rollout(
+        model=model,
+        steps=steps,
+        states=states,
+        last=stepper.state(),
+        observations=np.array(observations),
+        actions=np.array(actions),
+        rewards=np.array(rewards),
+        terminated=ending.terminated,
+        truncated=not ending.terminated,
+        success=ending.kind == "success",
+    )
+
+
+def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack: ExitStack) -> Rollout:
+    """Simulates or replays without a policy; actions are the controls, and there are no rewards.
+
+    Args:
+      probe: the observed columns.
+      fps: rows per second of simulated time.
+      stack: closes the states.
+
+    Raises:
+      SimulationError: the simulation became unstable.
+      UsageError: it has no length.
+    """
+    model = simulation.load()
+    timeline = simulation.timeline(model)
+    rows = timeline.frames(fps)
+    if not rows:
+        raise UsageError(f"{clean(simulation.source.text)}: an episode of 0 s has no rows")
+    sampler = ProbeSampler(model, probe, timeline)
+    states, controls = stack.enter_context(closing(StateBuffer(model))), state.controls(model)
+    steps, observations, actions = [*rows, timeline.steps], list[np.ndarray](), list[np.ndarray]()
+
+    def take(stepper: Stepper) -> None:
+        observations.append(sampler.values(stepper))
+        row = stepper.state()
+        if len(states) < len(rows):
+            states.append(row)
+            actions.append(row[controls])
+        else:
+            last.append(row)
+
+    last = list[np.ndarray]()
+    observe(simulation.stepper(sampler.model), [Tap(steps, lambda stepper: stepper, take)], timeline.steps)
+    return Rollout(
+        model=model,
+        steps=steps,
+        states=states,
+        last=last[0],
+        observations=np.array(observations),
+        actions=np.array(actions),
+        rewards=np.zeros(len(rows)),
+    )
+
+
+def observed_columns(
+    simulation: Simulation, model: mujoco.MjModel, probe: Sequence[str]
+) -> tuple[list[Column], list[Column]]:
+    """Returns the columns of an observation and of an action.
+
+    Raises:
+      UnknownNameError: a probe is unknown.
+    """
+    episode = simulation.episode
+    columns = selected_columns(model, probe or ([OBSERVATION] if episode else PROBES), episode and episode.columns)
+    if episode is None:
+        return columns, [Column(name) for name in control_names(model)]
+    if not probe:
+        columns = [replace(column, name=column.name.removeprefix(f"{OBSERVATION}/")) for column in columns]
+    return columns, [Column(name) for name in episode.actions.names]
+
+
+def _encoded(writer: VideoWriter, count: int) -> bytes:
+    """Returns the video of a writer, which is not published."""
+    writer.end()
+    path = Path(writer.destination.path)
+    if (found := len(read_samples(path))) != count:
+        raise EncoderError(f"the encoder wrote {found} frames, expected {count}")
+    return path.read_bytes()
+
+
+def _count(image: np.ndarray, colors: np.ndarray) -> None:
+    """Adds how often each value of each channel occurs in an image to `colors` `(3, 256)`."""
+    for channel, counts in enumerate(colors):
+        counts += np.bincount(image[..., channel].ravel(), minlength=VALUES)
+
+
+def _infos(rollout: Rollout) -> dict[str, np.ndarray]:
+    """Returns the positions and velocities at each observation."""
+    slices = state.fields(state.sizes(rollout.model))
+    rows = [*(rollout.states[k] for k in range(len(rollout.states))), rollout.last]
+    return {name: np.array([row[slices[name]] for row in rows]) for name in ("qpos", "qvel")}
+
+
+def _require_finite(episode: Episode, spec: EpisodeSpec, rollout: Rollout) -> None:
+    """Raises InvalidEpisodeError if a number is not finite: readers of the dataset could not train with it."""
+    named = {"observation": spec.observed, "action": spec.acted, "reward": ("",)}
+    for (what, names), rows in zip(
+        named.items(), (episode.observations, episode.actions, episode.rewards), strict=True
+    ):
+        bad = np.argwhere(~np.isfinite(rows.reshape(len(rows), -1)))
+        if len(bad):
+            row, column = map(int, bad[0])
+            step = rollout.steps[row]
+            raise InvalidEpisodeError(step, step * rollout.model.opt.timestep, what, names[column], row)
