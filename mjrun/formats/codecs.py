@@ -142,6 +142,8 @@ class Encoding:
     Attributes:
       keyframe_every: frames from one keyframe to the next, of a video whose frames are read in any order: it has no
         B-frames, so that frames are stored in their order of display. None leaves both to the codec.
+      alone: whether one thread encodes, so that many videos are encoded side by side, and their bytes do not depend on
+        the number of cores.
     """
 
     format: str
@@ -149,6 +151,7 @@ class Encoding:
     crf: int | None
     preset: str | None
     keyframe_every: int | None = None
+    alone: bool = False
 
     @property
     def pixels(self) -> str:
@@ -196,7 +199,12 @@ class Encoding:
         graph = ",".join(filter(None, filters))
         quality = ["-crf", str(self.crf)] if self.crf is not None else []
         effort = [codec.preset_flag, self.preset] if self.preset is not None else []
-        return [*(["-vf", graph] if graph else []), *codec.arguments, *quality, *effort, *self._order]
+        return [*(["-vf", graph] if graph else []), *codec.arguments, *quality, *effort, *self._order, *self._threads]
+
+    @property
+    def _threads(self) -> list[str]:
+        """The arguments that determine the number of threads, on which the bytes of AV1 do not depend."""
+        return ["-threads", "1"] if self.alone and self.codec != "av1" else []
 
     @property
     def _order(self) -> list[str]:
@@ -208,7 +216,8 @@ class Encoding:
             case "h264" | "h264rgb":
                 return [*every, "-bf", "0"]
             case "h265":
-                return [*every, "-x265-params", "log-level=error:bframes=0"]
+                threads = ":pools=1:frame-threads=1" if self.alone else ""
+                return [*every, "-x265-params", f"log-level=error:bframes=0{threads}"]
             case _:
                 return every
 

@@ -142,7 +142,9 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         spec = EpisodeSpec(
             view=self._view(),
             cameras=names,
-            encoding=replace(encoding("a.mp4", None, self.codec, self.crf, self.preset), keyframe_every=KEYFRAMES),
+            encoding=replace(
+                encoding("a.mp4", None, self.codec, self.crf, self.preset), keyframe_every=KEYFRAMES, alone=True
+            ),
             probe=self.probe,
             fps=str(fps),
             every=every,

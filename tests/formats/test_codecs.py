@@ -1,12 +1,17 @@
 """Which formats, codecs and qualities go together."""
 
+import os
+import subprocess
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mjrun.errors import BadValueError, MjrunError
 from mjrun.formats.codecs import CODECS, CONTAINERS, Encoding, encoding, is_folder, suffixes
+from mjrun.formats.ffmpeg import command
 
 
 @pytest.mark.parametrize(
@@ -118,3 +123,22 @@ def test_a_name_that_is_too_long_is_no_folder() -> None:
 def test_suffixes_are_those_of_the_table() -> None:
     assert suffixes()[:2] == [".mp4", ".mov"]
     assert all(encoding(f"f_%d{suffix}").format == suffix[1:] for suffix in suffixes())
+
+
+@pytest.mark.parametrize("codec", ["h264", pytest.param("h265", marks=pytest.mark.slow), "av1"])
+def test_a_video_of_one_thread_has_the_same_bytes_on_any_number_of_cores(codec: str, tmp_path: Path) -> None:
+    frames = np.random.default_rng(0).integers(0, 256, (12, 64, 96, 3), np.uint8)
+    how = replace(encoding("a.mp4", codec=codec), keyframe_every=2, alone=True)
+    arguments = how.arguments(96, 64, to_pipe=False)
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "96x64", "-i", "-"]
+    contents = set[bytes]()
+    for cores in ({min(os.sched_getaffinity(0))}, os.sched_getaffinity(0)):
+        path = tmp_path / f"{len(cores)}.mp4"
+        subprocess.run(
+            command("-y", *source, *arguments, str(path)),
+            input=frames.tobytes(),
+            check=True,
+            preexec_fn=lambda cores=cores: os.sched_setaffinity(0, cores),
+        )
+        contents.add(path.read_bytes())
+    assert len(contents) == 1
