@@ -32,7 +32,9 @@ from mjrun.options.export import H264
 from mjrun.outputs.export import Export, ExportedScene
 from mjrun.probe.contacts import contact_columns, contact_rows
 from mjrun.probe.recorded_contacts import RecordedContacts, copy_contacts
+from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import Node, SceneGraph
+from mjrun.scene_graph.soft_shapes import SoftShapes
 from mjrun.scene_graph.walk import matrix_quaternion
 from mjrun.timeline import nanoseconds
 
@@ -55,7 +57,7 @@ def write_mcap(scene: ExportedScene, file: BinaryIO) -> None:
     models = foxglove.scene(0, body_models(scene.graph, frames[: model.nbody], scene.generator))
     log.write(log.add_channel("/scene", foxglove.SCENE), 0, models)
     sources = [
-        instants(scene, InstantChannels(log, model, frames)),
+        instants(scene, InstantChannels(log, scene, frames)),
         rows(scene, log),
         images(scene, [CameraChannels(log, scene, *each) for each in zip(cameras, of_cameras, strict=True)]),
     ]
@@ -171,20 +173,24 @@ def frame_times(scene: ExportedScene) -> Generator[int]:
 
 
 class InstantChannels:
-    """The topics of an instant: the poses of bodies and cameras, the states of joints, and the forces of contacts.
+    """The topics of an instant: poses of bodies and cameras, objects that change shape, joints, and contacts.
 
     Args:
       frames: the frames of all bodies, the world first, and of the cameras.
     """
 
-    def __init__(self, log: McapWriter, model: mujoco.MjModel, frames: Sequence[str]) -> None:
-        self._model = model
+    def __init__(self, log: McapWriter, scene: ExportedScene, frames: Sequence[str]) -> None:
+        self._model = model = scene.context.model
         self._poses = log.add_channel("/tf", foxglove.TRANSFORMS)
         self._transforms = foxglove.TransformMessages(WORLD, frames[1:])
         joints = [joint for joint in range(model.njnt) if int(model.jnt_type[joint]) not in (FREE, BALL)]
         self._qpos, self._dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
         self._states = foxglove.JointMessages([clean(name) for name in object_names(model, "joint", joints)])
         self._joints = log.add_channel("/joint_states", foxglove.JOINTS) if joints else None
+        self._soft = self._shapes = None
+        if SoftShapes.exist_in(model):
+            self._soft = SoftShapes(model, visual_of(scene.job).options())
+            self._shapes = log.add_channel("/scene/shapes", foxglove.SCENE)
         self._contacts = log.add_channel("/contacts", foxglove.SCENE)
         self._rows = TableMessages("contacts", contact_columns(model)[CONTACT:])
         self._table = log.add_channel("/contacts/table", self._rows.schema, self._rows.metadata)
@@ -204,6 +210,8 @@ class InstantChannels:
         positions = [data.xpos[1:], *(camera.pose[None, :3, 3] for camera in cameras)]
         turns = [data.xquat[1:], *(matrix_quaternion(camera.pose[:3, :3])[None] for camera in cameras)]
         yield time, self._poses, self._transforms.encode(time, np.concatenate(positions), np.concatenate(turns))
+        if self._soft is not None and self._shapes is not None:
+            yield time, self._shapes, foxglove.shapes(time, WORLD, "shapes", self._soft.at(data))
         if self._joints is not None:
             rates = (field[self._dofs] for field in (data.qvel, data.qacc, data.qfrc_actuator))
             yield time, self._joints, self._states.encode(time, data.qpos[self._qpos], *rates)

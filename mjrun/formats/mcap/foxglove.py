@@ -12,6 +12,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage  # pyr
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo  # pyright: ignore[reportMissingImports]
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms  # pyright: ignore[reportMissingImports]
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates  # pyright: ignore[reportMissingImports]
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive  # pyright: ignore[reportMissingImports]
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion  # pyright: ignore[reportMissingImports]
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate  # pyright: ignore[reportMissingImports]
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3  # pyright: ignore[reportMissingImports]
@@ -21,11 +22,13 @@ from mjrun.dataclass import dataclass
 from mjrun.formats.calibration_writer import centered_matrix
 from mjrun.formats.mcap.writer import Schema
 from mjrun.model.rendered_image import CameraCalibration
+from mjrun.scene_graph.soft_shapes import Segments, Surface
 
 TRANSFORMS, JOINTS, SCENE = Schema.of(FrameTransforms), Schema.of(JointStates), Schema.of(SceneUpdate)
 CALIBRATION, VIDEO, IMAGE = Schema.of(CalibrationMessage), Schema.of(CompressedVideo), Schema.of(CompressedImage)
 SECOND = 10**9  # [ns]
 GLB = "model/gltf-binary"
+LINE_LIST = LinePrimitive.LINE_LIST  # each two points are the ends of a line
 HEAD_SHARE, HEAD_WIDTH = 0.3, 2  # length of an arrow's head in its length, and its width in shaft diameters
 
 
@@ -128,6 +131,26 @@ def arrows(time: int, frame: str, name: str, starts: np.ndarray, vectors: np.nda
         _set(arrow.pose.position, x=x, y=y, z=z)
         _set(arrow.pose.orientation, w=qw, x=qx, y=qy, z=qz)
         _set(arrow.color, r=red, g=green, b=blue, a=opacity)
+    return message.SerializeToString()
+
+
+def shapes(time: int, frame: str, name: str, parts: Sequence[Surface | Segments]) -> bytes:
+    """Serializes surfaces and segments that replace those of the same `name` from before."""
+    message = SceneUpdate()
+    entity = message.entities.add(frame_id=frame, id=name)
+    _set_time(entity.timestamp, time)
+    for part in parts:
+        if isinstance(part, Surface):
+            written = entity.triangles.add(indices=part.faces.ravel().tolist())
+            points = part.points
+        else:
+            written = entity.lines.add(type=LINE_LIST, thickness=part.width)
+            points = part.ends.reshape(-1, 3)
+        red, green, blue, opacity = part.rgba
+        _set(written.color, r=red, g=green, b=blue, a=opacity)
+        _set(written.pose.orientation, w=1)
+        for x, y, z in points.tolist():
+            written.points.add(x=x, y=y, z=z)
     return message.SerializeToString()
 
 

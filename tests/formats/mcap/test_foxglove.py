@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mjrun.formats.mcap import foxglove
 from mjrun.formats.mcap.writer import Schema
 from mjrun.model.rendered_image import CameraCalibration
+from mjrun.scene_graph.soft_shapes import Segments, Surface
 from tests.formats.mcap.files import decoded
 
 LATE = 3 * 10**9 + 123_456_789
@@ -79,6 +80,23 @@ def test_no_arrows_replace_those_from_before() -> None:
     read = decoded(foxglove.SCENE, foxglove.arrows(0, "world", "contacts", none, none, style))
     assert [entity.id for entity in read.entities] == ["contacts"]
     assert not read.entities[0].arrows
+
+
+def test_shapes_have_their_points_and_colours() -> None:
+    surface = Surface(np.eye(4, 3), np.array([[0, 1, 2], [0, 2, 3]]), (1, 0, 0, 1))
+    segments = Segments(np.arange(12.0).reshape(2, 2, 3), 0.01, (0, 0.5, 0, 1))
+    content = foxglove.shapes(LATE, "world", "shapes", [surface, segments])
+    (entity,) = decoded(foxglove.SCENE, content).entities
+    assert (entity.id, entity.frame_id, time_of(entity.timestamp)) == ("shapes", "world", LATE)
+    (triangles,), (lines,) = entity.triangles, entity.lines
+    assert [[point.x, point.y, point.z] for point in triangles.points] == np.eye(4, 3).tolist()
+    assert list(triangles.indices) == [0, 1, 2, 0, 2, 3]
+    assert [[point.x, point.y, point.z] for point in lines.points] == np.arange(12.0).reshape(4, 3).tolist()
+    assert (lines.thickness, lines.DESCRIPTOR.enum_types_by_name["Type"].values_by_number[lines.type].name) == (
+        0.01,
+        "LINE_LIST",
+    )
+    assert (triangles.color.r, lines.color.g, triangles.pose.orientation.w) == (1, 0.5, 1)
 
 
 def test_a_calibration_projects_points_to_the_pixels_that_render_them() -> None:

@@ -127,6 +127,23 @@ def test_contacts_are_the_arrows_that_mujoco_draws(export: Path) -> None:
     assert compared > 5
 
 
+ROPE = """
+<mujoco><worldbody><site name="a" pos="0 0 1"/><body pos=".5 0 1"><freejoint/><geom size=".05"/><site name="b"/></body>
+</worldbody><tendon><spatial width=".01"><site site="a"/><site site="b"/></spatial></tendon></mujoco>
+"""
+
+
+def test_a_rope_follows_its_ends(tmp_path: Path) -> None:
+    path = exported(tmp_path, ROPE)
+    bodies = [message.content.transforms[0].translation for message in files.messages(path, "/tf")]
+    ropes = [message.content.entities[0].lines[0].points for message in files.messages(path, "/scene/shapes")]
+    for place, points in zip(bodies, ropes, strict=True):
+        ends = sorted([point.x, point.y, point.z] for point in points)
+        assert ends[0] == pytest.approx([0, 0, 1], abs=1e-6)
+        assert ends[-1] == pytest.approx([place.x, place.y, place.z], abs=1e-6)
+    assert bodies[-1].z < 0.5
+
+
 def test_the_table_of_contacts_has_their_geoms_and_forces(export: Path) -> None:
     compared = 0
     for message, (_, data) in zip(files.messages(export, "/contacts/table"), instants(), strict=True):
