@@ -45,9 +45,10 @@ from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
 from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion
-from mjrun.scene_graph.recorder import SceneRequest, compute_poses, record_scene
+from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 
+NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.mjLABEL_BODY)
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
 
 if TYPE_CHECKING:
@@ -296,10 +297,29 @@ class ExportedScene:
         return self.frames.parts()
 
     @cached_property
+    def layers(self) -> Sequence[str]:
+        """The requested layers that viewers of the format show in their own way."""
+        options = visual_of(self.job).options()
+        shown = {"labels": options.label == BODY_LABELS}
+        shown |= {name: bool(options.flags[FLAGS[name]]) for name in CONTACTS}
+        return [name for name in self.job.file_format.layers if shown[name]]
+
+    @property
+    def _options(self) -> mujoco.MjvOption:
+        """The flags and groups of what the scene itself holds."""
+        options = visual_of(self.job).options()
+        for name in self.layers:
+            if name == "labels":
+                options.label = NO_LABELS
+            else:
+                options.flags[FLAGS[name]] = 0
+        return options
+
+    @cached_property
     def _recorded(self) -> tuple[SceneGraph, SceneMotion]:
         model, decorations = self.model, self.frames.decorations
         request = SceneRequest(
-            options=visual_of(self.job).options(),
+            options=self._options,
             decorations=[(type(each).__name__.lower(), each.add) for each in decorations],
             room=sum(each.geoms for each in decorations),
             hidden=self.job.file_format.hidden,

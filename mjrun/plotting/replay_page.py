@@ -83,6 +83,7 @@ class Replay:
       curve_times: simulated times of the values of all curves [s]; None for those of the frames.
       marks: events and assertions.
       contacts: contacts; None if they were not recorded.
+      layers: what is shown at first of `contactpoint`, `contactforce` and `labels`.
       facts: names and values for the reader.
     """
 
@@ -95,6 +96,7 @@ class Replay:
     curve_times: np.ndarray | None = None
     marks: Sequence[ReplayMark] = ()
     contacts: ReplayContacts | None = None
+    layers: Sequence[str] = ()
     facts: Sequence[tuple[str, str]] = ()
 
 
@@ -166,6 +168,7 @@ def _data(replay: Replay) -> bytes:
         ],
         "marks": [{"time": mark.time, "kind": mark.kind, "text": clean(mark.text)} for mark in replay.marks],
         "contacts": contacts and {"counts": placed(contacts.counts, "u4"), "values": placed(contacts.values, "f4")},
+        "layers": [*replay.layers],
         "facts": [[clean(name), clean(value)] for name, value in replay.facts],
         "colors": {"light": _css_colours(ON_LIGHT), "dark": _css_colours(ON_DARK)},
     }

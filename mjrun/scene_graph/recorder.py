@@ -25,7 +25,7 @@ OF_FORCES = (*CONTACTS, "contactsplit", "constraint", "pertforce", "island", "ra
 RANGEFINDER = int(mujoco.mjtSensor.mjSENS_RANGEFINDER)
 NONE = (int(mujoco.mjtFrame.mjFRAME_NONE), int(mujoco.mjtLabel.mjLABEL_NONE))
 INFINITE = 5.0  # extents of the model from its centre to the edges of infinite planes, at least
-VERTICES = 50_000_000  # positions of the vertices of a flex at all frames
+VERTICES = 50_000_000  # positions of the vertices of a flex, summed over frames
 SHAPES_OF_FLEX = 600  # shapes of a flex between which its vertices move linearly
 
 Adder = Callable[[mujoco.MjvScene, int], None]
@@ -259,7 +259,7 @@ class _FlexRecorder:
             self._normals.append(_unit(normals[self._first]))
 
     def finished(self, index: int) -> tuple[Node, Deformation] | None:
-        """Returns the node, whose index is given, and the motion of its vertices; None if there are none."""
+        """Returns the node, whose index is given, and the motion of its vertices; None without vertices."""
         if not self._frames:
             return None
         uv = self._uv if self._mapping else None

@@ -17,6 +17,7 @@ import { View } from "./view.js";
 const place = new Vector3();
 const ELEVATION = 0.33; // of the first view [rad]
 const AZIMUTH = 0.9;
+const LAYERS = { contactpoint: "contacts", contactforce: "forces", labels: "labels" }; // their switches
 const MARKS = { pass: "holds", fail: "fails" };
 const DOUBLE_TAP = 350; // [ms]
 const MANY = 6; // more cameras than that are a list
@@ -77,6 +78,7 @@ class Replay {
     this.resetView();
     this.listen();
     this.resize();
+    for (const layer of data.layers) this.toggle(LAYERS[layer], true);
     this.readHash(true);
   }
 

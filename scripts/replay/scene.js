@@ -19,6 +19,7 @@ import { fadeGround } from "./ground.js";
 import { Motion } from "./motion.js";
 import { Space } from "./space.js";
 
+const SIGNS = ["site", "tendon", "joint", "actuator", "contact", "decoration"]; // kinds of nodes
 const INSTANTS = 48; // at which the space of the motion is measured
 const SPHERES = 12000; // for which it is, in total
 
@@ -82,7 +83,9 @@ export class ReplayScene {
   }
 
   addLines(node, { geometry, material }) {
-    node.add(new LineSegments(geometry, new LineBasicMaterial({ color: material.color })));
+    const lines = new LineSegments(geometry, new LineBasicMaterial({ color: material.color }));
+    lines.raycast = () => {}; // which finds lines at a distance of a metre
+    node.add(lines);
   }
 
   addSkinned(node, { geometry, material }) {
@@ -91,6 +94,11 @@ export class ReplayScene {
     mesh.frustumCulled = false;
     mesh.castShadow = mesh.receiveShadow = true;
     node.add(mesh);
+    node.measured = () => {
+      mesh.skeleton.update();
+      mesh.computeBoundingSphere();
+      return mesh.boundingSphere;
+    };
   }
 
   // Returns the function that moves the vertices of a mesh: at most two targets differ from 0 between two frames.
@@ -104,18 +112,21 @@ export class ReplayScene {
     const mesh = this.addSingle(node, own, material);
     mesh.frustumCulled = false;
     const count = targets.length;
+    node.measured = () => {
+      own.computeBoundingSphere();
+      return own.boundingSphere;
+    };
     return (values, index, share) => {
       position.array.set(base.position);
+      normal.array.set(base.normal);
       let hasNormals = true;
       for (let i = 0; i < count; i++) {
         const first = values[index * count + i];
         const weight = share ? first + share * (values[(index + 1) * count + i] - first) : first;
         if (!weight) continue;
         addScaled(position.array, targets[i].position, weight);
-        if (targets[i].normal) {
-          normal.array.set(base.normal);
-          addScaled(normal.array, targets[i].normal, weight);
-        } else hasNormals = false;
+        if (targets[i].normal) addScaled(normal.array, targets[i].normal, weight);
+        else hasNormals = false;
       }
       position.needsUpdate = normal.needsUpdate = true;
       if (!hasNormals) own.computeVertexNormals();
@@ -196,8 +207,8 @@ export class ReplayScene {
 
   // Measures the space in which things move, as spheres around geoms at some frames, and of what rests among them.
   measure() {
-    const moves = (node) => node && (this.moving.has(node) || moves(node.parent));
-    const drawn = this.nodes.filter((node) => node.primitives.length && !isHidden(node) && !isPlane(node));
+    const moves = (node) => node && (this.moving.has(node) || moves(node.parent) || node.skin?.joints.some(moves));
+    const drawn = this.nodes.filter((node) => node.primitives.length && isPart(node) && !isHidden(node) && !isPlane(node));
     const moving = drawn.filter(moves);
     const subjects = moving.length ? moving : drawn;
     const carrier = this.mainBody();
@@ -230,9 +241,15 @@ export class ReplayScene {
 }
 
 function spheresOf(nodes) {
-  return nodes.flatMap((node) =>
-    node.primitives.map(({ geometry }) => geometry.boundingSphere.clone().applyMatrix4(node.matrixWorld)),
-  );
+  return nodes.flatMap((node) => {
+    const spheres = node.measured ? [node.measured()] : node.primitives.map(({ geometry }) => geometry.boundingSphere);
+    return spheres.map((sphere) => sphere.clone().applyMatrix4(node.matrixWorld));
+  });
+}
+
+// Whether a node is a part of the model, not a sign for a contact or a force.
+function isPart(node) {
+  return !SIGNS.includes(node.userData.kind);
 }
 
 function isPlane(node) {

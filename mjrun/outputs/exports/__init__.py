@@ -33,6 +33,7 @@ class ExportFormat:
       columns: the option whose columns it holds: `plot`, `probe` or neither.
       probes: the columns by default.
       contacts: whether it holds the contacts of each frame.
+      layers: `contactpoint`, `contactforce` and `labels`, as far as its viewers show and hide them.
       timeline: whether it shows a time line with marks.
       hidden: whether it also holds objects that are hidden at first, for viewers that can show them.
       product: `package.module:Class` of the output that makes a folder with episodes.
@@ -48,6 +49,7 @@ class ExportFormat:
     columns: str = ""
     probes: Sequence[str] = ()
     contacts: bool = False
+    layers: Sequence[str] = ()
     timeline: bool = False
     hidden: bool = False
     product: str = ""

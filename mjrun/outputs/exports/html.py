@@ -34,6 +34,7 @@ def write(scene: "ExportedScene", file: BinaryIO) -> None:
         curve_times=scene.values.rows[:, 0] if scene.values else None,
         marks=[ReplayMark(mark.time, mark.kind, mark.text) for mark in scene.marks],
         contacts=ReplayContacts(contacts.counts, contacts.values) if contacts and len(contacts.values) else None,
+        layers=scene.layers,
         facts=_facts(scene),
     )
     file.write(replay_page(replay, glb.getvalue()))
@@ -103,6 +104,7 @@ FORMAT = ExportFormat(
     cameras=(),
     columns="plot",
     contacts=True,
+    layers=("contactpoint", "contactforce", "labels"),
     timeline=True,
     hidden=True,
 )

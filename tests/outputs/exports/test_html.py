@@ -20,7 +20,7 @@ from mjrun.outputs.exports.html import FORMAT
 from tests.browser import Tab, browser
 
 HOSTILE = "<img src=x onerror=hurt=1>"
-# Red shapes that tumble in front of a camera, without floor; the last one is not convex.
+# Red shapes that tumble in front of a camera, without floor; a cloth that falls, and a skin that two bodies bend.
 SHAPES = """
 <mujoco model="shapes">
   <asset>
@@ -37,7 +37,24 @@ SHAPES = """
     <body pos="0 0 -.3"><freejoint/><geom type="cylinder" size=".12 .15" euler="60 0 0"/></body>
     <body pos=".5 0 -.35"><freejoint/><geom type="mesh" mesh="wedge" euler="10 20 30"/></body>
   </worldbody>
-  <option gravity="0 0 -.3"/>
+  <worldbody>
+    <flexcomp name="cloth" type="grid" count="4 4 1" spacing=".1 .1 .1" pos="-.5 0 -.35" dim="2" radius=".005"
+        rgba="1 0 0 1" euler="70 0 0"><edge equality="true"/><pin id="0"/></flexcomp>
+    <body name="lower" pos="0 .3 .5">
+      <joint axis="0 1 0" stiffness=".5" springref="40"/><geom type="box" size=".02 .02 .05"/>
+      <body name="upper" pos="0 0 .2">
+        <joint axis="0 1 0" stiffness=".5" springref="40"/><geom type="box" size=".02 .02 .05"/>
+      </body>
+    </body>
+  </worldbody>
+  <deformable>
+    <skin name="plate" rgba="1 0 0 1" vertex="-.2 0 -.1  .2 0 -.1  -.2 0 .1  .2 0 .1  -.2 0 .3  .2 0 .3"
+        face="0 1 3  0 3 2  2 3 5  2 5 4  3 1 0  2 3 0  5 3 2  4 5 2">
+      <bone body="lower" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2 3" vertweight="1 1 .5 .5"/>
+      <bone body="upper" bindpos="0 0 .2" bindquat="1 0 0 0" vertid="2 3 4 5" vertweight=".5 .5 1 1"/>
+    </skin>
+  </deformable>
+  <option gravity="0 0 -.3" jacobian="dense"/>
   <keyframe><key name="thrown" qvel="0 0 .2 1 2 3  -.2 0 .1 2 1 0  0 0 .4 1 1 0  .1 0 .3 0 2 2"/></keyframe>
 </mujoco>
 """
@@ -127,6 +144,19 @@ def test_curves_have_the_values_of_mujoco_at_the_frames(swing: Path, tmp_path: P
     np.testing.assert_allclose(array(height["values"]), heights, atol=1e-6)
     assert array(found["times"]) == pytest.approx([0.05 * frame for frame in range(10)])
     assert array(found["contacts"]["counts"])[-1] == data.ncon
+
+
+def test_contacts_and_names_of_bodies_are_switches_of_the_page(swing: Path, tmp_path: Path) -> None:
+    page, plain = tmp_path / "a.html", tmp_path / "b.html"
+    simulation = mjrun.Simulation(swing, duration=0.5)
+    Export(simulation, str(page), show=["contactforce", "contactpoint"], label="body").run()
+    Export(simulation, str(plain)).run()
+    assert sorted(data_of(page)["layers"]) == ["contactforce", "contactpoint", "labels"]
+    assert data_of(plain)["layers"] == []
+    scenes = [re.search(r'<script id="scene"[^<]*', path.read_text("utf-8")) for path in (page, plain)]
+    assert scenes[0]
+    assert scenes[1]
+    assert scenes[0][0] == scenes[1][0]
 
 
 def test_events_and_assertions_are_marks_and_failures_exit(swing: Path, tmp_path: Path) -> None:
