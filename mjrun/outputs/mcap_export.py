@@ -40,6 +40,7 @@ from mjrun.timeline import nanoseconds
 
 WORLD = "world"
 ENCODERS = {"jpeg": jpeg, "png": png}
+RIGID = ("body", "geom", "site")  # nodes that are part of a model; a body is of the stage
 SHORTEST = 1e-6  # length of an arrow [m]
 CONTACT = 2  # columns of a contact table before those of the contact: the time and the index
 
@@ -109,7 +110,8 @@ def body_models(graph: SceneGraph, frames: Sequence[str], generator: str) -> dic
             owners.append(owners[0])
         else:
             owners.append(owners[node.parent])
-            parts[owners[-1]].append(replace(node, parent=places[node.parent], lens=None, light=None))
+            if node.kind in RIGID:
+                parts[owners[-1]].append(replace(node, parent=places[node.parent]))
         places.append(len(parts[owners[-1]]) - 1)
 
     models: dict[str, bytes] = {}
