@@ -56,12 +56,13 @@ types: setup-python ## check the code's types
 
 check: lint types test ## lint, types and test
 
-bench: setup ## time videos, traces and start-up against their baselines, and views
+bench: setup ## time videos, traces, exports and start-up against their baselines, and views
 	.venv/bin/python -m pip install --quiet --group bench
 	.venv/bin/python benchmarks/video.py
 	.venv/bin/python benchmarks/trace.py
 	.venv/bin/python benchmarks/views.py
 	.venv/bin/python benchmarks/plot.py
+	.venv/bin/python benchmarks/export.py
 	.venv/bin/python benchmarks/startup.py
 
 score: setup ## measure faults, hostile input and determinism, and write SCORE.md

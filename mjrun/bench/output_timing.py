@@ -22,7 +22,8 @@ from mjrun.model.override import apply
 from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
 from mjrun.outputs.camera_panels import panel_files
-from mjrun.outputs.frame_output import camera_motions, check_drawing, scene_compositor
+from mjrun.outputs.frame_output import check_drawing, scene_compositor
+from mjrun.outputs.scene_frames import camera_motions
 from mjrun.outputs.trace import Trace
 from mjrun.outputs.video import Video
 from mjrun.platform.cores import available_cores

@@ -92,7 +92,7 @@ class ExportOptions(SceneOptions, OutputOptions):
     camera: tuple[object, ...] = option(
         converter=Several(Camera()),
         default=(),
-        usual="auto, in formats without images; none in episodes",
+        usual="free in glb",
         help=f"Camera to add to those of the model: one of {', '.join(RIGS)} with settings after a colon: "
         f"{' '.join(RIGS.values())}; or a camera script, camera.yaml, with a sequence of shots. In formats with "
         "images: a camera of the images, which may be one of the model.",

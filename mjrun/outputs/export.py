@@ -17,6 +17,7 @@ from mjrun.dataclass import dataclass
 from mjrun.errors import UsageError, clean, concerning, listing, option
 from mjrun.formats.atomic_output import OutputWriter
 from mjrun.formats.destinations import StagedFile, StandardOutput
+from mjrun.model.names import enum_members
 from mjrun.model.state import restore, widened
 from mjrun.model.table_column import Column
 from mjrun.options.export import ExportOptions
@@ -25,18 +26,9 @@ from mjrun.options.rendering import SceneOptions
 from mjrun.outputs import output
 from mjrun.outputs.exports import ExportFormat, export_format, export_formats
 from mjrun.outputs.frame_contacts import ContactRecorder, FrameContacts
-from mjrun.outputs.frame_output import (
-    FramePlan,
-    RecordedFrames,
-    SceneJob,
-    ScenePlan,
-    check_scene,
-    plan_frames,
-    plan_scene,
-)
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
-from mjrun.outputs.memory_frames import FramesInMemory, VideoInMemory
 from mjrun.outputs.output_files import named_files
+from mjrun.outputs.scene_frames import RecordedFrames, SceneJob, ScenePlan, check_scene, plan_scene
 from mjrun.outputs.trace_rows import ROWS, ProbeSampler, RowBuffer, rate_warning
 from mjrun.physics.observe import AnyTap, Tap
 from mjrun.physics.recorded_states import RowFile
@@ -44,7 +36,7 @@ from mjrun.physics.stepper import instants_of
 from mjrun.probe.select import select, split
 from mjrun.probe.verdict import Verdict
 from mjrun.rendering.visual import visual_of
-from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion
+from mjrun.scene_graph.graph import CameraLens, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.recorder import CONTACTS, FLAGS, SceneRequest, compute_poses, record_scene
 from mjrun.scene_graph.walk import matrix_quaternion, quaternion, vector
 
@@ -52,6 +44,8 @@ NO_LABELS, BODY_LABELS = int(mujoco.mjtLabel.mjLABEL_NONE), int(mujoco.mjtLabel.
 DETAIL = {"draft": 0.5, "model": 1.0, "high": 2.0}  # triangles of circles by quality, relative to the model's
 
 if TYPE_CHECKING:
+    from mjrun.outputs.frame_output import FramePlan
+    from mjrun.outputs.memory_frames import VideoInMemory
     from mjrun.outputs.timeline_marks import Mark, MarkDetector
 
 
@@ -146,6 +140,9 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
 
     def _images(self, context: output.Context) -> "PlannedImages":
         """Plans the images of the cameras, whose frames are those of the export."""
+        from mjrun.outputs.frame_output import plan_frames  # which imports the renderers
+        from mjrun.outputs.memory_frames import VideoInMemory
+
         values: dict[str, Any] = {each.attribute: getattr(self, each.attribute) for each in options_of(SceneOptions)}
         job = VideoInMemory(
             self.simulation, "images/", separate=True, fps=self.fps, speed=self.speed, jobs=self.jobs, **values
@@ -178,8 +175,14 @@ class Export(ExportOptions, SceneJob["ExportResult"]):
 class PlannedImages:
     """Images of an export, drawn like those of a video."""
 
-    job: VideoInMemory
-    plan: FramePlan
+    job: "VideoInMemory"
+    plan: "FramePlan"
+
+    def frames(self, stack: ExitStack, rendering: output.SharedRendering) -> RecordedFrames:
+        """Returns the frames, whose states are recorded and which can then be drawn."""
+        from mjrun.outputs.memory_frames import FramesInMemory
+
+        return FramesInMemory(self.job, self.plan, stack, rendering)
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,6 +296,8 @@ class ExportedScene:
 
     def images(self) -> Generator[Sequence[np.ndarray]]:
         """Draws each frame, and yields the image `(height, width, 3)` uint8 of each requested camera, in order."""
+        from mjrun.outputs.memory_frames import FramesInMemory
+
         assert isinstance(self.frames, FramesInMemory)
         return self.frames.parts()
 
@@ -328,36 +333,38 @@ class ExportedScene:
         states = (widened(model, state) for state in iter(self.frames.states))
         instants = instants_of(model, states) if request.needs_forces(model) else _positions(model, states)
         graph, motion = record_scene(model, instants, self.times, request)
-        for text in graph.remarks:
+        for text in [*graph.remarks, *self._unused()]:
             self.context.reporter.warn(text)
         return self._with_shots(graph, motion)
 
+    def _unused(self) -> list[str]:
+        """Returns a warning about flags that only change images, if there are none."""
+        names = [name for name in (*self.job.show, *self.job.hide) if name in enum_members(mujoco.mjtRndFlag)]
+        if not names or self.job.renderer_request is not None:
+            return []
+        return [f"{listing(names)}: ignored, since they only affect images"]
+
     def _with_shots(self, graph: SceneGraph, motion: SceneMotion) -> tuple[SceneGraph, SceneMotion]:
         """Adds the cameras that are not the model's."""
-        if not self._plan.motions:
-            return graph, motion
-        (width, height), poses, first = self.job.size, self.frames.poses, len(graph.nodes)
-        positions = np.array([[pose.position for pose in each] for each in poses])
-        quaternions = np.array([[matrix_quaternion(pose.rotation) for pose in each] for each in poses])
-        shots = [
-            Node(
-                name=clean(camera.script.name),
-                kind="shot",
-                id=index,
-                parent=0,
-                position=vector(positions[0, index]),
-                quaternion=quaternion(quaternions[0, index]),
-                moves=True,
-                lens=_lens(poses[0][index], width / height),
+        (width, height), poses = self.job.size, self.frames.poses
+        nodes, tracks, frames = [*graph.nodes], [*motion.tracks], np.arange(len(self.times))
+        for index, camera in enumerate(self._plan.motions):
+            positions = np.array([each[index].position for each in poses])
+            quaternions = np.array([matrix_quaternion(each[index].rotation) for each in poses])
+            tracks.append(Track(len(nodes), frames, positions, quaternions, np.ones((len(frames), 3)), smooth=True))
+            nodes.append(
+                Node(
+                    name=clean(camera.script.name),
+                    kind="shot",
+                    id=index,
+                    parent=0,
+                    position=vector(positions[0]),
+                    quaternion=quaternion(quaternions[0]),
+                    moves=True,
+                    lens=_lens(poses[0][index], width / height),
+                )
             )
-            for index, camera in enumerate(self._plan.motions)
-        ]
-        return replace(graph, nodes=[*graph.nodes, *shots]), replace(
-            motion,
-            nodes=[*motion.nodes, *range(first, first + len(shots))],
-            positions=np.concatenate([motion.positions, positions], axis=1),
-            quaternions=np.concatenate([motion.quaternions, quaternions], axis=1),
-        )
+        return replace(graph, nodes=nodes), replace(motion, tracks=tracks)
 
 
 class ExportOutput(output.Output[ExportResult]):
@@ -376,9 +383,7 @@ class ExportOutput(output.Output[ExportResult]):
     ) -> None:
         self._job, self._plan, self._context = job, plan, plan.context
         self.facts = self._context.facts(job, plan.schedule.observed if plan.schedule else None)
-        self._frames = (
-            FramesInMemory(images.job, images.plan, stack, rendering) if images else RecordedFrames(plan, stack)
-        )
+        self._frames = images.frames(stack, rendering) if images else RecordedFrames(plan, stack)
         self._table, self._steps = table, rows
         self._rows = stack.enter_context(closing(RowFile(len(table.columns) if table else 0)))
         self._detector = detector

@@ -25,8 +25,9 @@ from mjrun.options.video import VideoOptions
 from mjrun.outputs import output
 from mjrun.outputs.camera_panels import PanelFile, camera_names, output_files, panel_files, panels_of
 from mjrun.outputs.frame_drawer import FrameDrawer, start_early
-from mjrun.outputs.frame_output import FrameOutput, FramePlan, R_co, VideoOrImageJob, plan_frames
+from mjrun.outputs.frame_output import FrameOutput, FramePlan, VideoOrImageJob, plan_frames
 from mjrun.outputs.frame_schedule import FrameSchedule, video_schedule
+from mjrun.outputs.scene_frames import R_co
 from mjrun.rendering.compositor import SceneCompositor
 
 

@@ -19,7 +19,9 @@ def mesh_asset(model: mujoco.MjModel, index: int) -> Mesh:
     start = model.mesh_texcoordadr[index]
     if start >= 0:
         corners.append(model.mesh_facetexcoord[faces].ravel())
-    vertices, inverse = np.unique(np.column_stack(corners), axis=0, return_inverse=True)
+    combinations = np.column_stack(corners)
+    first, inverse = unique_rows(combinations)
+    vertices = combinations[first]
     uv = None
     if start >= 0:
         uv = model.mesh_texcoord[start : start + model.mesh_texcoordnum[index]][vertices[:, 2]]
@@ -123,6 +125,14 @@ def flat(name: str, triangles: np.ndarray) -> Mesh:
         np.repeat(unit(normals), 3, axis=0),
         np.arange(3 * len(triangles), dtype=np.uint32).reshape(-1, 3),
     )
+
+
+def unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the index of the first row of each kind, and the kind of each row, as `np.unique` does, but faster."""
+    rows = np.ascontiguousarray(rows + np.zeros(1, rows.dtype))  # −0 becomes 0
+    keys = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return first, inverse
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Objects that MuJoCo's visualizer adds to a model frame by frame: tendons, joints, contacts, trails, ghosts, …"""
 
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -18,6 +19,7 @@ TYPES = {value: name for name, value in enum_members(mujoco.mjtGeom).items()}
 NAMED = ("tendon", "joint", "actuator")  # kinds whose objects are these items; those of others are nodes themselves
 WITHOUT_SHAPE = ("label", "none", "flex", "skin", "plane", "hfield")
 HEAD, NO_HEAD = 1.75, 1.0  # radius of the head of an arrow, by the radius of its shaft
+NUMBERS = 10  # of a pose: position, quaternion, scale
 MOST = 5000  # items; each is a node
 
 
@@ -185,8 +187,7 @@ class _Item:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._frames = list[int]()
-        self._rows = list[tuple[float, ...]]()
+        self._frames, self._rows = array("q"), array("d")
 
     def add(self, frame: int, geom: mujoco.MjvGeom, offset: float, scale: Vector) -> None:
         """Adds the pose of a geom at a frame."""
@@ -197,11 +198,11 @@ class _Item:
     def append(self, frame: int, position: np.ndarray, quaternion: np.ndarray, scale: Vector) -> None:
         """Adds a pose at a frame."""
         self._frames.append(frame)
-        self._rows.append((*position, *quaternion, *scale))
+        self._rows.extend((*position.tolist(), *quaternion.tolist(), *scale))
 
     def finished(self, index: int, count: int) -> tuple[Node, Track]:
         """Returns the node, whose index is given, and its motion in `count` frames."""
-        frames, rows = np.array(self._frames), np.array(self._rows)
+        frames, rows = np.array(self._frames), np.array(self._rows).reshape(-1, NUMBERS)
         smooth = len(frames) == count
         if not smooth:
             frames, rows = _with_absences(frames, rows, count)

@@ -1,6 +1,8 @@
 """The scene of a model with its motion, collected from the data of each frame."""
 
 import copy
+import math
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
@@ -8,8 +10,9 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import clean
+from mjrun.errors import clean, option
 from mjrun.model.names import enum_members, object_names
+from mjrun.scene_graph.assets import unique_rows
 from mjrun.scene_graph.graph import Deformation, Mesh, Node, SceneGraph, SceneMotion, Track
 from mjrun.scene_graph.items import ItemRecorder, Shapes, flex_ends
 from mjrun.scene_graph.surfaces import Surfaces, TextureMapping
@@ -24,6 +27,7 @@ CONTACTS = ("contactpoint", "contactforce")
 OF_FORCES = (*CONTACTS, "contactsplit", "constraint", "pertforce", "island", "rangefinder")
 RANGEFINDER = int(mujoco.mjtSensor.mjSENS_RANGEFINDER)
 NONE = (int(mujoco.mjtFrame.mjFRAME_NONE), int(mujoco.mjtLabel.mjLABEL_NONE))
+SPILL = 2**26  # bytes of poses in memory; more go to disk
 INFINITE = 5.0  # extents of the model from its centre to the edges of infinite planes, at least
 VERTICES = 50_000_000  # positions of the vertices of a flex, summed over frames
 SHAPES_OF_FLEX = 600  # shapes of a flex between which its vertices move linearly
@@ -89,7 +93,6 @@ class _Recorder:
         self._has_items = False
         self._flexes: dict[int, _FlexRecorder] = {}
         self._remarks = list[str]()
-        self._farthest = 0.0
 
     def add(self, frame: int, data: mujoco.MjData) -> None:
         """Adds a frame."""
@@ -115,6 +118,10 @@ class _Recorder:
                 deformations.append(made[1])
             elif flex.remark:
                 self._remarks.append(flex.remark)
+        if all(node.mesh is None for node in walk.nodes):
+            self._remarks.append(
+                f"the scene is empty: no geom is in a visible group; {option('geomgroup')} shows others"
+            )
         if self._items.has_labels:
             self._remarks.append("names of objects are not drawn: the nodes of the file have them")
         if self._items.is_full:
@@ -149,8 +156,8 @@ class _Recorder:
 
         nodes = self._walk.nodes
         self._moving = [index for index, node in enumerate(nodes) if node.moves]
-        self._positions = np.empty((self._count, len(self._moving), 3))
-        self._quaternions = np.empty((self._count, len(self._moving), 4))
+        self._positions = _numbers((self._count, len(self._moving), 3))
+        self._quaternions = _numbers((self._count, len(self._moving), 4))
         self._columns = {
             kind: [column for column, index in enumerate(self._moving) if nodes[index].kind == kind]
             for kind in ("body", "camera", "light")
@@ -246,7 +253,7 @@ class _FlexRecorder:
                 self._uv = scene.flextexcoord.reshape(-1, 2)[corners]
                 parts.append(self._uv)
             vertices = np.concatenate(parts, axis=1)
-            _, self._first, faces = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+            self._first, faces = unique_rows(vertices)
             self._uv = self._uv[self._first] if self._mapping else self._uv
             self._faces = faces.reshape(-1, 3).astype(np.uint32)
             shapes = -(-self._count // self._stride)
@@ -278,6 +285,14 @@ def compute_poses(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_flex(model, data)
     mujoco.mj_tendon(model, data)
     mujoco.mj_transmission(model, data)
+
+
+def _numbers(shape: tuple[int, ...]) -> np.ndarray:
+    """Returns an array to be filled, on the disk if it is large."""
+    if 8 * math.prod(shape) <= SPILL:
+        return np.empty(shape)
+    with tempfile.TemporaryFile() as file:
+        return np.memmap(file, np.float64, "w+", shape=shape)
 
 
 def _unit(normals: np.ndarray) -> np.ndarray:

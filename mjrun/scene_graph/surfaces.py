@@ -12,6 +12,7 @@ import numpy as np
 from mjrun.dataclass import dataclass
 from mjrun.errors import clean
 from mjrun.model.names import object_names
+from mjrun.scene_graph.assets import unique_rows
 from mjrun.scene_graph.graph import Material, Mesh, Texture, Vector
 
 RGB, RGBA = int(mujoco.mjtTextureRole.mjTEXROLE_RGB), int(mujoco.mjtTextureRole.mjTEXROLE_RGBA)
@@ -155,10 +156,12 @@ def cube_mapped(mesh: Mesh, scale: np.ndarray, size: int) -> Mesh:
     axis = np.abs(middle).argmax(axis=1)
     face = 2 * axis + (np.take_along_axis(middle, axis[:, None], axis=1)[:, 0] < 0)
     vertices = np.concatenate([corners, np.broadcast_to(face[:, None, None], (*corners.shape[:2], 1))], axis=2)
-    vertices, inverse = np.unique(vertices.reshape(-1, 7).round(6), axis=0, return_inverse=True)
+    vertices = vertices.reshape(-1, 7).round(6)
+    first, inverse = unique_rows(vertices)
+    vertices = vertices[first]
     positions, normals, face = vertices[:, :3], vertices[:, 3:6], vertices[:, 6].astype(int)
     faces = inverse.reshape(-1, 3)
-    faces = faces[(faces != faces[:, [1, 2, 0]]).all(axis=1)]  # cuts may leave triangles thinner than the rounding
+    faces = faces[(faces != faces[:, [1, 2, 0]]).all(axis=1)]  # where a cut meets a corner, triangles vanish
     return Mesh(
         mesh.name,
         positions.astype(np.float32),
@@ -195,19 +198,13 @@ def _cut(corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
     a, b, c = cut.transpose(1, 0, 2)
     ab, ac = (_between(a, other, distances[:, 0], distances[:, k]) for k, other in ((1, b), (2, c)))
     parts = [np.stack(part, axis=1) for part in ((a, ab, ac), (ab, b, c), (ab, c, ac))]
-    return np.concatenate([corners[~crossing], *map(_with_area, parts)])
+    return np.concatenate([corners[~crossing], *parts])
 
 
 def _between(a: np.ndarray, b: np.ndarray, at_a: np.ndarray, at_b: np.ndarray) -> np.ndarray:
     """Returns the points where lines from a to b cross the plane, given the distances of their ends."""
     share = at_a / (at_a - at_b)
     return a + share[:, None] * (b - a)
-
-
-def _with_area(corners: np.ndarray) -> np.ndarray:
-    """Returns the triangles that are not degenerate."""
-    edges = corners[:, 1:, :3] - corners[:, :1, :3]
-    return corners[np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > np.finfo(float).tiny]
 
 
 def _roughness(specular: float, shininess: float) -> float:

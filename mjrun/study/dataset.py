@@ -25,8 +25,8 @@ from mjrun.options.dataset import CAMERA, EXTRAS, DatasetOptions, LabelOptions
 from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import RIGS, ViewOptions
 from mjrun.options.sweep import ExecutionOptions, VariationOptions
-from mjrun.outputs.frame_output import camera_motions
 from mjrun.outputs.labelled_images import AcceptConditions, LabelledObject, labelled_objects
+from mjrun.outputs.scene_frames import camera_motions
 from mjrun.packages import require_all
 from mjrun.rendering.backend import AUTO, GL
 from mjrun.rendering.drawn_model import stage_parts, stage_remark

@@ -3,13 +3,15 @@
 import json
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
 import pytest
 
 import mjrun
-from mjrun.errors import MjrunError, SimulationError
+from mjrun.cli.console import Console
+from mjrun.errors import MjrunError, SimulationError, clean
 from mjrun.outputs.export import Export
 from mjrun.outputs.exports import export_format, export_formats
 from mjrun.outputs.exports.glb import FORMAT
@@ -66,6 +68,22 @@ def test_an_unstable_simulation_leaves_nothing_unless_asked(exploding: Path, tmp
     with pytest.raises(SimulationError):
         Export(simulation, str(tmp_path / "a.glb"), keep_partial=True).run()
     assert document(tmp_path / "a.glb")["asset"]["extras"]["mjrun"]["steps"] == 167
+
+
+def test_flags_of_images_are_reported(swing: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    simulation = mjrun.Simulation(swing, steps=1)
+    Export(simulation, str(tmp_path / "a.glb"), show="wireframe", hide="shadow").run(Console())
+    assert "wireframe, shadow: ignored" in capsys.readouterr().err
+
+
+def test_hostile_names_stay_names(tmp_path: Path) -> None:
+    name = '"},{"x\\\n\u2028</script>'
+    attribute = quoteattr(name, {"\n": "&#10;"})
+    xml = f"<mujoco><worldbody><body name={attribute}><geom name={attribute} size='.1'/></body></worldbody></mujoco>"
+    model = mujoco.MjModel.from_xml_string(xml)
+    Export(mjrun.Simulation(model, steps=1), str(tmp_path / "a.glb"), stage="none").run()
+    names = {node["name"] for node in document(tmp_path / "a.glb")["nodes"]}
+    assert names == {"world", clean(name), "free"}
 
 
 @pytest.mark.parametrize(

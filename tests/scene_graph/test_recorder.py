@@ -175,3 +175,20 @@ def test_there_is_a_limit_to_items(monkeypatch: pytest.MonkeyPatch) -> None:
     _, graph, motion = recorded(ROPE, [0, 10], ["joint", "com"])
     assert len(motion.tracks) == 1 < MOST
     assert [remark for remark in graph.remarks if "too many" in remark]
+
+
+def test_poses_that_need_much_memory_are_on_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = recorded(ROPE, [0, 40, 90])[2]
+    monkeypatch.setattr("mjrun.scene_graph.recorder.SPILL", 0)
+    motion = recorded(ROPE, [0, 40, 90])[2]
+    assert isinstance(motion.positions, np.memmap)
+    assert np.array_equal(motion.positions, expected.positions)
+    assert np.array_equal(motion.quaternions, expected.quaternions)
+
+
+def test_an_empty_scene_is_reported() -> None:
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='.1' group='5'/></worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    compute_poses(model, data)
+    graph, _ = record_scene(model, [data], [0.0], SceneRequest(mujoco.MjvOption()))
+    assert [remark for remark in graph.remarks if "empty" in remark]

@@ -44,7 +44,7 @@ class ExportFormat:
     suffixes: Sequence[str]
     description: str
     write: "Callable[[ExportedScene, BinaryIO], object] | None" = None
-    cameras: Sequence[str] = ("auto",)
+    cameras: Sequence[str] = ("free",)
     draws: bool = False
     columns: str = ""
     probes: Sequence[str] = ()
