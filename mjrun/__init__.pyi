@@ -63,6 +63,8 @@ from mjrun.simulation.verification import VerificationResult as VerificationResu
 from mjrun.simulation.verification import verify as verify
 from mjrun.study.dataset import Dataset as _Dataset
 from mjrun.study.dataset import DatasetResult as DatasetResult
+from mjrun.study.episode_dataset import EpisodeDataset as _EpisodeDataset
+from mjrun.study.episode_dataset import EpisodeDatasetResult as EpisodeDatasetResult
 from mjrun.study.study import Study as _Study
 from mjrun.study.study import StudyResult as StudyResult
 from mjrun.task.task import Action as _Action
@@ -88,6 +90,8 @@ __all__ = [
     "DatasetResult",
     "Diff",
     "DiffResult",
+    "EpisodeDataset",
+    "EpisodeDatasetResult",
     "Evaluation",
     "EvaluationResult",
     "Export",
@@ -537,6 +541,119 @@ class Diff(_Diff):
         command: str = ...,
     ) -> None: ...
 
+class EpisodeDataset(_EpisodeDataset):
+    """Episodes of `simulation`: of its policy or its random numbers, each with another seed, or of its recording.
+
+    Its options are keywords.
+
+    Args:
+      command: command line, for the manifest.
+
+    Options:
+      output: Folder for the dataset; running again with the same folder continues it.
+      format: Format: lerobot, LeRobot v3 with a video for each camera; or minari, for offline
+        reinforcement learning, without images. One of lerobot, minari. [default: 'lerobot']
+      fps: Rows and images per simulated second [Hz]. With a policy, the number of actions per second,
+        or that divided by a whole number. [default: one row for each action of a policy, otherwise 30]
+      probe: Values to observe, as in a trace: qpos, sensor/imu, xpos[hand], … [default: what the policy
+        observes, otherwise qpos and qvel]
+      camera: Camera of the images, as in a video; each use adds a camera. [default: none: a dataset
+        without images]
+      size: Width and height of an image [pixels]. [default: (640, 480)]
+      episodes: Number of episodes, with consecutive seeds from seed on, as in mjrun eval. [default: 10
+        of a policy, otherwise 1]
+      instruction: The task in words, which language-conditioned policies are trained with: 'put the
+        cube into the box'. [default: the name of the task]
+      codec: Video codec of the images: h264 plays everywhere; h265 and av1 give smaller files. Every
+        second frame is a keyframe, so that readers find any frame fast. One of h264, h265, av1.
+        [default: 'h264']
+      crf: Constant rate factor of the encoder: lower values give better quality and larger files.
+        [default: 18; 20 with h265, 26 with av1]
+      preset: Encoder preset, a trade-off between encoding speed and compression. [default: veryfast; 8
+        with av1]
+      stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
+        that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
+        [default: ('auto',)]
+      geoms: Geoms to show of bodies that have some for looks and others for collisions. One of visual,
+        collision, both. [default: visual where both have about the same place]
+      show: Visual flags to switch on, by MuJoCo's names: contactpoint, contactforce, transparent,
+        joint, …
+      hide: Visual flags to switch off: shadow, skybox, texture, …
+      geomgroup: Groups of geoms to show: 0,1,2, all or none.
+      sitegroup: Groups of sites to show.
+      jointgroup: Groups of joints to show.
+      tendongroup: Groups of tendons to show.
+      actuatorgroup: Groups of actuators to show.
+      flexgroup: Groups of flexes to show.
+      skingroup: Groups of skins to show.
+      frame_axes: Objects whose axes are shown: body, geom, site, camera, light, contact or world.
+        [default: 'none']
+      label: Objects whose names are shown: body, joint, geom, site, camera, tendon, actuator, …
+        [default: 'none']
+      trail: Bodies, geoms or sites whose paths are drawn, wider and in warmer colours where the speed
+        is higher.
+      trail_span: Duration of the motion that a trail shows [s]. [default: all]
+      ghost: Translucent copy of the model: offset=0/1/0, opacity=.3. It shows the pose of a keyframe,
+        key=NAME; the motion of a recording, recording=FILE; or that of a table of positions,
+        trace=FILE, with map=FILE or map.
+      quality: Rendering quality: draft omits shadows, reflections and multisampling; model uses the
+        model's settings; high adds supersampling. One of draft, model, high. [default: 'model']
+      renderer: Renderer: classic is MuJoCo's OpenGL renderer; filament is its physically based one,
+        which requires Vulkan. One of classic, filament. [default: 'classic']
+      gl: OpenGL backend: auto, egl, osmesa or glfw. [default: $MUJOCO_GL, or auto]
+      require_gpu: Fail instead of rendering in software.
+      jobs: Number of processes on this machine. [default: 'auto']
+      engine: Engine that simulates the points: local, warp (MuJoCo Warp, in single precision), dask,
+        dask://HOST:PORT, slurm, or module:factory, a function that returns a
+        concurrent.futures.Executor. [default: 'local']
+      chunk: Number of points per task of the engine. [default: a few seconds' worth]
+      time_limit: Maximum wall time per point [s]. [default: none]
+      retry_failed: Simulate again the points that failed before.
+    """
+    def __init__(
+        self,
+        simulation: _Simulation,
+        output: str | PathLike[str],
+        *,
+        jobs: int | Literal["auto"] = ...,
+        engine: str = ...,
+        chunk: int | None = ...,
+        time_limit: float | str | Fraction | None = ...,
+        retry_failed: bool = ...,
+        gl: str | None = ...,
+        require_gpu: bool = ...,
+        quality: Literal["draft", "model", "high"] = ...,
+        renderer: Literal["classic", "filament"] = ...,
+        size: Sequence[int] = ...,
+        camera: str | int | PathLike[str] | CameraScript | Sequence[str | int | PathLike[str] | CameraScript] = ...,
+        stage: Literal["auto", "none", "floor", "light", "sky", "camera"]
+        | Sequence[Literal["auto", "none", "floor", "light", "sky", "camera"]] = ...,
+        geoms: Literal["visual", "collision", "both"] | None = ...,
+        show: str | Sequence[str] = ...,
+        hide: str | Sequence[str] = ...,
+        geomgroup: Sequence[int] | str | None = ...,
+        sitegroup: Sequence[int] | str | None = ...,
+        jointgroup: Sequence[int] | str | None = ...,
+        tendongroup: Sequence[int] | str | None = ...,
+        actuatorgroup: Sequence[int] | str | None = ...,
+        flexgroup: Sequence[int] | str | None = ...,
+        skingroup: Sequence[int] | str | None = ...,
+        frame_axes: str = ...,
+        label: str = ...,
+        trail: str | Sequence[str] = ...,
+        trail_span: float | str | Fraction | None = ...,
+        ghost: str | Sequence[str] = ...,
+        episodes: int | None = ...,
+        instruction: str | None = ...,
+        codec: Literal["h264", "h265", "av1"] = ...,
+        crf: int | None = ...,
+        preset: str | int | None = ...,
+        format: Literal["lerobot", "minari"] = ...,
+        fps: float | str | Fraction | None = ...,
+        probe: str | Sequence[str] = ...,
+        command: str = ...,
+    ) -> None: ...
+
 class Evaluation(_Evaluation):
     """Seeded episodes of `task` under a policy. Its options are keywords.
 
@@ -647,9 +764,14 @@ class Export(_Export):
 
     Options:
       output: .glb (binary glTF with scene and motion), .html (a page that replays the simulation in 3D,
-        without network), .mcap (log for Foxglove, Rerun and PlotJuggler).
-      format: File format. [default: the output's suffix]
-      fps: Frames per second of the export [Hz], such as 60 or 30000/1001. [default: 30]
+        without network), .mcap (log for Foxglove, Rerun and PlotJuggler). With a format of folders: the
+        folder, which a second run continues.
+      format: Format of the file, or of a folder: lerobot (LeRobot dataset v3 of episodes, for imitation
+        learning), minari (Minari dataset of episodes, for offline reinforcement learning). [default:
+        the output's suffix]
+      fps: Frames per second of the export [Hz], such as 60 or 30000/1001; in episodes of a policy, its
+        actions per second divided by a whole number. [default: 30; in episodes of a policy, its actions
+        per second]
       speed: Simulated seconds per second of playback; 0.25 is slow motion. [default: 1]
       keep_partial: If the simulation becomes unstable, keep the frames from before.
       plot: Curves of measured values beside the scene, in formats that show curves: energy,
@@ -658,18 +780,22 @@ class Export(_Export):
         landed=contact(foot, floor) > 0.
       assert_: Exit with code 1 unless this condition holds at every step, and mark where it fails, in
         formats with a time line: max(abs(energy/drift)) < 1e-3.
-      probe: Values to export with the scene, in formats that hold measured values: qpos, energy,
-        xpos[hand], … as in a trace. [default: those of a trace, in formats that hold measured values]
+      probe: Values to export with the scene, in formats that hold measured values, or to observe in
+        episodes: qpos, energy, xpos[hand], … as in a trace. [default: those of a trace; in episodes,
+        what the policy observes]
       rate: Rows of measured values per simulated second [Hz], at most one per step. [default: one row
         per frame]
-      jobs: Number of processes that render images, in formats that hold them. [default: 'auto']
+      jobs: Number of processes that render images, in formats that hold them, or that play episodes.
+        [default: 'auto']
       images: Encoding of the images of cameras, in MCAP: a video in H.264, or separate images. One of
         h264, jpeg, png. [default: h264]
       camera: Camera to add to those of the model: one of auto, free, orbit, track, look with settings
         after a colon: auto:azimuth=90 free:azimuth=90,elevation=-20
         orbit:lookat=box,azimuth=140..240,ease=cosine track:box,distance=.5 look:from=0/-2/1,at=box; or
-        a camera script, camera.yaml, with a sequence of shots. [default: free in glb]
-      size: Width and height of images [pixels]; their ratio is that of cameras. [default: (1280, 720)]
+        a camera script, camera.yaml, with a sequence of shots. In formats with images: a camera of the
+        images, which may be one of the model. [default: free in glb]
+      size: Width and height of images [pixels]; their ratio is that of cameras. [default: 1280x720;
+        640x480 in episodes]
       stage: Surroundings to add to the image: a floor that nothing collides with, light, sky, a camera
         that frames the model closely, or none; auto adds what a model without a floor and a sky lacks.
         [default: ('auto',)]

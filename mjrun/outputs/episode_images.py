@@ -10,8 +10,9 @@ from mjrun.camera.pose import Pose, PoseArray
 from mjrun.dataclass import dataclass
 from mjrun.model.source import Source
 from mjrun.options.rendering import ViewOptions
-from mjrun.outputs.frame_output import camera_motions, check_drawing, scene_compositor
+from mjrun.outputs.frame_output import check_drawing, scene_compositor
 from mjrun.outputs.frame_schedule import shot_spans
+from mjrun.outputs.scene_frames import camera_motions
 from mjrun.physics.recorded_states import StateBuffer
 from mjrun.rendering.backend import BackendDetection
 from mjrun.rendering.compositor import CameraPanel, FrameStream, FrameStyle, SceneCompositor

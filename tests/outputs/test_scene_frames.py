@@ -1,0 +1,71 @@
+"""Theorems about the scenes of outputs at the instants of their frames."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import mjrun
+from mjrun.errors import MjrunError
+from mjrun.options.rendering import SceneOptions
+from mjrun.outputs.export import Export
+from mjrun.outputs.output import Context
+from mjrun.outputs.scene_frames import RecordedFrames, camera_motions, check_scene, plan_scene
+from mjrun.physics.observe import observe
+from mjrun.reporter import WarningReporter
+
+
+def recorded(model: Path, stack: ExitStack, until: int, **options: object) -> RecordedFrames:
+    """Returns the frames of an export, recorded up to a step."""
+    simulation = mjrun.Simulation(model, duration=0.5)
+    job = Export(simulation, "a.glb", fps=10, **options)  # type: ignore[arg-type]
+    loaded = simulation.load()
+    context = Context(simulation, loaded, simulation.timeline(loaded), WarningReporter())
+    frames = RecordedFrames(plan_scene(job, context, job.cameras), stack)
+    observe(simulation.stepper(loaded), frames.taps({}), until)
+    return frames
+
+
+def test_states_times_and_cameras_belong_to_the_frames(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    data = mujoco.MjData(model)
+    with ExitStack() as stack:
+        frames = recorded(swing, stack, 250, camera="look:from=0/-2/1,at=ball")
+        assert [*frames.times] == [0, 0.1, 0.2, 0.3, 0.4]
+        for index in range(5):
+            mujoco.mj_forward(model, data)
+            assert np.array_equal(frames.states[index][1 : 1 + model.nq], data.qpos)
+            (pose,) = frames.poses[index]
+            toward = data.body("ball").xpos - pose.position
+            assert np.allclose(pose.forward, toward / np.linalg.norm(toward), atol=1e-6)
+            mujoco.mj_step(model, data, nstep=50)
+
+
+def test_frames_that_were_not_recorded_are_dropped(swing: Path) -> None:
+    with ExitStack() as stack:
+        frames = recorded(swing, stack, 120)
+        frames.keep_recorded()
+        assert [*frames.schedule.steps] == [0, 50, 100]
+        assert len(frames.poses) == len(frames.times) == len(frames.schedule.speeds) == 3
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"camera": ["a", "a"]}, "only once"),
+        ({"stage": ["auto", "sky"]}, "stage"),
+        ({"show": "nonsense"}, "visual flag"),
+    ],
+)
+def test_impossible_scenes_are_refused_without_a_model(values: dict[str, object], message: str) -> None:
+    with pytest.raises(MjrunError, match=message):
+        check_scene(SceneOptions(**values))  # type: ignore[arg-type]
+
+
+def test_an_unknown_camera_is_named(swing: Path) -> None:
+    model = mujoco.MjModel.from_xml_path(str(swing))
+    assert len(camera_motions(["side", "free"], (64, 48), model)) == 2
+    with pytest.raises(MjrunError, match="did you mean 'side'"):
+        camera_motions(["sied"], (64, 48), model)
