@@ -544,6 +544,8 @@ class Diff(_Diff):
 class EpisodeDataset(_EpisodeDataset):
     """Episodes of `simulation`: of its policy or its random numbers, each with another seed, or of its recording.
 
+    If its model is a file of demonstrations, these are the episodes.
+
     Its options are keywords.
 
     Args:
@@ -554,16 +556,17 @@ class EpisodeDataset(_EpisodeDataset):
       format: Format: lerobot, LeRobot v3 with a video for each camera; or minari, for offline
         reinforcement learning, without images. One of lerobot, minari. [default: 'lerobot']
       fps: Rows and images per simulated second [Hz]. With a policy, the number of actions per second,
-        or that divided by a whole number. [default: one row for each action of a policy, otherwise 30]
+        or that divided by a whole number. [default: one row for each action of a policy or a
+        demonstration, otherwise 30]
       probe: Values to observe, as in a trace: qpos, sensor/imu, xpos[hand], … [default: what the policy
         observes, otherwise qpos and qvel]
       camera: Camera of the images, as in a video; each use adds a camera. [default: none: a dataset
         without images]
       size: Width and height of an image [pixels]. [default: (640, 480)]
-      episodes: Number of episodes, with consecutive seeds from seed on, as in mjrun eval. [default: 10
-        of a policy, otherwise 1]
+      episodes: Number of episodes, with consecutive seeds from seed on, as in mjrun eval; or of
+        demonstrations. [default: 10 of a policy, all in a file of demonstrations, otherwise 1]
       instruction: The task in words, which language-conditioned policies are trained with: 'put the
-        cube into the box'. [default: the name of the task]
+        cube into the box'. [default: that of each demonstration, otherwise the name of the task]
       codec: Video codec of the images: h264 plays everywhere; h265 and av1 give smaller files. Every
         second frame is a keyframe, so that readers find any frame fast. One of h264, h265, av1.
         [default: 'h264']

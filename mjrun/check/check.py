@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
@@ -418,14 +419,16 @@ def _path(model: str | Path) -> str:
     if ":" not in str(model) and str(model) != "-":
         return str(model)
     from mjrun.model.source import CollectionSource  # slow to import, like MuJoCo
-    from mjrun.model.sources import source_of
+    from mjrun.model.sources import demonstration_in, source_of
     from mjrun.model.sources.bundled_scene import bundled_task
 
     if task := bundled_task(str(model)):
         return str(task)
     source = source_of(model)
     if source.main_file is None:
-        raise UsageError(f"{clean(str(model))}: a check needs a model file")
+        shown = clean(shlex.quote(source.text))
+        advice = f"\n`mjrun info {shown} --xml > model.xml` writes one" if demonstration_in(source) else ""
+        raise UsageError(f"{clean(str(model))}: a check needs a model file{advice}")
     return str(source.main_file if isinstance(source, CollectionSource) else model)
 
 

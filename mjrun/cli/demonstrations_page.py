@@ -17,6 +17,7 @@ def demonstrations_page(listed: DemonstrationList) -> str:
         [
             ("task", clean(origin.task)),
             ("instruction", clean(origin.instruction)),
+            ("robot", listing(origin.robots)),
             ("made with", common(_programs(listed))),
             ("control rate", f"{number(rate)} Hz" if rate else ""),
             ("cameras", listing(listed.cameras)),

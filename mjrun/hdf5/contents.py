@@ -14,6 +14,7 @@ class DemonstrationOrigin:
       instruction: the task in natural language.
       mujoco: the version of MuJoCo.
       robosuite: the version of robosuite.
+      robots: the names of the robots.
       control_rate: actions per second [Hz].
       is_robosuite: whether the environment is one of robosuite, or of a program that is based on it.
     """
@@ -22,6 +23,7 @@ class DemonstrationOrigin:
     instruction: str = ""
     mujoco: str = ""
     robosuite: str = ""
+    robots: Sequence[str] = ()
     control_rate: float | None = None
     is_robosuite: bool = False
 

@@ -222,13 +222,15 @@ def _origin(attributes: Mapping[str, str], own: Mapping[str, str]) -> Demonstrat
     settings = {**environment, **_mapping(environment.get("env_kwargs"))}
     versions = [attributes.get(name, "") for name in ("robosuite_version", "repository_version")]
     names = [attributes.get("env", ""), attributes.get("env_name", ""), str(environment.get("env_name", ""))]
-    rate = settings.get("control_freq")
+    rate, robots = settings.get("control_freq"), settings.get("robots", [])
+    robots = cast("list[object]", [robots] if isinstance(robots, str) else robots if isinstance(robots, list) else [])
     robosuite = next(filter(None, [*versions, str(environment.get("env_version", ""))]), "")
     return DemonstrationOrigin(
         task=next(filter(None, names), ""),
         instruction=_instruction(own) or _instruction(attributes),
         mujoco=attributes.get("mujoco_version", ""),
         robosuite=robosuite,
+        robots=tuple(robot for robot in robots if isinstance(robot, str)),
         control_rate=float(rate) if isinstance(rate, int | float) and 0 < rate < math.inf else None,
         is_robosuite=bool(robosuite) or "robots" in settings or environment.get("type") == ROBOSUITE,
     )

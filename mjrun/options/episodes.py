@@ -28,13 +28,13 @@ class EpisodeOptions(Options):
     episodes: int | None = option(
         converter=Optional(Integer(1)),
         default=None,
-        usual="10 of a policy, otherwise 1",
-        help="Number of episodes, with consecutive seeds from --seed on, as in mjrun eval.",
+        usual="10 of a policy, all in a file of demonstrations, otherwise 1",
+        help="Number of episodes, with consecutive seeds from --seed on, as in mjrun eval; or of demonstrations.",
     )
     instruction: str | None = option(
         converter=Optional(Text("TEXT")),
         default=None,
-        usual="the name of the task",
+        usual="that of each demonstration, otherwise the name of the task",
         help="The task in words, which language-conditioned policies are trained with: 'put the cube into the box'.",
     )
     codec: str = option(
@@ -84,7 +84,7 @@ class EpisodeDatasetOptions(EpisodeOptions, SceneOptions):
     fps: Fraction | None = option(
         converter=Optional(ExactNumber("FPS")),
         default=None,
-        usual="one row for each action of a policy, otherwise 30",
+        usual="one row for each action of a policy or a demonstration, otherwise 30",
         help="Rows and images per simulated second [Hz]. With a policy, the number of actions per second, or that "
         "divided by a whole number.",
     )

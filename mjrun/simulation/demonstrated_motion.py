@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mjrun.hdf5.demonstrations import DemonstrationFile
 
 COMPARED = 50  # states whose poses are compared
-NOTABLE = 1e-3  # a difference of poses that is reported in any case [m]
+NOTABLE = 1e-2  # a difference of poses that is reported in any case [m]
 HAND = re.compile(r"robot(\d+)_(?:(left|right)_)?eef_pos")  # observations of a hand, of robosuite
 HANDS = {"ee_pos": ("0", "")}  # those of LIBERO
 POSITION = re.compile(r"(\w+)_pos")  # observations of an object

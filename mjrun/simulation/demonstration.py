@@ -24,6 +24,7 @@ class Demonstration:
     Attributes:
       source: the demonstration as users write it.
       task: the instruction in natural language, or else the name of the environment.
+      robot: the name of the robot, or those of several; empty if the file states none.
       times: the time of each state since the first one [s], `(T,)`.
       actions: the inputs of the controller that recorded it `(T, n)`.
       rewards: the reward of each action `(T,)`; None if the file has none.
@@ -32,6 +33,7 @@ class Demonstration:
 
     source: str
     task: str
+    robot: str
     times: np.ndarray
     actions: np.ndarray
     rewards: np.ndarray | None
@@ -91,7 +93,8 @@ def read_demonstration(text: str | Path, rate: Fraction | None = None) -> Demons
             raise FileError(source, reason if values.shape[:1] != times.shape else f"its {what} are not all finite")
     return Demonstration(
         source=source,
-        task=origin.instruction or origin.task or name,
+        task=clean(origin.instruction or origin.task or name),
+        robot=clean(", ".join(origin.robots)),
         times=times - times[0] if rate is None else np.arange(len(times)) / float(rate),
         actions=actions,
         rewards=rewards,

@@ -6,6 +6,7 @@ adds episodes, and those of another task, policy, model or option are never mixe
 """
 
 import json
+import math
 import os
 import shutil
 import time
@@ -13,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import field, replace
 from fractions import Fraction
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,9 @@ from mjrun.formats.atomic_output import publish_together, written_file
 from mjrun.formats.codecs import encoding
 from mjrun.formats.episodes import CameraVideos, Episode, EpisodeLayout, stored
 from mjrun.formats.input_file import exists, is_folder
+from mjrun.model.demonstrations import errors_of_models, open_demonstrations
 from mjrun.model.mujoco_globals import reported_warnings
+from mjrun.model.sources import demonstration_in
 from mjrun.options.episodes import EXTRAS, KEYFRAMES, UNUSED, EpisodeDatasetOptions
 from mjrun.options.option import is_given, options, options_of
 from mjrun.options.rendering import SceneOptions, ViewOptions
@@ -40,12 +44,13 @@ from mjrun.rendering.backend import AUTO, GL, BackendDetection
 from mjrun.rendering.drawn_model import drawn_model
 from mjrun.reporter import Reporter, WarningReporter
 from mjrun.simulation.simulation import Simulation, require_simulation
-from mjrun.study.episode_spec import FOLDER, EpisodeSpec, camera_keys
+from mjrun.study.episode_spec import FOLDER, NEARLY, EpisodeSpec, camera_keys
 from mjrun.study.executors import WARP, check_engine
 from mjrun.study.point_episodes import observed_columns
 from mjrun.study.prepared import PreparedStudy
-from mjrun.study.spec import PointResult
+from mjrun.study.spec import MODEL, PointResult
 from mjrun.study.study import Study
+from mjrun.suffixes import split_episode
 from mjrun.task.task import Task
 from mjrun.version import __version__
 
@@ -54,13 +59,14 @@ OWN, MANIFEST = "mjrun", "mjrun/dataset.json"  # folder and file of the dataset 
 KEY = "key"  # file of an episode that waits, written last
 FPS = Fraction(30)  # rows per second without a policy
 POLICY_EPISODES = 10
-NEARLY = 0.01  # relative difference of a rate that an option may round
 RATES = 6  # that a message lists
 
 
 @options
 class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
     """Episodes of `simulation`: of its policy or its random numbers, each with another seed, or of its recording.
+
+    If its model is a file of demonstrations, these are the episodes.
 
     Its options are keywords.
 
@@ -81,7 +87,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         for name in UNUSED:
             if is_given(self, name):
                 raise UsageError(f"{option(name)}: images of a dataset show what a policy would see", (name,))
-        if self.simulation.replay is not None and self.episodes not in (None, 1):
+        if self.simulation.replay is not None and self.episodes not in (None, 1) and not self._file:
             raise UsageError(f"{option('replay')} gives one episode, not {self.episodes}", ("episodes",))
 
     def run(self, reporter: Reporter | None = None) -> "EpisodeDatasetResult":
@@ -96,11 +102,13 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         libraries, use = EXTRAS[self.format]
         require(use, self.format, *libraries)
         with reported_warnings(reporter):
-            known = self._known_episodes()
-            simulation = self.simulation.with_snapshot()
+            known, points, simulation = self._known_episodes(), self._points, self.simulation
+            if self._file:
+                simulation = replace(simulation, model=points.points[0][0], replay=None)
+            simulation = simulation.with_snapshot()
             layout, spec = self._planned(simulation, reporter)
             study = self._study(simulation)
-            prepared = PreparedStudy(study, replace(study.spec, product=spec), self._points())
+            prepared = PreparedStudy(study, replace(study.spec, product=spec), points)
             self._require_same(known, prepared)
             check_engine(self.engine)
             self._write_manifest(layout, known)
@@ -119,8 +127,21 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
     def _own(self) -> Path:
         return Path(self.output) / OWN
 
+    @property
+    def _file(self) -> str:
+        """The file whose demonstrations are the episodes; empty for another simulation, or one demonstration."""
+        text = demonstration_in(self.simulation.model)
+        return text if text and text == self.simulation.replay and not split_episode(text)[1] else ""
+
+    @cached_property
     def _points(self) -> Design:
         simulation, count = self.simulation, self.episodes
+        if self._file:
+            with errors_of_models(), open_demonstrations(Path(self._file)) as file:
+                names = file.names
+            if count and count > len(names):
+                raise UsageError(f"{clean(self._file)} has {counted(len(names), 'demonstration')}", ("episodes",))
+            return Design((MODEL,), [(f"{self._file}:{name}",) for name in names[:count]])
         if simulation.replay is not None:
             return Design((), [()])
         count = count or (POLICY_EPISODES if simulation.policy is not None else 1)
@@ -136,6 +157,10 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         if simulation.episode is None:
             simulation.timeline(model)
             simulation.stepper(model)
+        demonstration = simulation.demonstration
+        if demonstration and simulation.snapshot:
+            for text in simulation.replay_remarks(model):
+                reporter.note(simulation.snapshot.with_original_names(text))
         observed, acted = observed_columns(simulation, model, self.probe)
         fps, every = self._rate(simulation, reporter)
         names = camera_keys(self.camera)
@@ -149,13 +174,15 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             probe=self.probe,
             fps=str(fps),
             every=every,
-            task=clean(self.instruction or source.stem.replace("_", " ")),
+            task=clean(self.instruction or ("" if demonstration else source.stem.replace("_", " "))),
             observed=tuple(column.name for column in observed),
             acted=tuple(column.name for column in acted),
             painters=self._painters(),
         )
         episode = simulation.episode
         low, high = (episode.actions.low.tolist(), episode.actions.high.tolist()) if episode else _control_bounds(model)
+        if demonstration:
+            low, high = [-math.inf] * len(acted), [math.inf] * len(acted)
         layout = EpisodeLayout(
             fps=fps,
             observations=observed,
@@ -163,8 +190,8 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
             action_low=low,
             action_high=high,
             cameras=[CameraVideos(name, self.size, spec.encoding) for name in names],
-            has_rewards=episode is not None,
-            robot=source.model.stem if isinstance(source, Task) else source.stem,
+            has_rewards=episode is not None or (demonstration is not None and demonstration.rewards is not None),
+            robot=_robot(simulation),
             environment=episode.specification if episode else "",
             origin=self._origin(simulation),
         )
@@ -186,6 +213,14 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         Raises:
           UsageError: the rate does not fit the control period.
         """
+        if simulation.demonstration:
+            rate = simulation.demonstration.rate
+            if self.fps is None or abs(self.fps - rate) < NEARLY * rate:
+                return self.fps or rate, 0
+            raise UsageError(
+                f"{option('fps')} {float(self.fps):g}: the demonstrations have {float(rate):g} actions per second",
+                ("fps",),
+            )
         if simulation.episode is None:
             return self.fps or FPS, 0
         rate = 1 / simulation.episode.control_dt
@@ -218,12 +253,12 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         if not self.camera or self.engine != "local":
             return 1
         processes = self.jobs if isinstance(self.jobs, int) else available_cores()
-        return max(1, processes // len(self._points().points))
+        return max(1, processes // len(self._points.points))
 
     def _origin(self, simulation: Simulation) -> dict[str, str]:
         policy = simulation.policy
         return {
-            "source": simulation.source.text,
+            "source": self._file or simulation.source.text,
             "policy": policy if isinstance(policy, str) else type(policy).__name__ if policy is not None else "",
             "command": self.command,
             "mjrun": __version__,
@@ -267,7 +302,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         if not others:
             return
         seeds = {values[0] for values in prepared.points.points if values}
-        more = [each for each in others if str(each.get("seed")) not in seeds]
+        more = [each for each in others if str(each.get("seed")) not in seeds and not self._file]
         if more and seeds and len(more) == len(others):
             reason = f"has {counted(len(known), 'episode')}, of seeds that this command does not ask for"
             raise FileError(
@@ -380,14 +415,16 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         names = [camera.name for camera in layout.cameras]
         for done, index in enumerate(indices, 1):
             episode = stored.read(self._own / FOLDER / f"{index:06}", names)
-            facts = {"key": prepared.keys[index], "seed": episode.seed, "rows": len(episode)}
+            facts: dict[str, Any] = {"key": prepared.keys[index], "seed": episode.seed, "rows": len(episode)}
+            facts |= {"demonstration": prepared.points.points[index][0]} if self._file else {}
             made.append({**facts, "return": float(episode.rewards.sum()), "success": episode.success})
             yield episode
             reporter.progress("episodes written", done, len(indices))
 
     def _name(self, prepared: PreparedStudy, index: int) -> str:
         values = prepared.points.points[index]
-        return f"seed {values[0]}" if values else f"episode {index}"
+        seed = "" if self._file else "seed "
+        return f"{seed}{values[0]}" if values else f"episode {index}"
 
 
 @dataclass(frozen=True)
@@ -423,6 +460,14 @@ class EpisodeDatasetResult:
     failures: Mapping[str, str]
     wall: float
     schema: str = SCHEMA
+
+
+def _robot(simulation: Simulation) -> str:
+    """Returns the name of the robot, or of the model."""
+    source = simulation.source
+    if simulation.demonstration and simulation.demonstration.robot:
+        return simulation.demonstration.robot
+    return source.model.stem if isinstance(source, Task) else source.stem
 
 
 def _control_bounds(model: mujoco.MjModel) -> tuple[list[float], list[float]]:

@@ -14,6 +14,7 @@ from mjrun.simulation.manifest import plain
 if TYPE_CHECKING:
     from mjrun.study.point_episodes import PointEpisodes
 
+NEARLY = 0.01  # relative difference of a rate that a dataset may round
 FOLDER = "episodes"  # of the episodes that have not joined the dataset
 
 
@@ -28,7 +29,7 @@ class EpisodeSpec:
       probe: names of the observed columns; empty for the observation of the policy.
       fps: rows per second, as the dataset states them.
       every: control periods from one row to the next; 0 without a policy.
-      task: the task in words.
+      task: the task in words; empty if each episode has its own.
       observed, acted: names of the numbers of an observation and of an action, which all episodes share.
       painters: number of processes that render an episode.
     """

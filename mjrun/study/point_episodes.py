@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from mjrun.dataclass import dataclass
-from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean
+from mjrun.errors import EncoderError, InvalidEpisodeError, UsageError, clean, listing, option
 from mjrun.formats.episodes import Episode, stored
 from mjrun.formats.mp4_samples import read_samples
 from mjrun.formats.temporary_output import scratch_folder
@@ -27,8 +27,9 @@ from mjrun.physics.stepper import Stepper
 from mjrun.probe.episode_columns import OBSERVATION
 from mjrun.probe.select import selected_columns
 from mjrun.simulation import episode as played
+from mjrun.simulation.demonstration import Demonstration
 from mjrun.simulation.simulation import Simulation
-from mjrun.study.episode_spec import FOLDER, EpisodeSpec
+from mjrun.study.episode_spec import FOLDER, NEARLY, EpisodeSpec
 from mjrun.task.task import TIMED_OUT, UNSTABLE
 from mjrun.timeline import Timeline, rational
 
@@ -62,7 +63,7 @@ class PointEpisodes:
             folder = stack.enter_context(scratch_folder())
             videos, colors = self._videos(simulation, rollout, folder)
             episode = Episode(
-                task=self._spec.task,
+                task=self._spec.task or rollout.task,
                 seed=simulation.seed if simulation.replay is None else None,
                 observations=rollout.observations,
                 actions=rollout.actions,
@@ -79,6 +80,8 @@ class PointEpisodes:
 
     def _simulated(self, simulation: Simulation, stack: ExitStack) -> "Rollout":
         spec = self._spec
+        if simulation.demonstration is not None:
+            return demonstrated(simulation, spec, stack)
         if simulation.policy is None:
             return recorded(simulation, spec.probe or PROBES, Fraction(spec.fps), stack)
         if self._episode is None:
@@ -125,6 +128,7 @@ class Rollout:
       states: the state of each row.
       last: the state at the end `(nstate,)`.
       observations, actions, rewards, terminated, truncated, success: as in `Episode`.
+      task: the task in words, if it is known.
     """
 
     model: mujoco.MjModel
@@ -137,6 +141,7 @@ class Rollout:
     terminated: bool = False
     truncated: bool = False
     success: bool = False
+    task: str = ""
 
 
 def acted(episode: played.Episode, probe: Sequence[str], every: int, stack: ExitStack) -> Rollout:
@@ -232,6 +237,66 @@ def recorded(simulation: Simulation, probe: Sequence[str], fps: Fraction, stack:
     )
 
 
+def demonstrated(simulation: Simulation, spec: EpisodeSpec, stack: ExitStack) -> Rollout:
+    """Replays a demonstration, of which each state is a row with its action.
+
+    A demonstration has no state after the last action: the last state is observed twice.
+
+    Args:
+      stack: closes the states.
+
+    Raises:
+      UsageError: the demonstration has other columns than the dataset, or another rate.
+      FileError: it cannot be read.
+    """
+    demonstration = simulation.demonstration
+    assert demonstration
+    model = simulation.load()
+    timeline = simulation.timeline(model)
+    rows = [min(step, timeline.steps) for step in demonstration.steps(timeline.timestep)]
+    sampler = ProbeSampler(model, spec.probe or PROBES, timeline)
+    _require_alike(demonstration, sampler, spec)
+    states = stack.enter_context(closing(StateBuffer(model)))
+    observations = list[np.ndarray]()
+
+    def take(stepper: Stepper) -> None:
+        observations.append(sampler.values(stepper))
+        states.append(stepper.state())
+
+    observe(simulation.stepper(sampler.model), [Tap(rows, lambda stepper: stepper, take)], rows[-1])
+    rewards = demonstration.rewards
+    return Rollout(
+        model=model,
+        steps=[*rows, rows[-1]],
+        states=states,
+        last=states.state(len(states) - 1),
+        observations=np.array([*observations, observations[-1]]),
+        actions=demonstration.actions,
+        rewards=np.zeros(len(rows)) if rewards is None else rewards,
+        terminated=bool(demonstration.success),
+        truncated=not demonstration.success,
+        success=bool(demonstration.success),
+        task=demonstration.task,
+    )
+
+
+def _require_alike(demonstration: Demonstration, sampler: ProbeSampler, spec: EpisodeSpec) -> None:
+    """Raises UsageError if a demonstration does not fit a dataset, which begins with another one."""
+    source, fps = clean(demonstration.source), Fraction(spec.fps)
+    observed = sampler.names[1:]  # after the time
+    if tuple(observed) != spec.observed:
+        differing = sorted({*observed} ^ {*spec.observed})
+        raise UsageError(
+            f"{source} has another model than the first demonstration: {listing(differing)}\n"
+            f"{option('probe')} selects values that all of them have"
+        )
+    if tuple(demonstration.action_names) != spec.acted:
+        counts = f"{len(demonstration.action_names)} numbers, not {len(spec.acted)}"
+        raise UsageError(f"{source} has actions of {counts} as the first demonstration")
+    if abs(demonstration.rate - fps) > NEARLY * fps:
+        raise UsageError(f"{source} has {float(demonstration.rate):g} states per second, not {float(fps):g}")
+
+
 def observed_columns(
     simulation: Simulation, model: mujoco.MjModel, probe: Sequence[str]
 ) -> tuple[list[Column], list[Column]]:
@@ -240,10 +305,11 @@ def observed_columns(
     Raises:
       UnknownNameError: a probe is unknown.
     """
-    episode = simulation.episode
+    episode, demonstration = simulation.episode, simulation.demonstration
     columns = selected_columns(model, probe or ([OBSERVATION] if episode else PROBES), episode and episode.columns)
     if episode is None:
-        return columns, [Column(name) for name in control_names(model)]
+        names = control_names(model) if demonstration is None else demonstration.action_names
+        return columns, [Column(name) for name in names]
     if not probe:
         columns = [replace(column, name=column.name.removeprefix(f"{OBSERVATION}/")) for column in columns]
     return columns, [Column(name) for name in episode.actions.names]

@@ -55,6 +55,7 @@ def test_texts_in_the_file_are_cleaned() -> None:
         ("info d.hdf5:demo_9", 3, "has no demonstration 'demo_9' (did you mean"),
         ("info missing.hdf5", 3, "missing.hdf5: no such file"),
         ("info scene:pendulum --xml", 2, "--xml applies only to demonstrations, as in demo.hdf5:demo_3"),
+        ("export d.hdf5 -o d.glb", 3, "d.hdf5: has 2 demonstrations; select one"),
         ("trace d.hdf5 -o t.csv", 3, "d.hdf5: has 2 demonstrations; select one"),
         ("trace d.hdf5:demo_1 --key 0 -o t.csv", 2, "no keyframe '0'"),
         ("trace d.hdf5:demo_1 --ctrl-from c.csv -o t.csv", 2, "--replay and --ctrl-from exclude each other"),
@@ -82,6 +83,14 @@ def test_a_corrected_copy_of_a_model_replays_the_states(mjrun_here: Command) -> 
     done = mjrun_here("trace", "fixed.xml", "--replay", "d.hdf5:demo_1", "--rate", "20", "-o", "t.csv")
     assert done.returncode == 0, done.stderr
     assert len((mjrun_here.folder / "t.csv").read_text().splitlines()) == 6
+
+
+def test_a_file_is_exported_as_a_dataset(mjrun_here: Command) -> None:
+    write_demonstrations(mjrun_here.folder / "d.hdf5")
+    done = mjrun_here("export", "d.hdf5", "--jobs", "1", "--json", "-o", "set")
+    assert done.returncode == 0, done.stderr
+    assert {"episodes": 2, "rows": 9, "format": "lerobot"}.items() <= json.loads(done.stdout).items()
+    assert b"d.hdf5:demo_1 does not state its version of MuJoCo" in done.stderr
 
 
 def test_documents_name_demonstrations_relative_to_themselves(mjrun_here: Command) -> None:

@@ -43,8 +43,11 @@ def test_states_and_models_are_those_that_were_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("attributes", "expected"),
     [
-        (LIBERO, DemonstrationOrigin("Libero_Kitchen", "pick up the bowl", is_robosuite=True)),
-        (ROBOSUITE, DemonstrationOrigin("Lift", robosuite="1.5.2", control_rate=10.0, is_robosuite=True)),
+        (LIBERO, DemonstrationOrigin("Libero_Kitchen", "pick up the bowl", robots=("Panda",), is_robosuite=True)),
+        (
+            ROBOSUITE,
+            DemonstrationOrigin("Lift", robosuite="1.5.2", robots=("Panda",), control_rate=10.0, is_robosuite=True),
+        ),
         (ROBOCASA, DemonstrationOrigin("PnP", "", "3.2.6", "1.5.1", is_robosuite=True)),
         (None, DemonstrationOrigin("Lift", robosuite="1.4.1", control_rate=20.0, is_robosuite=True)),
         ({}, DemonstrationOrigin()),

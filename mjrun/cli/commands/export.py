@@ -1,5 +1,6 @@
 """Export a simulation, or episodes of a policy, to a format of other programs."""
 
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ from mjrun.options.option import options_of
 from mjrun.options.output import CommandOptions
 from mjrun.options.simulation import SimulationOptions
 from mjrun.options.sweep import ExecutionOptions
+from mjrun.suffixes import is_hdf5
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,6 +63,7 @@ def export(console: Console, command_line: CommandLine) -> None:
     mjrun export scene.xml -o replay.html --plot energy --mark-event 'contact(ball, floor) > 0'
     mjrun export task.yaml --policy drive.onnx --episodes 200 --camera front --camera wrist --format lerobot -o drives
     mjrun export task.yaml --policy drive.onnx --episodes 1000 --format minari -o drive-v0
+    mjrun export demo.hdf5 --camera agentview --camera robot0_eye_in_hand -o lift
 
     A dataset of episodes is a folder: repeating the command continues it. Exits with 8 if episodes failed.
     """
@@ -71,6 +74,8 @@ def export(console: Console, command_line: CommandLine) -> None:
     from mjrun.outputs.exports import export_formats
 
     command_line = with_camera_scripts(command_line)
+    if is_hdf5(command_line.argument("model")) and not Path(str(command_line.value("output") or "")).suffix:
+        command_line = command_line.with_defaults(format="lerobot")  # of all demonstrations in the file
     format_ = export_formats().get(str(command_line.value("format")))
     if format_ and format_.product:
         _export_episodes(console, command_line, format_)

@@ -41,7 +41,7 @@ def test_each_kind_is_the_schema_of_the_library_as_json(mjrun_here: Command, kin
 
 
 def test_every_command_that_reports_has_a_schema() -> None:
-    others = {"verify", "excite", "info-task", "info-demos"}
+    others = {"verify", "excite", "info-task", "info-demos", "episodes"}
     assert {kind.removesuffix("-report") for kind in REPORTS} - others == {*COMMANDS} - {
         "examples",
         "schema",
@@ -124,6 +124,8 @@ PRINTED: dict[str, tuple[str, ...]] = {
     "info": ("info", "one.xml"),
     "info-task": ("info", "scene:pendulum_swing_up", "observations"),
     "info-demos": ("info", "d.hdf5"),
+    "export": ("export", "one.xml", "--steps", "2", "-o", "e.glb"),
+    "episodes": ("export", "d.hdf5", "--jobs", "1", "-o", "x"),
     "plot": ("plot", "a.csv", "-o", "a.svg"),
     "dataset": ("dataset", "one.xml", "--size", "16x12", "--vary", "qpos/hinge=0,1", "--jobs", "1", "-o", "d"),
     "sweep": ("sweep", "one.xml", "--steps", "3", "--vary", "qpos/hinge=0,1", "--metric", "m=max(time)", "-o", "s"),
