@@ -54,7 +54,7 @@ def made(file: Path | str, folder: Path, **options: Any) -> EpisodeDatasetResult
     return EpisodeDataset(mjrun.Simulation(str(file)), str(folder), jobs=1, **options).run(WarningReporter())
 
 
-def table(folder: Path) -> pandas.DataFrame:
+def table(folder: Path) -> Any:
     return pandas.read_parquet(folder / "data/chunk-000/file-000.parquet")
 
 
@@ -72,7 +72,7 @@ def test_each_state_is_a_row_with_its_action_and_its_task(file: Path, tmp_path: 
         np.testing.assert_array_equal(np.stack(own["action"]).ravel(), np.arange(2 * len(states)))
         assert own["next.done"].tolist() == [False] * (len(states) - 1) + [True]
         assert own["next.success"].tolist()[-1] == (name == "demo_1")
-        assert tasks.iloc[own["task_index"].iloc[0]].name == f"lift {name}"
+        assert tasks.index[own["task_index"].tolist()[0]] == f"lift {name}"
     listed = json.loads((tmp_path / "set/mjrun/dataset.json").read_text())
     assert [each["demonstration"] for each in listed["episodes"]] == [f"{file}:{name}" for name in DEMOS]
 
@@ -117,6 +117,7 @@ def test_one_demonstration_or_the_first_ones_may_be_selected(file: Path, tmp_pat
 
 @pytest.mark.usefixtures("here")
 def test_demonstrations_that_do_not_fit_the_first_are_left_out(file: Path, tmp_path: Path) -> None:
+    written: Any
     with h5py.File(file, "a") as written:
         written.copy("data/demo_2", "data/demo_3")
         written.copy("data/demo_2", "data/demo_4")
