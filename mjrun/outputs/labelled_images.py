@@ -1,6 +1,5 @@
 """Labelled images: colours, depth and masks of an instant, and a record of the objects in view."""
 
-import copy
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -203,6 +202,7 @@ class LabelledRenderer:
         """Yields the images of each state, one of each camera.
 
         Args:
+          model: the model; its groups of geoms change until the last image, and a stage in it is placed.
           cameras: cameras or camera scripts, as on the command line.
           times: simulated times of the states [s], ascending.
 
@@ -210,26 +210,45 @@ class LabelledRenderer:
           UsageError: a camera or an object is unknown.
           DrawError: OpenGL failed.
         """
-        options = self._options
-        drawn = copy.copy(model)
-        visible = visible_geoms(drawn, options.geoms)
-        drawn.geom_group[:] = np.where(visible, VISIBLE_GROUPS[0], HIDDEN_GROUP)
+        poses = [self._poses(model, camera, index, states, times) for index, camera in enumerate(cameras)]
+        visible, groups = visible_geoms(model, self._options.geoms), model.geom_group.copy()
         if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_LIGHT, "stage light") >= 0 or _has_floor(model):
-            place_stage(drawn, states[0])
-        objects = labelled_objects(options, model)
-        scene = _Objects(drawn, objects, visible)
-        renderer = self._prepared(drawn)
-        conditions = AcceptConditions(options, objects)
+            place_stage(model, states[0])
+        model.geom_group[:] = np.where(visible, VISIBLE_GROUPS[0], HIDDEN_GROUP)
+        try:
+            yield from self._rendered(model, visible, cameras, poses, states, times)
+        finally:
+            model.geom_group[:] = groups
 
-        poses = list[list[Pose]]()
-        spans = [(0.0, times[-1])]
-        for index, camera in enumerate(cameras):
-            with concerning("camera", index):
-                script = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
-                motion = CameraMotion(script, model, options.size)
-                later = [(np.inf, np.inf)] * (len(script.shots) - 1)
-                motion.frame(states, times, [*spans, *later])
-                poses.append(list(motion.poses(states, times, times, [*spans, *later])))
+    def _poses(
+        self,
+        model: mujoco.MjModel,
+        camera: object,
+        index: int,
+        states: Sequence[np.ndarray],
+        times: Sequence[float],
+    ) -> list[Pose]:
+        """Returns the pose of a camera in each state."""
+        with concerning("camera", index):
+            script = camera if isinstance(camera, CameraScript) else parse_camera(str(camera), model)
+            motion = CameraMotion(script, model, self._options.size)
+            spans = [(0.0, times[-1]), *[(np.inf, np.inf)] * (len(script.shots) - 1)]
+            motion.frame(states, times, spans)
+            return list(motion.poses(states, times, times, spans))
+
+    def _rendered(
+        self,
+        model: mujoco.MjModel,
+        visible: np.ndarray,
+        cameras: Sequence[object],
+        poses: Sequence[Sequence[Pose]],
+        states: Sequence[np.ndarray],
+        times: Sequence[float],
+    ) -> Iterator[LabelledImage]:
+        objects = labelled_objects(self._options, model)
+        scene = _Objects(model, objects, visible)
+        renderer = self._prepared(model)
+        conditions = AcceptConditions(self._options, objects)
         for place, (state, time) in enumerate(zip(states, times, strict=True)):
             renderer.look(state)
             scene.look(state)

@@ -61,7 +61,7 @@ def _info(labelled: Record) -> dict[str, Any]:
         "bbox_obj": [round(number) for number in labelled["outline"]] if silhouette else [-1] * 4,
         "bbox_visib": labelled["bbox"] or [-1] * 4,
         "px_count_all": silhouette,
-        "px_count_valid": silhouette,  # depth is known everywhere
+        "px_count_valid": round(silhouette * (1 - labelled["truncated"])),  # depth is known in the whole image
         "px_count_visib": labelled["pixels"],
         "visib_fract": labelled["visible"],
     }

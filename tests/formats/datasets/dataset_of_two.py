@@ -30,7 +30,7 @@ def image(number: int, ids: np.ndarray = IDS) -> Record:
             "pixels": found[index].area if index in found else 0,
             "silhouette": 30.0,
             "visible": (found[index].area if index in found else 0) / 30,
-            "truncated": 0.0,
+            "truncated": 0.1 * index,
             "bbox": list(found[index].bbox) if index in found else None,
             "outline": [2.4, 1.6, 7.0, 5.0],
             "counts": found[index].counts if index in found else None,

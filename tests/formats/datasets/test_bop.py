@@ -32,6 +32,7 @@ def test_objects_that_are_not_visible_have_no_box() -> None:
     assert info[0]["bbox_obj"] == [2, 2, 7, 5]
     assert info[1]["bbox_visib"] == [-1, -1, -1, -1]
     assert (info[0]["px_count_all"], info[0]["px_count_visib"], info[1]["visib_fract"]) == (30, 23, 0)
+    assert [each["px_count_valid"] for each in info] == [30, 27]  # within the image
 
 
 def test_orthographic_cameras_are_refused() -> None:
