@@ -55,7 +55,7 @@ CONTENTS = {
     "Guides": (
         *("videos", "cameras", "images", "datasets", "view", "traces", "plots", "controls", "replay"),
         *("demonstrations", "exports", "episode-datasets", "documents"),
-        *("studies", "fitting", "policies", "evaluation", "gymnasium", "model-sources", "checking", "diff"),
+        *("studies", "fitting", "policies", "evaluation", "gymnasium", "model-sources", "checking", "fixes", "diff"),
         *("benchmarks", "scripting", "python"),
     ),
     "Reference": (

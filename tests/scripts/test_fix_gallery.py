@@ -1,0 +1,28 @@
+"""The page of fixes has each rule that can be fixed, and what it shows is what `--fix` does."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from mjrun.check.rule_table import RULES
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from scripts import fix_gallery
+
+SLOW = {"MJ506"}  # the decomposition of the meshes of a real model takes minutes
+
+
+def test_every_rule_with_a_fix_has_a_part() -> None:
+    shown = re.findall(r"(?m)^## (MJ\d+): (.+)$", fix_gallery.PAGE.read_text("utf-8"))
+    expected = {code: rule.title for code, rule in RULES.items() if rule.fix and code not in SLOW}
+    assert dict(shown) == expected
+    assert [case.rule for case in fix_gallery.CASES] == sorted(expected)
+
+
+@pytest.mark.parametrize("rule", ["MJ303", "MJ403"])
+def test_a_part_is_what_the_command_does_now(rule: str) -> None:
+    (case,) = (case for case in fix_gallery.CASES if case.rule == rule)
+    assert fix_gallery.part(case).strip() in fix_gallery.PAGE.read_text("utf-8")
