@@ -19,6 +19,7 @@ SCENES = ROOT / "scenes"
 FRICTION = ["--vary", "geom/wood.friction[0]=0.1,0.2", "--metric", "x=last(xpos/wood/x)", "--jobs", "1"]
 SWEEP = ["sweep", str(SCENES / "friction_ramp.xml"), "--duration", "0.02", *FRICTION]
 EVAL = ["eval", str(SCENES / "car_drive.yaml"), "--policy", "zero", "--episodes", "1", "-o", "played"]
+EPISODES = ["export", str(SCENES / "car_drive.yaml"), "--policy", "zero", "--episodes", "1", "-o", "new"]
 FREE = ["--free", "joint/hinge.damping=0..1"]
 FIT = ["fit", str(SCENES / "pendulum.xml"), "t.csv", *FREE, "--starts", "1", "-o", "f.xml"]
 EXCITE = ["fit", str(SCENES / "pendulum.xml"), *FREE, "--excite", "chirp.csv"]
@@ -42,6 +43,8 @@ NEEDING = [
     ("pyarrow", [*SWEEP, "-o", "new"], "mjrun sweep needs pyarrow", "sweep"),
     ("pyarrow", ["sweep", "study"], "needs pyarrow", "sweep"),
     ("pyarrow", EVAL, "mjrun eval needs pyarrow", "eval"),
+    ("pyarrow", [*EPISODES, "--format", "lerobot"], "--format lerobot needs pyarrow", "lerobot"),
+    ("h5py", [*EPISODES, "--format", "minari"], "--format minari needs h5py", "minari"),
     ("scipy", [*TRACE, "-o", "new.mat"], "writing .mat needs scipy", "mat"),
     ("scipy", [*SWEEP, "-o", "new"], "mjrun sweep needs scipy", "sweep"),
     ("scipy", FIT, "mjrun fit needs scipy", "fit"),

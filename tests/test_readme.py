@@ -64,6 +64,7 @@ EXCITED = [block for block in SHELL if "--excite" in block]
 EVALUATIONS = [line for line in COMMANDS if line.startswith("mjrun eval")]
 STUDIES = [block for block in SHELL if block.startswith("mjrun sweep")]
 DATASETS = [line for line in COMMANDS if line.startswith("mjrun dataset")]
+EPISODES = [block for block in SHELL if re.search("--format (lerobot|minari)", block)]
 DIFFERENCES = [line for line in COMMANDS if line.startswith(("mjrun diff", "sed "))]
 
 
@@ -190,6 +191,14 @@ def test_studies_of_the_readme_make_their_tables(commands: str, execute: Executi
 
 
 @pytest.mark.gl
+@pytest.mark.parametrize("block", EPISODES)
+def test_a_dataset_of_episodes_of_the_readme_is_made(block: str, execute: Execution, tmp_path: Path) -> None:
+    few = re.sub(r"--episodes \d+", "--episodes 2 --jobs 1 --size 48x36 --quality draft", block)
+    done = execute("\n".join(line for line in few.splitlines() if not line.startswith("pip ")))
+    assert done.returncode == 0, done.stderr
+    assert [*tmp_path.glob("*/mjrun/dataset.json")]
+
+
 @pytest.mark.parametrize("command", DATASETS)
 def test_a_dataset_of_the_readme_has_its_images(command: str, execute: Execution, tmp_path: Path) -> None:
     for long, short in SMALLER_STUDIES.items():

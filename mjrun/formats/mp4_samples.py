@@ -62,24 +62,31 @@ def read_samples(path: Path) -> Mp4Samples:
     """
     try:
         with path.open("rb") as file:
-            boxes = dict(_boxes(file, 0, file.seek(0, 2)))
+            size = file.seek(0, 2)
+            return _samples(path, dict(_boxes(file, 0, size)), size)
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror}") from None
-    except struct.error:
+    except (struct.error, ValueError, IndexError, RecursionError):
         raise FileError(path, "is not an MP4 file, or is damaged") from None
-    offsets = _chunk_offsets(boxes)
-    if offsets is None or any(kind not in boxes for kind in PARTS):
+
+
+def _samples(path: Path, boxes: Mapping[bytes, bytes], size: int) -> Mp4Samples:
+    """Returns the samples of a file of `size` bytes, from the boxes of its track."""
+    chunks = _chunk_offsets(boxes)
+    if chunks is None or any(kind not in boxes for kind in PARTS):
         raise FileError(path, "has no video track")
     if b"ctts" in boxes:
         raise FileError(path, "presents its frames in another order than it decodes them (B-frames)")
     uniform, count = struct.unpack_from(">II", boxes[b"stsz"], 4)
+    if count * max(1, uniform) > size:
+        raise FileError(path, "is damaged: it states more frames than it has bytes")
     lengths = np.full(count, uniform) if uniform else np.frombuffer(boxes[b"stsz"], ">u4", count, 12).astype(np.int64)
     keyframes = np.full(count, b"stss" not in boxes)
     if not keyframes.all():
         keyframes[np.frombuffer(boxes[b"stss"], ">u4", -1, 8).astype(np.int64) - 1] = True
     description = boxes[b"stsd"]
-    size = struct.unpack_from(">HH", description, 40)  # of the first entry: 8 + 8 bytes of boxes, 24 of its fields
-    return Mp4Samples(path, description, size, _sample_offsets(boxes, offsets, lengths), lengths, keyframes)
+    shape = struct.unpack_from(">HH", description, 40)  # of the first entry: 8 + 8 bytes of boxes, 24 of its fields
+    return Mp4Samples(path, description, shape, _sample_offsets(boxes, chunks, lengths), lengths, keyframes)
 
 
 def join(file: BinaryIO, parts: Sequence[Mp4Samples], fps: Fraction) -> None:

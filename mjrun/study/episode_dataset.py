@@ -283,7 +283,7 @@ class EpisodeDataset(EpisodeDatasetOptions, ExecutionOptions):
         try:
             manifest = json.loads((path / MANIFEST).read_text("utf-8"))
             if manifest["schema"] == SCHEMA and manifest["format"] == self.format:
-                return [{"key": str(each["key"]), **each} for each in manifest["episodes"]]
+                return [_facts_of(each) for each in manifest["episodes"]]
             made = clean(str(manifest["format"]))
         except (OSError, ValueError, KeyError, TypeError):
             hint = f"{option('output')} names a folder that is new, empty, or of an earlier export of episodes"
@@ -468,6 +468,18 @@ def _robot(simulation: Simulation) -> str:
     if simulation.demonstration and simulation.demonstration.robot:
         return simulation.demonstration.robot
     return source.model.stem if isinstance(source, Task) else source.stem
+
+
+def _facts_of(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the facts about an episode in a manifest; raises KeyError, TypeError or ValueError for invalid ones."""
+    seed = entry["seed"]
+    return {
+        "key": str(entry["key"]),
+        "seed": None if seed is None else int(seed),
+        "rows": int(entry["rows"]),
+        "return": float(entry["return"]),
+        "success": bool(entry["success"]),
+    }
 
 
 def _control_bounds(model: mujoco.MjModel) -> tuple[list[float], list[float]]:

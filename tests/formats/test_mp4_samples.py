@@ -81,6 +81,22 @@ def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
         read_samples(path)
 
 
+def test_damaged_tables_are_refused(tmp_path: Path) -> None:
+    whole = made(tmp_path / "a.mp4", 5).read_bytes()
+    for kind in (b"stsz", b"stsc", b"stco", b"stsd", b"stss"):
+        place = whole.find(kind)
+        for change in (b"\xff" * 12, b"\0" * 12):
+            if place < 0:
+                continue
+            path = tmp_path / "b.mp4"
+            path.write_bytes(whole[: place + 8] + change + whole[place + 20 :])
+            try:
+                samples = read_samples(path)
+            except FileError:
+                continue
+            assert len(samples) <= len(whole)
+
+
 def test_videos_of_different_codecs_are_not_joined(tmp_path: Path) -> None:
     parts = [read_samples(made(tmp_path / f"{codec}.mp4", 2, codec)) for codec in ("h264", "av1")]
     with (tmp_path / "joined.mp4").open("wb") as file, pytest.raises(ValueError, match="different codecs"):

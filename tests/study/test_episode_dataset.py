@@ -246,6 +246,10 @@ def test_what_is_no_dataset_of_episodes_is_left_alone(tmp_path: Path, simulation
         with pytest.raises(FileError, match=message):
             made(simulation, tmp_path / name, format="minari")
     assert (tmp_path / "full/notes.txt").read_text() == "mine"
+    manifest = tmp_path / "lerobot/mjrun/dataset.json"
+    manifest.write_text(manifest.read_text().replace('"rows"', '"lines"'))
+    with pytest.raises(FileError, match="contains other files"):
+        made(simulation, tmp_path / "lerobot")
 
 
 def test_a_recording_is_an_episode_of_its_states_and_controls(tmp_path: Path) -> None:
