@@ -3,6 +3,8 @@
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -10,7 +12,7 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 
 from mjrun.cli.main import COMPLETE
 from mjrun.cli.simulation_command import import_mujoco
-from mjrun.suffixes import is_yaml
+from mjrun.suffixes import is_hdf5, is_yaml, split_episode
 
 if TYPE_CHECKING:
     import mujoco
@@ -70,14 +72,19 @@ def complete(group: click.Group, instruction: str) -> int:
 
 
 def model_values(incomplete: str) -> list[CompletionItem[str]]:
-    """Returns the completions of a model: files, or the names in a collection after its prefix, such as `scene:`."""
+    """Returns the completions of a model: files, or names after a prefix, `scene:`, or after a file, `demo.hdf5:`."""
     import_mujoco()
+    from mjrun.errors import MjrunError
+    from mjrun.model.demonstrations import open_demonstrations
     from mjrun.model.sources import model_collections
 
     prefix, colon, _ = incomplete.partition(":")
     collections = model_collections()
     if colon and prefix in collections:
         return _items((f"{prefix}:{name}" for name in collections[prefix].descriptions()), incomplete)
+    if colon and is_hdf5(file := split_episode(incomplete)[0]):
+        with suppress(MjrunError), open_demonstrations(Path(file)) as opened:
+            return _items((f"{file}:{name}" for name in opened.names), incomplete)
     prefixes = _items((f"{name}:" for name in collections), incomplete) if incomplete else []
     return [*prefixes, CompletionItem(incomplete, type="file")]
 

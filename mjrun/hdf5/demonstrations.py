@@ -27,6 +27,7 @@ from mjrun.hdf5.strings import text_attributes
 
 LISTED = 8  # episodes in a message
 SHOWN = 80  # characters of a reason in a message
+LONGEST = 1000  # characters of an instruction
 ROBOSUITE = 1  # type of an environment, of robomimic
 
 
@@ -152,7 +153,8 @@ class DemonstrationFile:
             times = [float(dataset[row, 0]) for row in (0, len(dataset) - 1)] if dataset.size else [0.0, 0.0]
             images = [key for key, each in _observations(group).items() if each.dtype == np.uint8 and each.ndim == 4]
             instruction = _instruction(text_attributes(self._file, group))
-        reward = float(self.array(name, "rewards").sum()) if "rewards" in self.datasets(name) else None
+            has_rewards = _dataset(group, "rewards") is not None
+        reward = float(self.array(name, "rewards").sum()) if has_rewards else None
         return Episode(name, len(dataset), _finite(times[1] - times[0]), instruction, _finite(reward), tuple(images))
 
     @property
@@ -243,7 +245,7 @@ def _instruction(attributes: Mapping[str, str]) -> str:
     )
     if isinstance(words, list):
         words = "".join(part for part in cast("list[object]", words) if isinstance(part, str))
-    return words.strip().strip('"') if isinstance(words, str) else ""
+    return words.strip().strip('"')[:LONGEST] if isinstance(words, str) else ""
 
 
 def _parsed(attributes: Mapping[str, str], name: str) -> dict[str, Any]:

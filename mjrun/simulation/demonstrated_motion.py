@@ -74,7 +74,9 @@ def _samples(model: mujoco.MjModel, states: np.ndarray, source: str, rate: Fract
         )
     times = states[:, 0] if rate is None else np.array(seconds(np.arange(len(states)), 1 / rate), float)
     known = offered(model)
-    columns = {field: [c.name for c in field_probe(model, field).columns] if field in known else [] for field in FIELDS}
+    # Controls are left out: no demonstration has them, so that nothing is missing.
+    named = [field for field in sizes if field in known]
+    columns = {field: [c.name for c in field_probe(model, field).columns] if field in named else [] for field in FIELDS}
     values: dict[str, dict[int, np.ndarray]] = {}
     begin = 1
     for field, size in sizes.items():

@@ -394,8 +394,9 @@ class Simulation(SimulationOptions):
         if not isinstance(states, RecordingReader):
             from mjrun.simulation.demonstrated_motion import names_demonstration
 
-            file = "demonstration" if names_demonstration(self._stored(self.replay)) else "table"
-            derived = f"forces and energies are computed by this model from the positions in the {file}"
+            is_demonstration = names_demonstration(self._stored(self.replay))
+            positions = "the demonstration, without controls" if is_demonstration else "the table"
+            derived = f"forces and energies are computed by this model from the positions in {positions}"
             return [*states.remarks, *(held if again else [derived])]
         if states.facts.get("physics", physics := physics_fingerprint(model)) == physics:
             return held

@@ -10,6 +10,7 @@ import pytest
 
 from mjrun.cli import completion
 from mjrun.model.sources.bundled_scene import BundledScene
+from tests.demonstration_files import write_demonstrations
 from tests.documentation import ROOT
 
 CAR = str(ROOT / "scenes/car.xml")
@@ -53,6 +54,13 @@ def test_bash_completes_words_at_which_it_breaks(program: Path, tmp_path: Path) 
     assert completed(program, "mjrun video scene:", tmp_path) == [*BundledScene.descriptions()]
     assert completed(program, f"mjrun video {CAR} --camera=fi", tmp_path) == ["fixed"]
     assert completed(program, "mjrun vid", tmp_path) == ["video"]
+
+
+def test_a_file_of_demonstrations_completes_to_their_names(tmp_path: Path) -> None:
+    path = write_demonstrations(tmp_path / "d.hdf5")
+    values = [item.value for item in completion.model_values(f"{path}:d")]
+    assert values == [f"{path}:demo_1", f"{path}:demo_2"]
+    assert [item.type for item in completion.model_values(f"{tmp_path}/missing.hdf5:")] == ["file"]
 
 
 def test_a_wrong_line_completes_to_nothing(program: Path, tmp_path: Path) -> None:

@@ -183,8 +183,7 @@ def test_the_version_that_recorded_it_is_reported_if_it_matters(
 def test_remarks_tell_what_is_missing(file: Path) -> None:
     assert remarks(mjrun.Simulation(f"{file}:demo_1")) == [
         f"{file}:demo_1: its time 0.052 s is time 0 here",
-        f"{file}:demo_1 lacks ctrl: as in the initial state",
         f"{file}:demo_1 does not state its version of MuJoCo (robosuite 1.4.1), and poses are computed by MuJoCo "
         f"{mujoco.mj_versionString()}: it has no observations to compare them with",
-        "forces and energies are computed by this model from the positions in the demonstration",
+        "forces and energies are computed by this model from the positions in the demonstration, without controls",
     ]
