@@ -6,6 +6,7 @@ a folder with `robosuite/models/assets/robots/panda/link0.stl`, or any shorter e
 """
 
 import importlib.util
+import os
 import posixpath
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
@@ -18,6 +19,7 @@ from mjrun.model.xml_source import is_regular, with_slashes
 
 # Packages with assets, which are not imported.
 PACKAGES = ("robosuite", "robosuite_models", "robosuite_task_zoo", "libero", "robocasa", "mimicgen", "dexmimicgen")
+CACHES = {"libero": "~/.cache/libero/assets"}  # folders to which packages download their assets
 FORMER_NAMES = {"chiliocosm": "libero"}  # folders in the paths of public files
 NESTED = ("assets", "*/assets", "*/*/assets")  # folders of assets in a package or a clone
 SHORTEST = 2  # parts of the end of a path that is looked up in packages
@@ -66,7 +68,7 @@ def packages_in(path: str) -> list[str]:
 
 
 def installed_packages() -> Mapping[str, Sequence[Path]]:
-    """Returns the folders of assets of each installed package."""
+    """Returns the folders of assets of each package that is installed or has downloaded some."""
     return _installed()
 
 
@@ -119,6 +121,14 @@ def _folders(root: Path) -> tuple[Path, ...]:
 
 @cache
 def _installed() -> Mapping[str, Sequence[Path]]:
-    specs = {package: importlib.util.find_spec(package) for package in PACKAGES}
-    found = {package: list(spec.submodule_search_locations or []) for package, spec in specs.items() if spec}
-    return {package: _folders(Path(places[0])) for package, places in found.items() if places}
+    found: dict[str, Sequence[Path]] = {}
+    for package in PACKAGES:
+        spec = importlib.util.find_spec(package)
+        places = [Path(place) for place in (spec.submodule_search_locations or [])[:1]] if spec else []
+        folders = [folder for place in places for folder in _folders(place)]
+        cache = os.path.expanduser(CACHES.get(package, ""))  # noqa: PTH111 – a user may have no home
+        if cache and os.path.isdir(cache):  # noqa: PTH112
+            folders.append(Path(cache))
+        if folders:
+            found[package] = folders
+    return found

@@ -79,6 +79,13 @@ def test_packages_that_a_path_names_come_before_others(tmp_path: Path, monkeypat
     assert placed(model("/u/wood.png"), tmp_path).files == []
 
 
+def test_assets_that_libero_has_downloaded_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = touch(tmp_path / ".cache/libero/assets/scenes/table.msh")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(asset_places, "_installed", asset_places._installed.__wrapped__)
+    assert placed(model("/u/chiliocosm/assets/scenes/table.msh"), tmp_path / "elsewhere").files == [file]
+
+
 def test_names_may_be_relative_escaped_or_of_windows(tmp_path: Path) -> None:
     files = [touch(tmp_path / name) for name in ("meshes/a.obj", "b&c.obj", "arm/d.obj")]
     found = placed(model("a.obj", "b&amp;c.obj", r"C:\lib\arm\d.obj"), tmp_path, [tmp_path])
