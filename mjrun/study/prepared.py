@@ -202,7 +202,7 @@ class PreparedStudy:
         Returns:
           The number of points by status.
         """
-        statuses = Counter[str]()
+        statuses, noun = Counter[str](), "episodes" if isinstance(self.spec.product, EpisodeSpec) else "points"
         failures = FailureReporter(self.points, reporter, numbers)
         with PartWriter(self.files, executors.INTERVAL) as parts:
             for arrived in self._completed(indices, options, reporter):
@@ -220,7 +220,7 @@ class PreparedStudy:
                     failures.add(result.results)
                     statuses.update(each.status for each in result.results)
                     failed = statuses.total() - statuses["ok"]
-                    label = f"points, {failed} failed" if failed else "points"
+                    label = f"{noun}, {failed} failed" if failed else noun
                     reporter.progress(label, statuses.total(), len(indices))
                 parts.write_if_due()
         return statuses

@@ -114,6 +114,19 @@ def test_episodes_are_those_of_the_environment_and_of_mjrun_eval(tmp_path: Path,
     assert result.successes == (summary.success.count if summary.success else 0) > 0
 
 
+def test_progress_counts_episodes(tmp_path: Path, simulation: mjrun.Simulation) -> None:
+    class Progress(WarningReporter):
+        def __init__(self) -> None:
+            self.seen: list[tuple[str, int, int]] = []
+
+        def progress(self, what: str, done: int, total: int) -> None:
+            self.seen.append((what, done, total))
+
+    reporter = Progress()
+    EpisodeDataset(simulation, str(tmp_path / "set"), episodes=2, jobs=1, chunk=1).run(reporter)
+    assert reporter.seen == [(what, done, 2) for what in ("episodes", "episodes written") for done in (1, 2)]
+
+
 def test_an_interrupted_dataset_continues_to_the_same_bytes_as_do_processes(
     tmp_path: Path, simulation: mjrun.Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
