@@ -767,8 +767,9 @@ class Export(_Export):
 
     Options:
       output: .glb (binary glTF with scene and motion), .html (a page that replays the simulation in 3D,
-        without network), .mcap (log for Foxglove, Rerun and PlotJuggler). With a format of folders: the
-        folder, which a second run continues.
+        without network), .mcap (log for Foxglove, Rerun and PlotJuggler), .usdc (OpenUSD with scene and
+        motion, as binary, text or package). With a format of folders: the folder, which a second run
+        continues.
       format: Format of the file, or of a folder: lerobot (LeRobot dataset v3 of episodes, for imitation
         learning), minari (Minari dataset of episodes, for offline reinforcement learning). [default:
         the output's suffix]

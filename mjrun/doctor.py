@@ -17,12 +17,12 @@ from mjrun.confinement.confinement import CHECKS
 from mjrun.confinement.self_confinement import means
 from mjrun.dataclass import dataclass
 from mjrun.diff import pictures
-from mjrun.formats import mcap
 from mjrun.formats.ffmpeg import encoder_version, working_codecs
 from mjrun.formats.tables import FORMATS
 from mjrun.model import known_bugs
 from mjrun.model.sources import model_collections
 from mjrun.options import check, dataset, episodes, evaluation, fit, sweep, task
+from mjrun.outputs.exports import export_formats
 from mjrun.packages import installed_wrong, require
 from mjrun.physics import warp_device
 from mjrun.platform import system
@@ -140,7 +140,7 @@ def extras() -> dict[str, tuple[Sequence[str], list[str]]]:
     return {
         **extras,
         **{extra: (libraries, [use]) for extra, (libraries, use) in declared.items()},
-        mcap.EXTRA: (mcap.LIBRARIES, [".mcap"]),
+        **{each.extra: (each.libraries, [*each.suffixes]) for each in export_formats().values() if each.extra},
         pictures.EXTRA: ([pictures.LIBRARY], [errors.option("min_ssim")]),
         warp_device.EXTRA: (warp_device.LIBRARIES, [f"{errors.option('engine')} warp"]),
     }

@@ -20,6 +20,7 @@ MODULES = {  # by package
     "protobuf": "google.protobuf",
     "pyyaml": "yaml",
     "scikit-image": "skimage",
+    "usd-core": "pxr",
     "warp-lang": "warp",
 }
 PACKAGES = {module: package for package, module in MODULES.items()}

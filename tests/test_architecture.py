@@ -55,6 +55,7 @@ LIBRARIES = {
         "formats.video_reader",
     ),
     "mcap": ("formats.mcap",),
+    "pxr": ("formats.usd",),  # OpenUSD
     "google": ("formats.mcap",),  # protobuf
     "foxglove_schemas_protobuf": ("formats.mcap",),
     "matplotlib": ("plotting",),

@@ -1,0 +1,30 @@
+"""USD: scene and motion for Omniverse, Houdini, Maya, Blender and, as a package, for Apple devices."""
+
+from typing import TYPE_CHECKING, BinaryIO
+
+from mjrun.outputs.exports import ExportFormat
+
+if TYPE_CHECKING:
+    from mjrun.outputs.export import ExportedScene
+
+
+def write(scene: "ExportedScene", file: BinaryIO) -> None:
+    """Writes the scene with its motion."""
+    from pathlib import Path
+
+    from mjrun.formats.usd import write_usd
+
+    suffix = Path(scene.job.output).suffix.lower()
+    kind = suffix if suffix in FORMAT.suffixes else FORMAT.suffixes[0]
+    for text in write_usd(file, kind, scene.graph, scene.motion, float(scene.job.fps), scene.facts):
+        scene.context.reporter.warn(text)
+
+
+FORMAT = ExportFormat(
+    "usd",
+    (".usdc", ".usda", ".usdz", ".usd"),
+    "OpenUSD with scene and motion, as binary, text or package",
+    write,
+    libraries=("pxr",),
+    extra="usd",
+)

@@ -1,0 +1,163 @@
+"""Theorems about USD files, read back and validated by OpenUSD itself."""
+
+import io
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade, UsdValidation
+
+from mjrun.formats.usd import write_usd
+from mjrun.scene_graph import shapes
+from mjrun.scene_graph.graph import (
+    CameraLens,
+    Deformation,
+    Light,
+    Material,
+    Node,
+    SceneGraph,
+    SceneMotion,
+    Skin,
+    Texture,
+    Track,
+)
+
+RED = Material("red", (1.0, 0.0, 0.0, 0.5), 0.25, 0.75)
+BALL = shapes.sphere(8, 8)
+PLAIN = replace(BALL, uv=None)
+NODES = [
+    Node("world", "world", 0, -1),
+    Node("body 1", "body", 1, 0, (1.0, 2.0, 3.0), moves=True),
+    Node("ball", "geom", 0, 1, (0.0, 0.0, 1.0), scale=(0.1, 0.2, 0.3), mesh=PLAIN, material=RED),
+    Node("ball", "geom", 1, 0, mesh=PLAIN, material=RED),
+    Node("eye", "camera", 0, 1, lens=CameraLens(0.8, 1.5, 0.01, 50)),
+    Node("sun", "light", 0, 0, light=Light("directional", (1.0, 1.0, 1.0), 3.0)),
+    Node("lamp", "light", 1, 0, light=Light("spot", (1.0, 1.0, 1.0), 3.0, cutoff=0.5)),
+]
+TIMES = np.arange(4) * 1001 / 30000
+POSITIONS = np.array([[[0.1 * k, 1.0, 1 / 3]] for k in range(4)])
+QUATERNIONS = np.array([[[np.cos(k), np.sin(k), 0, 0]] for k in range(4)])
+MOTION = SceneMotion(TIMES, [1], POSITIONS, QUATERNIONS)
+
+
+def stage_of(
+    folder: Path, graph: SceneGraph, motion: SceneMotion = MOTION, suffix: str = ".usdc"
+) -> tuple[Any, list[str]]:
+    """Writes a scene; returns the stage that OpenUSD reads, and the remarks."""
+    file = io.BytesIO()
+    remarks = write_usd(file, suffix, graph, motion, 30000 / 1001, {"model": "m.xml"})
+    (folder / f"a{suffix}").write_bytes(file.getvalue())
+    return Usd.Stage.Open(str(folder / f"a{suffix}")), remarks
+
+
+def place(stage: Any, path: str, frame: float) -> np.ndarray:
+    """Returns the transformation from an object to the world `(4, 4)` at a frame."""
+    prim = UsdGeom.Xformable(stage.GetPrimAtPath(path))
+    return np.array(prim.ComputeLocalToWorldTransform(Usd.TimeCode(frame))).T
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_time_codes_are_frames_at_any_rate(tmp_path: Path, suffix: str) -> None:
+    stage, _ = stage_of(tmp_path, SceneGraph(NODES), suffix=suffix)
+    assert stage.GetTimeCodesPerSecond() == 30000 / 1001
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, 3)
+    assert (UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage)) == ("Z", 1)
+    for frame, (position, quaternion) in enumerate(zip(POSITIONS[:, 0], QUATERNIONS[:, 0], strict=True)):
+        found = place(stage, "/World/body_1", frame)
+        turn = Gf.Matrix3d(Gf.Rotation(Gf.Quatd(*quaternion.tolist())))
+        assert np.allclose(found[:3, 3], position, atol=1e-12)
+        assert np.allclose(found[:3, :3], np.array(turn).T, atol=1e-6)
+    assert np.allclose(place(stage, "/World/body_1", 0.5)[:3, 3], (POSITIONS[0, 0] + POSITIONS[1, 0]) / 2)
+
+
+def test_nothing_in_it_is_invalid(tmp_path: Path) -> None:
+    stage, _ = stage_of(tmp_path, SceneGraph(NODES), suffix=".usdz")
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    errors = UsdValidation.ValidationContext(validators).Validate(stage)
+    assert [error.GetMessage() for error in errors] == []
+
+
+def test_geoms_share_vertices_and_keep_their_names(tmp_path: Path) -> None:
+    stage, _ = stage_of(tmp_path, SceneGraph(NODES))
+    first, second = (stage.GetPrimAtPath(path) for path in ("/World/body_1/ball", "/World/ball"))
+    assert first.GetDisplayName() == second.GetDisplayName() == "ball"
+    assert stage.GetPrimAtPath("/World/body_1").GetDisplayName() == "body 1"
+    assert first.GetCustomDataByKey("mjrun") == {"kind": "geom", "id": 0}
+    for prim in (first, second):
+        points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get())
+        assert np.array_equal(points, BALL.positions)
+    assert len([prim for prim in stage.TraverseAll() if prim.GetParent().GetPath() == "/Meshes"]) == 1
+    corner = place(stage, "/World/body_1/ball", 0) @ [1, 0, 0, 1]
+    assert np.allclose(corner[:3], POSITIONS[0, 0] + (0.1, 0, 1), atol=1e-6)
+
+
+def test_materials_cameras_and_lights_are_read_back(tmp_path: Path) -> None:
+    stage, _ = stage_of(tmp_path, SceneGraph(NODES))
+    material = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath("/World/ball")).ComputeBoundMaterial()[0]
+    inputs = {each.GetBaseName(): each.Get() for each in material.ComputeSurfaceSource()[0].GetInputs()}
+    assert inputs == {"diffuseColor": Gf.Vec3f(1, 0, 0), "opacity": 0.5, "metallic": 0.25, "roughness": 0.75}
+
+    camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/body_1/eye")).GetCamera(0)
+    assert math.radians(camera.GetFieldOfView(Gf.Camera.FOVVertical)) == pytest.approx(0.8, abs=1e-6)
+    assert camera.aspectRatio == pytest.approx(1.5)
+    assert UsdLux.DistantLight(stage.GetPrimAtPath("/World/sun")).GetIntensityAttr().Get() == 3
+    lamp = stage.GetPrimAtPath("/World/lamp")
+    assert UsdLux.ShapingAPI(lamp).GetShapingConeAngleAttr().Get() == pytest.approx(math.degrees(0.5))
+
+
+def test_textures_are_in_packages_and_elsewhere_their_mean(tmp_path: Path) -> None:
+    pixels = np.zeros((4, 4, 3), np.uint8)
+    pixels[:2] = 255
+    material = Material("checker", (1.0, 1.0, 1.0, 1.0), 0.0, 0.5, texture=Texture("checker", pixels))
+    graph = SceneGraph([NODES[0], Node("ball", "geom", 0, 0, mesh=BALL, material=material)])
+    package, remarks = stage_of(tmp_path, graph, suffix=".usdz")
+    assert remarks == []
+    image = UsdShade.Shader(package.GetPrimAtPath("/World/Looks/checker/image"))
+    assert image.GetInput("file").Get().resolvedPath.endswith("a.usdz[texture_0.png]")
+    st = np.array(UsdGeom.PrimvarsAPI(package.GetPrimAtPath("/World/ball")).GetPrimvar("st").Get())
+    assert np.allclose(st, np.asarray(BALL.uv) * (1, -1) + (0, 1), atol=1e-6)
+
+    plain, remarks = stage_of(tmp_path, graph)
+    assert len(remarks) == 1
+    assert ".usdz" in remarks[0]
+    surface = UsdShade.Shader(plain.GetPrimAtPath("/World/Looks/checker/surface"))
+    assert np.allclose(surface.GetInput("diffuseColor").Get(), 0.5)
+
+
+def test_what_comes_and_goes_is_invisible_meanwhile_and_does_not_glide(tmp_path: Path) -> None:
+    blinking = Track(
+        3, np.array([0, 1, 3]), np.eye(3), np.eye(4)[[0, 0, 0]], np.array([[0] * 3, [2] * 3, [0] * 3]), False
+    )
+    stage, _ = stage_of(tmp_path, SceneGraph(NODES), replace(MOTION, tracks=[blinking]))
+    shown = UsdGeom.Imageable(stage.GetPrimAtPath("/World/ball"))
+    assert [shown.ComputeVisibility(frame) for frame in range(4)] == [
+        "invisible",
+        "inherited",
+        "inherited",
+        "invisible",
+    ]
+    assert np.allclose(place(stage, "/World/ball", 2)[:3, 3], (0, 1, 0))
+
+
+def test_vertices_that_move_have_samples_and_skins_are_left_out(tmp_path: Path) -> None:
+    grown = np.stack([BALL.positions, 2 * BALL.positions])
+    normals = np.stack([np.asarray(BALL.normals)] * 2)
+    motion = replace(MOTION, deformations=[Deformation(3, np.array([0, 3]), grown, normals)])
+    count = len(BALL.positions)
+    skin = Skin([1], np.eye(4)[None], np.zeros((count, 4), int), np.eye(4)[np.zeros(count, int)])
+    nodes = [*NODES, Node("fur", "skin", 0, 0, mesh=BALL, skin=skin)]
+    stage, remarks = stage_of(tmp_path, SceneGraph(nodes), motion)
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball")).GetPointsAttr()
+    assert np.allclose(points.Get(1.5), 1.5 * BALL.positions, atol=1e-6)
+    assert [remark for remark in remarks if "fur" in remark]
+
+
+@pytest.mark.parametrize("name", ['"}\n<script>', "x" * 300, "1st/../body", "ÄÖ", ""])
+def test_any_name_is_a_name(tmp_path: Path, name: str) -> None:
+    stage, _ = stage_of(
+        tmp_path, SceneGraph([*NODES, Node(name, "body", 2, 0), Node(name, "body", 3, 0)]), suffix=".usda"
+    )
+    assert [prim.GetDisplayName() for prim in stage.Traverse()].count(name) >= 2

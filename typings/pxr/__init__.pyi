@@ -1,0 +1,11 @@
+from typing import Any
+
+Gf: Any
+Sdf: Any
+Tf: Any
+Usd: Any
+UsdGeom: Any
+UsdLux: Any
+UsdShade: Any
+UsdValidation: Any
+Vt: Any
