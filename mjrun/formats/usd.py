@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils, Vt
 
-from mjrun.errors import FileError
+from mjrun.errors import FileError, clean
 from mjrun.formats.glb import linear, xyzw
 from mjrun.formats.image_encoding import ImageData, png
 from mjrun.scene_graph.graph import (
@@ -34,6 +34,7 @@ ROOT, MESHES, LOOKS = "/World", "/Meshes", "/World/Looks"
 FOCAL_LENGTH = 24.0  # of cameras with perspective, in tenths of a unit; only its ratio to the aperture matters
 TENTHS = 10.0  # units of the aperture of orthographic cameras in a metre
 LAMP = 0.01  # radius of lights with a place [m]
+UNIMPORTANT = "Unable to set permissions"  # a warning about temporary files of confined processes
 JUST_BEFORE = 1e-3  # frames before a change at which a value that does not move linearly is repeated
 
 
@@ -53,6 +54,7 @@ def write_usd(
       facts: additional information about the file, for programs that read it.
     """
     with tempfile.TemporaryDirectory() as folder:
+        messages = UsdUtils.CoalescingDiagnosticDelegate()  # which OpenUSD would print
         writer = _Writer(Path(folder), graph, motion, fps, has_textures=suffix == PACKAGE)
         writer.stage.GetRootLayer().customLayerData = {"mjrun": json.dumps(facts, default=str)}
         whole = Path(folder) / f"scene{'.usdc' if suffix == PACKAGE else suffix}"
@@ -61,7 +63,8 @@ def write_usd(
             whole = _package([whole, *sorted(Path(folder).glob("*.png"))], Path(folder) / f"scene{PACKAGE}")
         with whole.open("rb") as source:
             shutil.copyfileobj(source, file)
-        return writer.remarks
+        texts = [clean(each.commentary) for each in messages.TakeUncoalescedDiagnostics()]
+        return [*writer.remarks, *(text for text in texts if UNIMPORTANT not in text)]
 
 
 class _Writer:

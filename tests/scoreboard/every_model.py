@@ -123,6 +123,7 @@ def _commands(model: Path, folder: Path, backend: str) -> Iterator[Command]:
     yield ("trace", path, "--steps", "3", "-o", "trace.parquet", "--contacts", "contacts.csv"), SIMULATED
     yield ("sweep", path, "--vary", "opt.timestep=.0005,.001", "--steps", "3", "--jobs", "1", "-o", "study"), MEASURED
     yield ("bench", path, "--budget", "0.1", "--steps", "3", "--repeats", "2", "--threads", "1"), OK
+    yield ("export", path, "--duration", "0.05", "-o", "scene.glb"), SIMULATED
     yield ("diff", path, path), OK
     yield ("fit", path, "data.csv", "--free", "opt.density=0..2"), USAGE
     yield ("eval", path, "--policy", "random"), USAGE

@@ -7,5 +7,6 @@ Usd: Any
 UsdGeom: Any
 UsdLux: Any
 UsdShade: Any
+UsdUtils: Any
 UsdValidation: Any
 Vt: Any
