@@ -210,7 +210,7 @@ def test_invalid_values_are_refused(make: Any, name: str, value: object, message
         (KeyframeOptions, {"output", "name", "time", "step", "manifest"}),
         (RecordingOptions, {"output", "keep_partial", "manifest"}),
         (EngineOptions, {"engine", *signature(warp_timing.WarpOptions).parameters}),
-        (InfoOptions, {"columns"}),
+        (InfoOptions, {"columns", "xml"}),
     ],
 )
 def test_classes_have_these_options_and_no_others(cls: type[Options], names: set[str]) -> None:
