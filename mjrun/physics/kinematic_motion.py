@@ -41,8 +41,8 @@ class KinematicMotion:
     ) -> None:
         self._interpolation = interpolation or Interpolation()
         complete = CompleteSamples(model, start, samples, self._interpolation)
-        self._model, self._data = model, mujoco.MjData(model)
-        mujoco.mj_copyData(self._data, model, start)
+        self._model, self._start = model, state.save(model, start)
+        self._places = state.fields(state.sizes(model))
         self._time, self._fields = complete.time, complete.fields
         self._timestep = rational(model.opt.timestep)
         self._slack = SLACK * model.opt.timestep
@@ -64,19 +64,19 @@ class KinematicMotion:
         """Returns the integration state `time` [s] after the first sample, held before the first and after the last."""
         row, share = self._place(time)
         moving = 0.0 if self._interpolation.hold else share
-        data, fields = self._data, self._fields
-        data.time = time
-        data.qpos[:] = self._positions(row, moving)
-        data.qvel[:] = _between(fields["qvel"], row, moving)
-        if "act" in fields:
-            data.act[:] = _between(fields["act"], row, moving)
+        fields = self._fields
+        values = {"time": np.array([time]), "qpos": self._positions(row, moving)}
+        for name in ("qvel", "act", "mocap_pos"):
+            if name in fields:
+                values[name] = _between(fields[name], row, moving)
         if "ctrl" in fields:
-            data.ctrl[:] = _between(fields["ctrl"], row, 0.0 if self._interpolation.hold_controls else share)
-        if "mocap_pos" in fields:
-            data.mocap_pos.flat[:] = _between(fields["mocap_pos"], row, moving)
+            values["ctrl"] = _between(fields["ctrl"], row, 0.0 if self._interpolation.hold_controls else share)
         if "mocap_quat" in fields:
-            data.mocap_quat[:] = self._mocap_rotations(row, moving)
-        return state.save(self._model, data)
+            values["mocap_quat"] = self._mocap_rotations(row, moving).ravel()
+        made = self._start.copy()
+        for name, numbers in values.items():
+            made[self._places.get(name, slice(0))] = numbers  # a field without numbers has no place
+        return made
 
     def _place(self, time: float) -> tuple[int, float]:
         """Returns the last row at or before `time`, and the fraction of the way to the next."""

@@ -110,14 +110,17 @@ def _differences(
 
     Observations are those before an action or, in LIBERO, those after it: the smaller distance counts.
     """
-    places = {key: _place(model, key) for key, shape in file.observations(name).items() if shape == (len(states), 3)}
+    shape = (len(states), 3)
+    observed = [key for key, own in file.observations(name).items() if own == shape]
+    places = {key: place for key in observed if (place := _place(model, key))}
+    if not places:
+        return
     rows = np.unique(np.linspace(0, len(states) - 1, COMPARED).astype(int))
-    here, later = (_positions(model, states[np.minimum(rows + shift, len(states) - 1)]) for shift in (0, 1))
-    for key, place in places.items():
-        if place is None:
-            continue
-        observed = file.array(name, "obs", key)[rows]
-        distances = [np.linalg.norm(observed - poses[place[0]][:, place[1]], axis=1) for poses in (here, later)]
+    data = mujoco.MjData(model)
+    here, later = (_positions(model, data, states[np.minimum(rows + shift, len(states) - 1)]) for shift in (0, 1))
+    for key, (kind, index) in places.items():
+        recorded = file.array(name, "obs", key)[rows]
+        distances = [np.linalg.norm(recorded - poses[kind][:, index], axis=1) for poses in (here, later)]
         distances[1] = distances[1][rows + 1 < len(states)]
         largest = [float(each.max()) for each in distances if each.size and np.isfinite(each).all()]
         if largest:
@@ -138,9 +141,8 @@ def _place(model: mujoco.MjModel, key: str) -> tuple[str, int] | None:
     return None
 
 
-def _positions(model: mujoco.MjModel, states: np.ndarray) -> dict[str, np.ndarray]:
+def _positions(model: mujoco.MjModel, data: mujoco.MjData, states: np.ndarray) -> dict[str, np.ndarray]:
     """Returns the positions [m] of all sites and bodies in each state, `(n, objects, 3)` by kind."""
-    data = mujoco.MjData(model)
     positions = {"site": np.empty((len(states), model.nsite, 3)), "body": np.empty((len(states), model.nbody, 3))}
     for row, state in enumerate(states):
         data.qpos[:] = state[1 : 1 + model.nq]
